@@ -147,7 +147,7 @@ def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     monkeypatch.setattr("twin.planning.check._consistent", lambda *_: [])
     monkeypatch.setattr("twin.validation.passage.retimed", lambda *_: ([], {}, []))  # the second solver of the timing
     monkeypatch.setattr("twin.analysis.mutation.bench.PARTS", frozenset(("protocol", "equations")))
-    monkeypatch.setattr(Bench, "_found", lambda self, fault, folder: iter([self._new(_thin(self, fault))]))
+    monkeypatch.setattr(Bench, "_part_findings", lambda self, fault, folder: iter([self._new(_thin(self, fault))]))
     assert bench.outcome(slow).state == "missed"
 
 

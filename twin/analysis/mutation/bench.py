@@ -11,7 +11,7 @@ import shutil
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -66,12 +66,12 @@ class Bench:
         self.kin = self.robot.kinematics()
         self.trajectory = self.planned(self.chosen)
         assert robot.files is not None
-        weighed = read_mechanism(robot.files.description)
-        self.weighed = weighed.mechanism
-        self.stage = self.written(weighed.mechanism, self.robot.mechanism, folder / "stage")
+        self.weighed = read_mechanism(robot.files.description).mechanism
+        self.stage = self.written(self.weighed, self.robot.mechanism, folder / "stage")
         # A stage without motion: with the correct motion on the stage, every changed motion would cause a finding.
-        (folder / "still").mkdir()
-        self.still = write_usd(weighed.mechanism, (), folder / "still")[0]
+        still_folder = folder / "still"
+        still_folder.mkdir()
+        self.still = write_usd(self.weighed, (), still_folder)[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
         self.tolerances = Tolerances().widened(10 * self.cad.placement_loss, self.cad.mechanism.link_length)
 
@@ -83,10 +83,15 @@ class Bench:
         return robot.files.protocol(self.chosen.name)
 
     def planned(self, protocol: Protocol, robot: Robot | None = None) -> Trajectory:
-        """Return the trajectory of a protocol, planned with the sample time `STEP`."""
-        paths = self.paths if robot is None else robot.path_kinematics()
-        mechanism = (robot or self.robot).mechanism
-        return plan(protocol, paths, T_tool_frame=mechanism.frame_in_tool(protocol.frame), dt=STEP)
+        """Return the trajectory of a protocol for a robot (default: the correct one), with the sample time `STEP`."""
+        if robot is None:
+            paths = self.paths
+            mechanism = self.robot.mechanism
+        else:
+            paths = robot.path_kinematics()
+            mechanism = robot.mechanism
+        T_tool_frame = mechanism.frame_in_tool(protocol.frame)
+        return plan(protocol, paths, T_tool_frame=T_tool_frame, dt=STEP)
 
     def written(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
         """Write the stage of a mechanism with the motion of the correct robot; return the path of its root layer.
@@ -133,57 +138,72 @@ class Bench:
     @cached_property
     def links(self) -> tuple[Array, dict[str, Array]]:
         """Key times (k,) in s, and {link: poses T_base_link (k, 4, 4)} of the correct robot at these times."""
-        looked = samples(self.trajectory)
+        key_times = samples(self.trajectory).keys
         model = ReferenceModel(self.robot.mechanism)
-        return looked.keys, model.link_poses(self.trajectory.on(model, looked.keys).x)
+        motion = self.trajectory.on(model, key_times)
+        return key_times, model.link_poses(motion.x)
 
     @cached_property
     def usual(self) -> set[tuple[str, str]]:
         """(code, place) of each finding on the correct robot, except findings of severity info."""
-        return {(f.code, f.where) for f in self.correct.findings if f.severity != "info"}
+        places = set()
+        for finding in self.correct.findings:
+            if finding.severity != "info":
+                places.add((finding.code, finding.where))
+        return places
 
     # -- one fault ---------------------------------------------------------------------------------------
 
     def outcome(self, fault: Fault) -> Outcome:
         """Seed a fault, run the validator, and return the result."""
         began = time.monotonic()
-        same = ""
+        reason = ""
         with tempfile.TemporaryDirectory(dir=self.folder) as name, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy and Python warn about many faults; only findings count
             try:
-                found, same = self._heard(fault, Path(name))
+                finding, reason = self._judged(fault, Path(name))
             except TwinError as error:
-                code = f"error.{type(error).__name__.removesuffix('Error').lower()}"
-                found = unchecked(code, "", str(error))
+                kind = type(error).__name__.removesuffix("Error").lower()
+                finding = unchecked(f"error.{kind}", "", str(error))
+        code = ""
+        where = ""
         state: State
-        if found is None:
-            state, message = ("equivalent", same) if same else ("missed", "no finding")
+        if finding is not None:
+            code = finding.code
+            where = finding.where
+            message = finding.message
+            state = "warned" if finding.severity == "warning" else "caught"
+        elif reason:
+            state = "equivalent"
+            message = reason
         else:
-            state, message = "warned" if found.severity == "warning" else "caught", found.message
-        code, where = (found.code, found.where) if found is not None else ("", "")
-        return Outcome(
-            fault.family, fault.kind, fault.what, state, code, where, message, round(time.monotonic() - began, 3)
-        )
+            state = "missed"
+            message = "no finding"
+        seconds = round(time.monotonic() - began, 3)
+        return Outcome(fault.family, fault.kind, fault.what, state, code, where, message, seconds)
 
-    def _heard(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
+    def _judged(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
         """Return (new finding or None, reason why the fault has no effect or "").
 
         The parts of the validator run in order, until one part reports a finding more severe than a warning. This
         finding is returned. After a warning, only one more part runs; if this part reports nothing more severe, the
         warning is returned. If the first part finds nothing, the next part runs only if the fault has an effect.
         """
-        warned, same = None, None
-        for found in self._found(fault, folder):
-            if found is not None and found.severity != "warning":
-                return found, ""
-            if warned is not None:
+        warning = None
+        reason = None
+        for finding in self._part_findings(fault, folder):
+            if finding is not None and finding.severity != "warning":
+                return finding, ""
+            if warning is not None:
                 break
-            warned = found
-            if warned is None and same is None and (same := self._equivalent(fault, folder)):
-                break
-        return warned, same or ""
+            warning = finding
+            if warning is None and reason is None:
+                reason = self._equivalence(fault, folder)
+                if reason:
+                    break
+        return warning, reason or ""
 
-    def _found(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
+    def _part_findings(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
         """For each part of the validator, fast parts first, yield the most severe new finding, or None without one."""
         if fault.robot is not None:
             robot = fault.robot(folder)
@@ -193,22 +213,9 @@ class Bench:
         elif fault.mechanism is not None:
             yield from self._of_mechanism(fault.mechanism(), folder)
         elif fault.stage is not None:
-            yield from self._of_stage(fault, folder)
+            yield from self._of_stage(fault.stage, folder)
         elif fault.protocol is not None:
-            protocol = fault.protocol(folder)
-            yield self._gravest(protocol.findings)
-            if fault.kind in ("speed", "turning") and protocol.findings:
-                return  # a motion at such a low speed would take hours to check
-            robot = self.robot.bound(protocol)
-            trajectory = self.planned(protocol, robot)
-            cad = replace(self.cad, mechanism=robot.mechanism)
-            paths = robot.path_kinematics()
-            case = self.case(
-                protocol=protocol, trajectory=trajectory, cad=cad, paths=paths, kinematics=robot.kinematics()
-            )
-            case = replace(case, stage=self.still)
-            yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
-            yield self._new(judge(case))
+            yield from self._of_protocol(fault.protocol(folder), slow=fault.kind in ("speed", "turning"))
         elif fault.trajectory is not None:
             case = self.case(trajectory=fault.trajectory(), stage=self.still)
             yield self._new(judge(case, parts=_FIRST))
@@ -220,46 +227,79 @@ class Bench:
         case = self.case(cad=robot.cad, paths=robot.path_kinematics())
         yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
         # masses of the correct robot: the parts are the same, only their positions differ
-        inertias = {b.name: b.inertia for b in self.weighed.bodies}
-        bodies = tuple(replace(b, inertia=inertias.get(b.name)) for b in mechanism.bodies)
-        root = self.written(replace(mechanism, bodies=bodies), mechanism, folder / "stage")
+        inertias = {body.name: body.inertia for body in self.weighed.bodies}
+        bodies = []
+        for body in mechanism.bodies:
+            bodies.append(replace(body, inertia=inertias.get(body.name)))
+        weighed = replace(mechanism, bodies=tuple(bodies))
+        root = self.written(weighed, mechanism, folder / "stage")
+        # A case reads its stage once: each part gets its own case.
         yield self._new(judge(replace(case, stage=root), parts=_FIRST | _EQUATIONS | _STAGE))
         yield self._new(judge(replace(case, stage=root)))
 
-    def _of_stage(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
-        assert fault.stage is not None
-        shutil.copytree(self.stage.parent, folder / "stage")
-        fault.stage(folder / "stage")
-        case = self.case(stage=folder / "stage" / self.stage.name)
-        known = replace(self.compared, residuals=[], findings=[], facts={}, series=dict(self.compared.series))
-        yield self._new(judge(case, parts=_STAGE, known=Known(known)))
+    def _of_stage(self, spoil: Callable[[Path], None], folder: Path) -> Iterator[Finding | None]:
+        stage_folder = folder / "stage"
+        shutil.copytree(self.stage.parent, stage_folder)
+        spoil(stage_folder)
+        case = self.case(stage=stage_folder / self.stage.name)
+        compared = replace(self.compared, residuals=[], findings=[], facts={}, series=dict(self.compared.series))
+        yield self._new(judge(case, parts=_STAGE, known=Known(compared)))
         measured = replace(self.measured, written=written_motion(case.written, *self.links))
-        yield self._new(judge(case, parts=_MOTION, known=Known(known, measured)))
+        yield self._new(judge(case, parts=_MOTION, known=Known(compared, measured)))
+
+    def _of_protocol(self, protocol: Protocol, slow: bool) -> Iterator[Finding | None]:
+        """Yield the new findings on a protocol; `slow` is whether the fault may have made a speed too small."""
+        yield self._gravest(protocol.findings)
+        if slow and protocol.findings:
+            return  # a motion at such a low speed would take hours to check
+        robot = self.robot.bound(protocol)
+        case = self.case(
+            protocol=protocol,
+            trajectory=self.planned(protocol, robot),
+            cad=replace(self.cad, mechanism=robot.mechanism),
+            paths=robot.path_kinematics(),
+            kinematics=robot.kinematics(),
+            stage=self.still,
+        )
+        yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
+        yield self._new(judge(case))
 
     def _new(self, report: Report) -> Finding | None:
         return self._gravest(report.findings)
 
     def _gravest(self, findings: Iterable[Finding]) -> Finding | None:
-        new = [f for f in findings if f.severity != "info" and (f.code, f.where) not in self.usual]
-        return max(new, key=lambda f: SEVERITIES.index(f.severity), default=None)
+        """Return the first of the most severe findings that the correct robot does not have."""
+        gravest = None
+        most = -1
+        for finding in findings:
+            if finding.severity == "info" or (finding.code, finding.where) in self.usual:
+                continue
+            severity = SEVERITIES.index(finding.severity)
+            if severity > most:
+                most = severity
+                gravest = finding
+        return gravest
 
-    def _equivalent(self, fault: Fault, folder: Path) -> str:
+    def _equivalence(self, fault: Fault, folder: Path) -> str:
         """Return the reason why a missed fault has no effect; "" if the fault has an effect."""
         with contextlib.suppress(TwinError):
             if fault.robot is not None:
-                sub = folder / "again"
-                sub.mkdir()
-                other = fault.robot(sub).kinematics(parameters={})
-                return same_equations(self.kin, other, self.trajectory, np.random.default_rng(1))
+                faulty_kin = fault.robot(_subfolder(folder)).kinematics(parameters={})
+                return same_equations(self.kin, faulty_kin, self.trajectory, np.random.default_rng(1))
             if fault.mechanism is not None:
                 return same_motion(self.robot.mechanism, fault.mechanism(), self.trajectory)
             if fault.stage is not None:
-                root = self.case(stage=folder / "stage" / self.stage.name)
-                return same_stage(self.case().written or self.stage, root.written or root.stage)
+                faulty = self.case(stage=folder / "stage" / self.stage.name)
+                return same_stage(self.case().written or self.stage, faulty.written or faulty.stage)
             if fault.protocol is not None:
-                sub = folder / "again"
-                sub.mkdir()
-                return same_protocol(self.chosen, fault.protocol(sub))
+                return same_protocol(self.chosen, fault.protocol(_subfolder(folder)))
             if fault.trajectory is not None and fault.kind == "late joint":
                 return same_samples(self.trajectory, fault.trajectory())
         return ""
+
+
+def _subfolder(folder: Path) -> Path:
+    """Make a folder for a second seeding of the same fault, beside the files of the first."""
+    again = folder / "again"
+    again.mkdir()
+    return again

@@ -14,7 +14,7 @@ from twin.analysis.mutation.fault import Fault, Made, drawn, some
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.body import Body, Mesh
+from twin.model.body import Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
@@ -31,8 +31,11 @@ def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterat
         yield Fault("cad", kind, what, mechanism=make)
 
 
-def _changed(m: Mechanism, joint: Joint, **values: object) -> Mechanism:
-    return replace(m, joints=tuple(replace(j, **values) if j.name == joint.name else j for j in m.joints))
+def _with_joints(m: Mechanism, *changed: Joint) -> Mechanism:
+    """Return the mechanism with these joints instead of its joints of the same names."""
+    by_name = {joint.name: joint for joint in changed}
+    joints = [by_name.get(joint.name, joint) for joint in m.joints]
+    return replace(m, joints=tuple(joints))
 
 
 def drawn_anew(mechanism: Mechanism) -> Mechanism:
@@ -46,28 +49,38 @@ def _on(m: Mechanism, rng: np.random.Generator, step: Array, text: str) -> Made:
     joint = some(m.joints, rng)
     side, body = some((("T_parent_joint", joint.parent), ("T_child_joint", joint.child)), rng)
     what = f"joint {joint.name} on {body} {text}"
-    return what, lambda: drawn_anew(_changed(m, joint, **{side: getattr(joint, side) @ step}))
+
+    def make() -> Mechanism:
+        frame = getattr(joint, side) @ step
+        return drawn_anew(_with_joints(m, replace(joint, **{side: frame})))
+
+    return what, make
 
 
 def _moved(m: Mechanism, rng: np.random.Generator) -> Made:
-    size, direction = rng.uniform(0.1, 1.0) * MM, rng.normal(size=3)
+    size = rng.uniform(0.1, 1.0) * MM
+    direction = rng.normal(size=3)
     p = size * direction / np.linalg.norm(direction)
     return _on(m, rng, spatial.pose(p=p), f"moved by {size / MM:.2f} mm")
 
 
 def _turned(m: Mechanism, rng: np.random.Generator) -> Made:
-    size, axis = rng.uniform(0.1, 1.0) * DEG, rng.normal(size=3)
+    size = rng.uniform(0.1, 1.0) * DEG
+    axis = rng.normal(size=3)
     R = spatial.exp_so3(size * axis / np.linalg.norm(axis))
     return _on(m, rng, spatial.pose(R), f"turned by {size / DEG:.2f} deg")
 
 
 def _axis(m: Mechanism, rng: np.random.Generator) -> Made:
-    joint = some([j for j in m.joints if len(j.free_axes) == 1], rng)
+    single = [joint for joint in m.joints if len(joint.free_axes) == 1]
+    joint = some(single, rng)
     R = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
 
     def make() -> Mechanism:
-        both = {"T_parent_joint": joint.T_parent_joint @ R, "T_child_joint": joint.T_child_joint @ R}
-        return drawn_anew(_changed(m, joint, **both))
+        T_parent_joint = joint.T_parent_joint @ R
+        T_child_joint = joint.T_child_joint @ R
+        turned = replace(joint, T_parent_joint=T_parent_joint, T_child_joint=T_child_joint)
+        return drawn_anew(_with_joints(m, turned))
 
     return f"joint {joint.name} turns about another axis of its frame", make
 
@@ -76,62 +89,75 @@ def _swapped(m: Mechanism, rng: np.random.Generator) -> Made:
     groups: dict[str, list[Joint]] = {}
     for j in m.joints:
         groups.setdefault(j.type, []).append(j)
-    alike = [g for g in groups.values() if len(g) > 1]
-    first, second = rng.permutation(len(group := some(alike, rng)))[:2]
-    a, b = group[first], group[second]
+    alike = [group for group in groups.values() if len(group) > 1]
+    group = some(alike, rng)
+    first, second = rng.permutation(len(group))[:2]
+    a = group[first]
+    b = group[second]
 
     def make() -> Mechanism:
-        swapped = {a.name: replace(a, child=b.child), b.name: replace(b, child=a.child)}
-        return drawn_anew(replace(m, joints=tuple(swapped.get(j.name, j) for j in m.joints)))
+        return drawn_anew(_with_joints(m, replace(a, child=b.child), replace(b, child=a.child)))
 
     return f"bodies {a.child} and {b.child} exchanged in {a.name} and {b.name}", make
 
 
 def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
-    limited = [j for j in m.active if j.limits is not None]
+    limited = [joint for joint in m.active if joint.limits is not None]
     if not limited:
         return _moved(m, rng)
     joint = some(limited, rng)
     assert joint.limits is not None
     low, high = joint.limits
     unit = 180 / np.pi if joint.is_angle else 1000.0
-    name, limits = some(
-        (
-            ("given in another unit, too wide", (low * unit, high * unit)),
-            ("given in another unit, too narrow", (low / unit, high / unit)),
-            ("mirrored at zero", (-high, -low)),
-            ("shifted by their range", (high, 2 * high - low)),
-        ),
-        rng,
+    shifted = ("shifted by their range", (high, 2 * high - low))
+    changes = (
+        ("given in another unit, too wide", (low * unit, high * unit)),
+        ("given in another unit, too narrow", (low / unit, high / unit)),
+        ("mirrored at zero", (-high, -low)),
+        shifted,
     )
+    name, limits = some(changes, rng)
     if np.allclose(limits, joint.limits):  # symmetric limits do not change when mirrored
-        name, limits = "shifted by their range", (high, 2 * high - low)
+        name, limits = shifted
     soft = None if joint.soft_limits is None else limits
-    return f"limits of {joint.name} {name}", lambda: _changed(m, joint, limits=limits, soft_limits=soft)
+    changed = replace(joint, limits=limits, soft_limits=soft)
+    return f"limits of {joint.name} {name}", lambda: _with_joints(m, changed)
 
 
 def _shaped(m: Mechanism, rng: np.random.Generator, text: str, of: Callable[[Mesh], Mesh]) -> Made:
-    mated = {b for j in m.joints if j.mating for b in (j.parent, j.child)}
-    body = some([b for b in m.bodies if b.meshes and b.name in mated] or [b for b in m.bodies if b.meshes], rng)
+    """Change the meshes of one body: of a body with a mated joint if there is one, because mating is checked."""
+    mated_names = set()
+    for joint in m.joints:
+        if joint.mating:
+            mated_names |= {joint.parent, joint.child}
+    meshed = [body for body in m.bodies if body.meshes]
+    mated = [body for body in meshed if body.name in mated_names]
+    chosen = some(mated or meshed, rng)
 
     def make() -> Mechanism:
-        def new(b: Body) -> Body:
-            return replace(b, meshes=tuple(of(x) for x in b.meshes)) if b.name == body.name else b
+        meshes = [of(mesh) for mesh in chosen.meshes]
+        bodies = []
+        for body in m.bodies:
+            bodies.append(replace(body, meshes=tuple(meshes)) if body is chosen else body)
+        return replace(m, bodies=tuple(bodies))
 
-        return replace(m, bodies=tuple(new(b) for b in m.bodies))
-
-    return f"the shapes of {body.name} {text}", make
+    return f"the shapes of {chosen.name} {text}", make
 
 
 def _scale(m: Mechanism, rng: np.random.Generator) -> Made:
     factor = float(some((1000.0, 0.001, 25.4, 1 / 25.4, 1.05), rng))
-    return _shaped(m, rng, f"scaled by {factor:.4g}", lambda x: replace(x, vertices=factor * x.vertices))
+
+    def scaled(mesh: Mesh) -> Mesh:
+        return replace(mesh, vertices=factor * mesh.vertices)
+
+    return _shaped(m, rng, f"scaled by {factor:.4g}", scaled)
 
 
 def _inside_out(m: Mechanism, rng: np.random.Generator) -> Made:
-    return _shaped(
-        m, rng, "turned inside out", lambda x: replace(x, triangles=np.ascontiguousarray(x.triangles[:, ::-1]))
-    )
+    def inverted(mesh: Mesh) -> Mesh:
+        return replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
+
+    return _shaped(m, rng, "turned inside out", inverted)
 
 
 _MAKERS: dict[str, Callable[[Mechanism, np.random.Generator], Made]] = {

@@ -7,6 +7,7 @@ plain matrices, and SciPy closes the loops. Two stages are equivalent if the tex
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
 
@@ -23,7 +24,10 @@ from twin.planning.trajectory import Trajectory
 
 _LIMITS = attrgetter("limits", "cone", "max_speed", "max_acceleration", "max_jerk")
 _POSES = 200
-_AROUND = (30 * MM, 15 * DEG)
+_SHIFT = 30 * MM
+_TURN = 15 * DEG
+"""Largest shift and rotation, along and about each axis, of random poses from poses of the motion."""
+
 _SAME = 1e-12
 """Relative difference below which values of two formulas count as equal."""
 
@@ -34,30 +38,37 @@ _PLACE = 1e-9
 def same_equations(a: Kinematics, b: Kinematics, trajectory: Trajectory, rng: np.random.Generator) -> str:
     """Return the reason why two formulas are equivalent; "" if they are not."""
     rows = rng.integers(len(trajectory.t), size=_POSES)
-    shift = rng.uniform(-1, 1, (_POSES, 3)) * _AROUND[0]
-    turn = spatial.exp_so3(rng.uniform(-1, 1, (_POSES, 3)) * _AROUND[1])
-    Ts = trajectory.Ts_base_tool[rows] @ spatial.pose(turn, shift)
-    q = trajectory.q[rows] * (1 + rng.uniform(-0.02, 0.02, trajectory.q[rows].shape))
+    shifts = rng.uniform(-1, 1, (_POSES, 3)) * _SHIFT
+    turns = spatial.exp_so3(rng.uniform(-1, 1, (_POSES, 3)) * _TURN)
+    Ts = trajectory.Ts_base_tool[rows] @ spatial.pose(turns, shifts)
+    planned = trajectory.q[rows]
+    q = planned * (1 + rng.uniform(-0.02, 0.02, planned.shape))
     count = 0
     with np.errstate(all="ignore"):
-        for one, two in zip(_answers(a, Ts, q), _answers(b, Ts, q), strict=True):
-            if one.shape != two.shape or not np.array_equal(np.isfinite(one), np.isfinite(two)):
+        for one, two in zip(_values(a, Ts, q), _values(b, Ts, q), strict=True):
+            finite = np.isfinite(one)
+            if one.shape != two.shape or not np.array_equal(finite, np.isfinite(two)):
                 return ""
-            good = np.isfinite(one)
-            if good.any() and np.abs(one[good] - two[good]).max() > _SAME * (1 + np.abs(one[good]).max()):
-                return ""
-            count += int(good.sum())
+            if finite.any():
+                difference = np.abs(one[finite] - two[finite]).max()
+                size = np.abs(one[finite]).max()
+                if difference > _SAME * (1 + size):
+                    return ""
+            count += int(finite.sum())
     return f"{count} numbers at {_POSES} poses are equal" if count else ""
 
 
-def _answers(kin: Kinematics, Ts: Array, q: Array):
+def _values(kin: Kinematics, Ts: Array, q: Array) -> Iterator[Array]:
+    """Yield all values of a formula at poses (k, 4, 4), or at joint values q (k, n) without an inverse."""
     if kin.closed_inverse:
         yield kin.inverse_many(Ts)
     if kin.closed_forward:
         yield kin.forward_many(q)
     state = {"Ts": Ts} if kin.closed_inverse else {"qs": q}
-    for group in (kin.points_many(**state), kin.passive_many(**state)):
-        yield from group.values()
+    points = kin.points_many(**state)
+    passive = kin.passive_many(**state)
+    yield from points.values()
+    yield from passive.values()
 
 
 class Chain:
@@ -65,15 +76,21 @@ class Chain:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
-        self.active = {j.name: i for i, j in enumerate(mechanism.active)}
-        self.free: list[tuple[Joint, int]] = [
-            (j, axis) for j in mechanism.tree if j.name not in self.active for axis in FREE_AXES[j.type]
-        ]
-        self.index = {}
-        for k, (j, axis) in enumerate(self.free):
-            self.index.setdefault(j.name, []).append((axis, k))
-        self.balls = {j.name: self._rest(j)[:3, :3] for j in mechanism.tree if j.type in ("spherical", "free")}
-        self.start = np.array([self._start(j, axis) for j, axis in self.free])
+        self.active = {joint.name: i for i, joint in enumerate(mechanism.active)}
+        # {passive joint: (free axis, index in x) of each of its coordinates}
+        self.index: dict[str, list[tuple[int, int]]] = {}
+        # {ball joint: its rotation at rest, from which its three coordinates are measured}
+        self.balls: dict[str, Array] = {}
+        start = []
+        for joint in mechanism.tree:
+            if joint.type in ("spherical", "free"):
+                self.balls[joint.name] = self._rest(joint)[:3, :3]
+            if joint.name in self.active:
+                continue
+            for axis in FREE_AXES[joint.type]:
+                self.index.setdefault(joint.name, []).append((axis, len(start)))
+                start.append(self._start(joint, axis))
+        self.start = np.array(start)
 
     def _rest(self, joint: Joint) -> Array:
         rest = self.mechanism.rest
@@ -89,40 +106,48 @@ class Chain:
 
     def bodies(self, q: Array, x: Array) -> dict[str, Array]:
         """Return T_base_body (4, 4) of every body, from active joints q (n,) and all other tree coordinates x."""
-        out = {self.mechanism.base: np.eye(4)}
+        poses = {self.mechanism.base: np.eye(4)}
         for joint in self.mechanism.tree:
-            p, w = np.zeros(3), np.zeros(3)
-            pairs = self.index.get(joint.name, [])
-            values = [(axis, float(x[k])) for axis, k in pairs]
+            # shift along the axes 0 to 2, then rotation about the axes 3 to 5
+            coordinates = np.zeros(6)
             if joint.name in self.active:
-                values = [(FREE_AXES[joint.type][0], float(q[self.active[joint.name]]))]
-            for axis, value in values:
-                (p if axis < 3 else w)[axis % 3] = value
-            motion = spatial.pose(self.balls.get(joint.name, np.eye(3)) @ spatial.exp_so3(w), p)
-            out[joint.child] = out[joint.parent] @ joint.T_parent_joint @ motion @ spatial.inverse(joint.T_child_joint)
-        return out
+                coordinates[FREE_AXES[joint.type][0]] = q[self.active[joint.name]]
+            else:
+                for axis, k in self.index.get(joint.name, []):
+                    coordinates[axis] = x[k]
+            rest = self.balls.get(joint.name, np.eye(3))
+            motion = spatial.pose(rest @ spatial.exp_so3(coordinates[3:]), coordinates[:3])
+            T_base_joint = poses[joint.parent] @ joint.T_parent_joint @ motion
+            poses[joint.child] = T_base_joint @ spatial.inverse(joint.T_child_joint)
+        return poses
 
     def gaps(self, q: Array, x: Array) -> Array:
         """Return the components of all loop gaps in m; a rotation of 1 rad counts as 0.1 m."""
-        T = self.bodies(q, x)
-        out = []
+        poses = self.bodies(q, x)
+        gaps = []
         for joint in self.mechanism.loops:
-            M = joint.relative(T[joint.parent], T[joint.child])
-            locked = set(range(6)) - set(FREE_AXES[joint.type])
+            M = joint.relative(poses[joint.parent], poses[joint.child])
             if joint.type in ("revolute", "cylindrical"):  # only the axes must be parallel
                 turn = np.cross(M[:3, 2], [0, 0, 1])
             else:
                 turn = spatial.log_so3(M[:3, :3])
-            e = np.concatenate([M[:3, 3], 0.1 * turn])
-            out += [e[i] for i in sorted(locked)]
-        single = {name: axes[0][1] for name, axes in self.index.items()}
-        for c in self.mechanism.couplings:
-            total = sum(
-                r * (float(q[self.active[n]]) if n in self.active else float(x[single[n]]))
-                for n, r in zip(c.joints, c.ratios, strict=True)
-            )
-            out.append(0.1 * (total - c.total))
-        return np.array(out)
+            gap = np.concatenate([M[:3, 3], 0.1 * turn])
+            for axis in range(6):
+                if axis not in FREE_AXES[joint.type]:
+                    gaps.append(gap[axis])
+        for coupling in self.mechanism.couplings:
+            total = 0.0
+            for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+                total += ratio * self._coordinate(name, q, x)
+            gaps.append(0.1 * (total - coupling.total))
+        return np.array(gaps)
+
+    def _coordinate(self, name: str, q: Array, x: Array) -> float:
+        """Return the coordinate of a joint with one free axis."""
+        if name in self.active:
+            return float(q[self.active[name]])
+        _, k = self.index[name][0]
+        return float(x[k])
 
     def close(self, q: Array, x: Array) -> Array:
         """Return the tree coordinates with the smallest loop gaps, found by least squares from x."""
@@ -135,46 +160,73 @@ class Chain:
 
 def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
     """Return the reason why limits, meshes and body poses of two mechanisms are equivalent; "" if they are not."""
-    for one, two in zip(a.joints, b.joints, strict=True):
-        if _LIMITS(one) != _LIMITS(two):
-            return ""
-    for one, two in zip(a.bodies, b.bodies, strict=True):
-        for p, r in zip(one.meshes, two.meshes, strict=True):
-            if not (np.array_equal(p.vertices, r.vertices) and np.array_equal(p.triangles, r.triangles)):
-                return ""
-    seen = [x.name for x in a.bodies if x.meshes] + [a.frame(a.tool).body]
-    chains = [Chain(m) for m in (a, b)]
-    states = [c.start for c in chains]
+    if not _same_limits_and_meshes(a, b):
+        return ""
+    visible = [body.name for body in a.bodies if body.meshes]
+    visible.append(a.frame(a.tool).body)
+    chain_a = Chain(a)
+    chain_b = Chain(b)
+    state_a = chain_a.start
+    state_b = chain_b.start
     worst = 0.0
     for k in np.linspace(0, len(trajectory.t) - 1, places).astype(int):
-        states = [c.close(trajectory.q[k], x) for c, x in zip(chains, states, strict=True)]
-        one, two = (c.bodies(trajectory.q[k], x) for c, x in zip(chains, states, strict=True))
-        worst = max([worst, *(float(np.abs(one[n] - two[n]).max()) for n in seen)])
+        q = trajectory.q[k]
+        # Each closure starts at the state before, so that both mechanisms stay in one assembly.
+        state_a = chain_a.close(q, state_a)
+        state_b = chain_b.close(q, state_b)
+        poses_a = chain_a.bodies(q, state_a)
+        poses_b = chain_b.bodies(q, state_b)
+        for name in visible:
+            difference = float(np.abs(poses_a[name] - poses_b[name]).max())
+            worst = max(worst, difference)
         if worst > _PLACE:
             return ""
     return f"every body has the same pose at {places} times, within {worst:.1g} m"
+
+
+def _same_limits_and_meshes(a: Mechanism, b: Mechanism) -> bool:
+    for joint_a, joint_b in zip(a.joints, b.joints, strict=True):
+        if _LIMITS(joint_a) != _LIMITS(joint_b):
+            return False
+    for body_a, body_b in zip(a.bodies, b.bodies, strict=True):
+        for mesh_a, mesh_b in zip(body_a.meshes, body_b.meshes, strict=True):
+            if not np.array_equal(mesh_a.vertices, mesh_b.vertices):
+                return False
+            if not np.array_equal(mesh_a.triangles, mesh_b.triangles):
+                return False
+    return True
 
 
 def same_samples(a: Trajectory, b: Trajectory) -> str:
     """Return the reason why two trajectories are equivalent; "" if they are not."""
     if a.phases is not b.phases:
         return ""
-    arrays = [(v, getattr(b, n)) for n, v in vars(a).items() if isinstance(v, np.ndarray)]
-    if any(x.shape != y.shape for x, y in arrays):
-        return ""
-    off = max(float(np.nanmax(np.abs(x - y), initial=0.0)) for x, y in arrays)
-    return f"all numbers of all samples agree within {off:.1g}" if off <= _SAME else ""
+    worst = 0.0
+    for name, values_a in vars(a).items():
+        if not isinstance(values_a, np.ndarray):
+            continue
+        values_b = getattr(b, name)
+        if values_a.shape != values_b.shape:
+            return ""
+        worst = max(worst, float(np.nanmax(np.abs(values_a - values_b), initial=0.0)))
+    return f"all numbers of all samples agree within {worst:.1g}" if worst <= _SAME else ""
 
 
 def same_stage(a: Path, b: Path) -> str:
     """Return the reason why two stages are equivalent; "" if they are not."""
+    return "the flattened stages have the same text" if _flattened(a) == _flattened(b) else ""
+
+
+def _flattened(root: Path) -> str:
     from pxr import Usd
 
-    one, two = (Usd.Stage.Open(str(p)).Flatten(addSourceFileComment=False).ExportToString() for p in (a, b))
-    return "the flattened stages have the same text" if one == two else ""
+    stage = Usd.Stage.Open(str(root))
+    # without the comment, which contains the path of the file
+    return stage.Flatten(addSourceFileComment=False).ExportToString()
 
 
 def same_protocol(a: Protocol, b: Protocol) -> str:
     """Return the reason why two protocols are equivalent; "" if they are not."""
-    one, two = ({p.name: p.value for p in x.parameters()} for x in (a, b))
-    return "all numbers of the protocol are the same" if one == two and a.phases == b.phases else ""
+    numbers_a = {parameter.name: parameter.value for parameter in a.parameters()}
+    numbers_b = {parameter.name: parameter.value for parameter in b.parameters()}
+    return "all numbers of the protocol are the same" if numbers_a == numbers_b and a.phases == b.phases else ""

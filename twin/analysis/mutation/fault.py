@@ -19,7 +19,7 @@ Family = Literal["formula", "cad", "usd", "units", "timing"]
 
 FAMILIES: tuple[Family, ...] = ("formula", "cad", "usd", "units", "timing")
 
-MEANING: dict[Family, str] = {
+MEANING: dict[Family, str] = {  # as printed in the report
     "formula": "one edit of the source of an equation",
     "cad": "a moved or rotated joint frame, a wrong limit, or a wrong shape",
     "usd": "one changed attribute of the written stage or motion",

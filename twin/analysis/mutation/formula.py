@@ -7,14 +7,14 @@ import dataclasses
 import hashlib
 import inspect
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
-from twin.analysis.mutation.fault import Fault
+from twin.analysis.mutation.fault import Fault, some
 from twin.api.robot import Robot
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -43,15 +43,20 @@ def functions(formula: Formula) -> list[FunctionType]:
 
     Functions of other files are omitted.
     """
-    todo: list[Any] = [inspect.unwrap(e.variants[e.default]) for e in formula.equations if e.stage != "helper"]
+    queue: list[Any] = []
+    for equation in formula.equations:
+        if equation.stage != "helper":
+            queue.append(inspect.unwrap(equation.variants[equation.default]))
     found: list[FunctionType] = []
-    home = todo[0].__globals__
-    while todo:
-        f = todo.pop(0)
-        if f in found or f.__globals__ is not home:
+    home = queue[0].__globals__
+    while queue:
+        function = queue.pop(0)
+        if function in found or function.__globals__ is not home:
             continue
-        found.append(f)
-        todo += [home[n] for n in f.__code__.co_names if inspect.isfunction(home.get(n))]
+        found.append(function)
+        for name in function.__code__.co_names:
+            if inspect.isfunction(home.get(name)):
+                queue.append(home[name])
     return found
 
 
@@ -59,26 +64,31 @@ def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Fault
     """Yield different faults of the equations of a robot."""
     assert robot.files is not None
     formula = robot.formula
+    equations = functions(formula)
     sources = []
-    made_of = functions(formula)
-    for f in made_of:
+    for function in equations:
         try:
-            sources.append(Source(f))
+            sources.append(Source(function))
         except TwinError:  # a wrapper has no source text
             continue
-    parameters = {p.name for p in formula.parameters}
-    seen: set[str] = set()
+    parameters = {parameter.name for parameter in formula.parameters}
+    scope = equations[0].__globals__
+    kinds = list(KINDS)
+    texts: set[str] = set()
     for i in range(count):
-        kind = list(KINDS)[i % len(KINDS)]
+        kind = kinds[i % len(kinds)]
         for _ in range(_TRIES):
-            edit = _draw(sources, parameters, made_of[0].__globals__, KINDS[kind], rng)
-            if edit is None or (text := patched([edit])) in seen:
+            edit = _draw(sources, parameters, scope, KINDS[kind], rng)
+            if edit is None:
                 continue
-            seen.add(text)
+            text = patched([edit])
+            if text in texts:
+                continue
+            texts.add(text)
             if not _compiles(text, robot):
                 continue
             what = f"{edit.function}, line {edit.line}: {edit.text}"
-            yield Fault("formula", kind, what, robot=_maker(robot, edit))
+            yield Fault("formula", kind, what, robot=_maker(robot, text))
             break
 
 
@@ -89,14 +99,16 @@ def _draw(
     kinds: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Edit | None:
-    source = sources[rng.integers(len(sources))]
-    statements = [s for s in source.statements if not isinstance(s.node, ast.FunctionDef)]
+    source = some(sources, rng)
+    statements = [statement for statement in source.statements if not isinstance(statement.node, ast.FunctionDef)]
     if not statements:
         return None
-    statement = statements[rng.integers(len(statements))]
-    around = pool(source, statement, set(source.arguments), parameters & set(source.arguments), scope)
-    some = [e for e in edits(source, statement, around, kinds) if e.define is None]
-    return some[rng.integers(len(some))] if some else None
+    statement = some(statements, rng)
+    arguments = set(source.arguments)
+    around = pool(source, statement, arguments, parameters & arguments, scope)
+    # A misprint changes one place; an edit that needs a definition elsewhere is none.
+    misprints = [edit for edit in edits(source, statement, around, kinds) if edit.define is None]
+    return some(misprints, rng) if misprints else None
 
 
 def _compiles(text: str, robot: Robot) -> bool:
@@ -112,12 +124,11 @@ def _compiles(text: str, robot: Robot) -> bool:
     return True
 
 
-def _maker(robot: Robot, edit: Edit):
+def _maker(robot: Robot, text: str) -> Callable[[Path], Robot]:
     def make(folder: Path) -> Robot:
-        assert robot.files is not None
-        text = patched([edit])
         # a file name for each text, because modules are cached by path
-        path = folder / f"formula_{hashlib.sha256(text.encode()).hexdigest()[:8]}.py"
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        path = folder / f"formula_{digest[:8]}.py"
         path.write_text(text, encoding="utf-8")
         return with_formula(robot, path)
 
@@ -128,4 +139,5 @@ def with_formula(robot: Robot, path: Path) -> Robot:
     """Return the same robot with equations from another file."""
     assert robot.files is not None
     formula = load_formula(path, robot.name, lambda: robot.mechanism.driven, trial=True)
-    return dataclasses.replace(robot, files=dataclasses.replace(robot.files, formula=path), equations=formula)
+    files = dataclasses.replace(robot.files, formula=path)
+    return dataclasses.replace(robot, files=files, equations=formula)

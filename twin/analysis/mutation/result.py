@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from twin.analysis.mutation.fault import FAMILIES, MEANING, Family, Outcome
+from twin.analysis.mutation.fault import FAMILIES, MEANING, Family, Outcome, State
 from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
@@ -14,6 +14,9 @@ from twin.core.result import Part, Result, Table
 
 BAR = 0.95
 """Required fraction of faults that are caught."""
+
+_SHOWN_CODES = 4
+"""Maximum number of codes of findings in a row of the text."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +60,24 @@ class Score(Result):
 
     def of(self, family: Family) -> list[Outcome]:
         """Return the results of one family of faults."""
-        return [o for o in self.outcomes if o.family == family]
+        return [outcome for outcome in self.outcomes if outcome.family == family]
+
+    def _count(self, *states: State) -> int:
+        count = 0
+        for outcome in self.outcomes:
+            if outcome.state in states:
+                count += 1
+        return count
 
     @property
     def counted(self) -> int:
         """Number of faults that have an effect."""
-        return sum(o.state != "equivalent" for o in self.outcomes)
+        return self._count("caught", "warned", "missed")
 
     @property
     def caught(self) -> int:
         """Number of faults that were caught or caused a warning."""
-        return sum(o.state in ("caught", "warned") for o in self.outcomes)
+        return self._count("caught", "warned")
 
     @property
     def share(self) -> float:
@@ -88,20 +98,24 @@ class Score(Result):
         """Return one table row for each family with seeded faults."""
         rows = []
         for family in FAMILIES:
-            some = self.of(family)
-            if not some:
+            outcomes = self.of(family)
+            if not outcomes:
                 continue
-            state = Counter(o.state for o in some)
-            codes = Counter(o.code for o in some if o.code)
+            states: Counter[State] = Counter()
+            codes: Counter[str] = Counter()
+            for outcome in outcomes:
+                states[outcome.state] += 1
+                if outcome.code:
+                    codes[outcome.code] += 1
             rows.append(
                 {
                     "family": family,
                     "meaning": MEANING[family],
-                    "seeded": len(some),
-                    "caught": state["caught"],
-                    "warned": state["warned"],
-                    "missed": state["missed"],
-                    "equivalent": state["equivalent"],
+                    "seeded": len(outcomes),
+                    "caught": states["caught"],
+                    "warned": states["warned"],
+                    "missed": states["missed"],
+                    "equivalent": states["equivalent"],
                     "by": dict(codes.most_common()),
                 }
             )
@@ -133,32 +147,36 @@ class Score(Result):
         """Yield the score, a row for each family, the missed faults, the faults without effect, and false alarms."""
         yield f"{self.robot} · {self.protocol} · seed {self.seed} · {self.seconds:.0f} s"
         yield ""
+        percent = 100 * self.share
         bar = f"{100 * self.bar:.0f} %"
-        share = f"{self.caught} of {self.counted} seeded faults caught ({100 * self.share:.1f} %, required {bar})"
+        share = f"{self.caught} of {self.counted} seeded faults caught ({percent:.1f} %, required {bar})"
         alarms = f"{len(self.false_alarms)} false alarms on the correct robot"
-        yield f"  {'PASSED' if self.passed else 'FAILED'}: {share}, {alarms}"
+        result = "PASSED" if self.passed else "FAILED"
+        yield f"  {result}: {share}, {alarms}"
         yield ""
-        rows = [
-            (
-                r["family"],
-                str(r["seeded"]),
-                str(r["caught"]),
-                str(r["warned"]),
-                str(r["missed"]),
-                str(r["equivalent"]),
-                ", ".join(f"{code} {n}" for code, n in list(r["by"].items())[:4]),
-            )
-            for r in self.families()
-        ]
+        rows = []
+        for family in self.families():
+            cells = [family["family"]]
+            for key in ("seeded", "caught", "warned", "missed", "equivalent"):
+                cells.append(str(family[key]))
+            most_frequent = list(family["by"].items())[:_SHOWN_CODES]
+            cells.append(", ".join(f"{code} {n}" for code, n in most_frequent))
+            rows.append(cells)
         head = ("family", "seeded", "caught", "only warned", "missed", "no effect", "caught by")
         yield Table(head, rows, fit=True)
-        for title, state in (("missed", "missed"), ("no effect: not counted", "equivalent")):
-            some = [o for o in self.outcomes if o.state == state]
-            if some:
-                yield ""
-                yield f"  {title}"
-                yield from (f"    {o.family}, {o.kind}: {o.what} ({o.message})" for o in some)
+        yield from self._listed("missed", "missed")
+        yield from self._listed("no effect: not counted", "equivalent")
         if self.false_alarms:
             yield ""
             yield "  false alarms"
             yield from self.false_alarms
+
+    def _listed(self, title: str, state: State) -> Iterator[Part]:
+        """Yield a title and a line for each fault in a state; nothing without such faults."""
+        outcomes = [outcome for outcome in self.outcomes if outcome.state == state]
+        if not outcomes:
+            return
+        yield ""
+        yield f"  {title}"
+        for outcome in outcomes:
+            yield f"    {outcome.family}, {outcome.kind}: {outcome.what} ({outcome.message})"

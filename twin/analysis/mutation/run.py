@@ -47,19 +47,19 @@ def selftest(
     progress("correct robot", 0.0)
     with Call(_share, *task, 1) as beside:
         with bench_of(str(robot), protocol) as bench:
-            alarms = tuple(f for f in bench.correct.findings if f.severity in ("disagreement", "error"))
-            mine = _judged(bench, families, count, seed, 0, progress)
+            alarms = [f for f in bench.correct.findings if f.severity in ("disagreement", "error")]
+            outcomes = _judged(bench, families, count, seed, 0, progress)
         progress("wait for the other process", 1.0)
-        theirs: dict[int, Outcome] = beside.result()
-    outcomes = {**mine, **theirs}
+        outcomes |= beside.result()
+    in_order = [outcomes[i] for i in sorted(outcomes)]
     return Score(
         bench.robot.name,
         bench.chosen.name,
         bench.robot.mechanism.source,
         seed,
         time.monotonic() - began,
-        tuple(outcomes[i] for i in sorted(outcomes)),
-        alarms,
+        tuple(in_order),
+        tuple(alarms),
     )
 
 
@@ -75,12 +75,12 @@ def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
 
 def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
     """Return the random faults; each family has its own random stream, independent of the other families."""
-    out: list[Fault] = []
-    asked: dict[Family, int] = {f: SHARES[f] for f in FAMILIES if f in families}
-    for family, n in shared_out(count, asked).items():
+    shares: dict[Family, int] = {family: SHARES[family] for family in FAMILIES if family in families}
+    faults: list[Fault] = []
+    for family, n in shared_out(count, shares).items():
         rng = np.random.default_rng([seed, FAMILIES.index(family)])
-        out += _faults(family, bench, rng, n)
-    return out
+        faults += _faults(family, bench, rng, n)
+    return faults
 
 
 def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
@@ -91,18 +91,20 @@ def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
     """
     whole = sum(shares.values())
     least = 1 if count >= len(shares) else 0
-    out: dict[Family, int] = {f: max(least, count * s // whole) for f, s in shares.items()}
-    left: dict[Family, float] = {f: count * s / whole - out[f] for f, s in shares.items()}
-    while sum(out.values()) != count:
-        step = 1 if sum(out.values()) < count else -1
-        able: list[Family] = [f for f in out if step > 0 or out[f] > least]
-        chosen = max(able, key=lambda f: step * left[f])
-        out[chosen] += step
-        left[chosen] -= step
-    none: list[Family] = [f for f, n in out.items() if not n]
-    for family in none:
-        del out[family]
-    return out
+    numbers: dict[Family, int] = {}
+    remainders: dict[Family, float] = {}
+    for family, share in shares.items():
+        numbers[family] = max(least, count * share // whole)
+        remainders[family] = count * share / whole - numbers[family]
+    total = sum(numbers.values())
+    while total != count:
+        step = 1 if total < count else -1
+        candidates: list[Family] = [family for family in numbers if step > 0 or numbers[family] > least]
+        chosen = max(candidates, key=lambda family: step * remainders[family])
+        numbers[chosen] += step
+        remainders[chosen] -= step
+        total += step
+    return {family: number for family, number in numbers.items() if number}
 
 
 def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> Iterator[Fault]:
@@ -120,12 +122,14 @@ def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> I
 def _judged(
     bench: Bench, families: Sequence[Family], count: int, seed: int, share: int, progress: Progress
 ) -> dict[int, Outcome]:
-    faults = list(enumerate(drawn(bench, families, count, seed)))[share::2]
-    out = {}
-    for k, (i, fault) in enumerate(faults):
-        progress(f"{fault.family}: {fault.what}"[:60], (k + 1) / (len(faults) + 1))
-        out[i] = bench.outcome(fault)
-    return out
+    faults = drawn(bench, families, count, seed)
+    indices = range(share, len(faults), 2)
+    outcomes = {}
+    for k, i in enumerate(indices):
+        fault = faults[i]
+        progress(f"{fault.family}: {fault.what}"[:60], (k + 1) / (len(indices) + 1))
+        outcomes[i] = bench.outcome(fault)
+    return outcomes
 
 
 def _share(

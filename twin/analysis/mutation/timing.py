@@ -26,16 +26,25 @@ def faults(
     trajectory: Trajectory, protocol: Protocol, planner: Planner, rng: np.random.Generator, count: int
 ) -> Iterator[Fault]:
     """Yield faults of a trajectory; `planner` plans a protocol with the sample time of the trajectory."""
-    about = any(s.rcm is not None for s in trajectory.phases)
-    kinds = [k for k in KINDS if about or k not in ("RCM", "shaft")]
+    kinds = list(KINDS)
+    if not _rcm_phases(trajectory):
+        kinds.remove("RCM")
+        kinds.remove("shaft")
     makers = {**_MAKERS, "planned": lambda _, rng: _planned(protocol, planner, rng)}
     for kind, (what, make) in drawn(kinds, makers, trajectory, rng, count):
         yield Fault("timing", kind, what, trajectory=make)
 
 
+def _rcm_phases(t: Trajectory) -> list[PhaseSpan]:
+    """Return the phases in which the shaft passes through an RCM."""
+    return [phase for phase in t.phases if phase.rcm is not None]
+
+
 def _scaled(t: Trajectory, factor: float) -> Trajectory:
-    spans = tuple(replace(s, t0=factor * s.t0, t1=factor * s.t1) for s in t.phases)
-    return replace(t, t=factor * t.t, phases=spans)
+    phases = []
+    for phase in t.phases:
+        phases.append(replace(phase, t0=factor * phase.t0, t1=factor * phase.t1))
+    return replace(t, t=factor * t.t, phases=tuple(phases))
 
 
 def _faster(t: Trajectory, rng: np.random.Generator) -> Made:
@@ -49,38 +58,45 @@ def _slower(t: Trajectory, rng: np.random.Generator) -> Made:
 
 
 def _late(t: Trajectory, rng: np.random.Generator) -> Made:
-    j, lag = int(rng.integers(t.q.shape[1])), int(rng.integers(1, 5))
+    j = int(rng.integers(t.q.shape[1]))
+    lag = int(rng.integers(1, 5))
     step = float(t.t[1] - t.t[0])
 
-    def make() -> Trajectory:
-        def late(x: Array) -> Array:
-            out = x.copy()
-            out[lag:, j], out[:lag, j] = x[:-lag, j], x[0, j]
-            return out
+    def late(values: Array) -> Array:
+        shifted = values.copy()
+        shifted[lag:, j] = values[:-lag, j]
+        shifted[:lag, j] = values[0, j]
+        return shifted
 
+    def make() -> Trajectory:
         return replace(t, q=late(t.q), qd=late(t.qd), qdd=late(t.qdd))
 
     return f"joint {t.joint_names[j]} {1e3 * lag * step:.0f} ms late", make
 
 
 def _inner(t: Trajectory, rng: np.random.Generator) -> int:
-    span: PhaseSpan = t.phases[rng.integers(len(t.phases))]
-    return int(rng.integers(span.start + 2, max(span.stop - 2, span.start + 3)))
+    """Return the index of a random sample inside a random phase, two samples from its ends where it is long enough."""
+    phase: PhaseSpan = t.phases[rng.integers(len(t.phases))]
+    first = phase.start + 2
+    return int(rng.integers(first, max(phase.stop - 2, first + 1)))
 
 
 def _bump(t: Trajectory, rng: np.random.Generator) -> Made:
-    k, size = _inner(t, rng), rng.uniform(0.2, 1.0)
+    k = _inner(t, rng)
+    size = rng.uniform(0.2, 1.0)
+    time = f"t = {t.t[k]:.2f} s"
     if rng.integers(2):
         j = int(rng.integers(t.q.shape[1]))
         q = t.q.copy()
         q[k, j] += size * MM  # m or rad
-        return f"joint {t.joint_names[j]} moved {size:.2f} mm or mrad at t = {t.t[k]:.2f} s", lambda: replace(t, q=q)
-    tools, frames = t.Ts_base_tool.copy(), t.Ts_base_frame.copy()
+        return f"joint {t.joint_names[j]} moved {size:.2f} mm or mrad at {time}", lambda: replace(t, q=q)
     direction = rng.normal(size=3)
-    for Ts in (tools, frames):
-        Ts[k, :3, 3] += size * MM * direction / np.linalg.norm(direction)
-    made = replace(t, Ts_base_tool=tools, Ts_base_frame=frames)
-    return f"tool moved {size:.2f} mm at t = {t.t[k]:.2f} s", lambda: made
+    shift = size * MM * direction / np.linalg.norm(direction)
+    tools = t.Ts_base_tool.copy()
+    tools[k, :3, 3] += shift
+    frames = t.Ts_base_frame.copy()
+    frames[k, :3, 3] += shift
+    return f"tool moved {size:.2f} mm at {time}", lambda: replace(t, Ts_base_tool=tools, Ts_base_frame=frames)
 
 
 def _stated(t: Trajectory, rng: np.random.Generator) -> Made:
@@ -91,54 +107,68 @@ def _stated(t: Trajectory, rng: np.random.Generator) -> Made:
 
 
 def _moved_rcm(t: Trajectory, rng: np.random.Generator) -> Made:
-    size, direction = rng.uniform(0.3, 2.0) * MM, rng.normal(size=3)
-    span = next(s for s in t.phases if s.rcm is not None)
-    shaft = t.Ts_base_frame[span.stop, :3, :3] @ t.shaft_axis
+    size = rng.uniform(0.3, 2.0) * MM
+    direction = rng.normal(size=3)
+    first = _rcm_phases(t)[0]
+    shaft = t.Ts_base_frame[first.stop, :3, :3] @ t.shaft_axis
     direction -= (direction @ shaft) * shaft  # a shift along the shaft would have no effect
     step = size * direction / np.linalg.norm(direction)
-    spans = tuple(s if s.rcm is None else replace(s, rcm=s.rcm + step) for s in t.phases)
-    return f"RCM moved by {size / MM:.2f} mm", lambda: replace(t, phases=spans)
+    phases = []
+    for phase in t.phases:
+        phases.append(phase if phase.rcm is None else replace(phase, rcm=phase.rcm + step))
+    return f"RCM moved by {size / MM:.2f} mm", lambda: replace(t, phases=tuple(phases))
 
 
 def _in_motion(t: Trajectory, rng: np.random.Generator) -> Made:
     first = t.phases[0]
     cut = int(rng.integers(first.stop // 4 + 1, first.stop // 2 + 2))
-    rows = slice(cut, None)
-    arrays = {n: v[rows] for n, v in vars(t).items() if isinstance(v, np.ndarray) and len(v) == len(t.t)}
-    arrays["t"] = arrays["t"] - t.t[cut]
-    spans = [
-        replace(s, start=max(s.start - cut, 0), stop=s.stop - cut, t0=max(s.t0 - t.t[cut], 0.0), t1=s.t1 - t.t[cut])
-        for s in t.phases
-    ]
-    points = {n: tuple(k - cut for k in rows_ if k >= cut) for n, rows_ in t.waypoints.items()}
-    scalars = {
-        "reach": {n: v[rows] for n, v in t.reach.items()},
-        "singularity": {n: v[rows] for n, v in t.singularity.items()},
-    }
-    made = replace(t, **arrays, **scalars, phases=tuple(spans), waypoints=points)
-    return f"first {t.t[cut]:.2f} s removed, so the motion does not begin at rest", lambda: made
+    start = t.t[cut]
+    arrays = {}
+    for name, values in vars(t).items():
+        if isinstance(values, np.ndarray) and len(values) == len(t.t):
+            arrays[name] = values[cut:]
+    arrays["t"] = arrays["t"] - start
+    phases = []
+    for phase in t.phases:
+        rows = {"start": max(phase.start - cut, 0), "stop": phase.stop - cut}
+        times = {"t0": max(phase.t0 - start, 0.0), "t1": phase.t1 - start}
+        phases.append(replace(phase, **rows, **times))
+    waypoints = {}
+    for name, rows in t.waypoints.items():
+        waypoints[name] = tuple(row - cut for row in rows if row >= cut)
+    made = replace(
+        t,
+        **arrays,
+        reach={name: values[cut:] for name, values in t.reach.items()},
+        singularity={name: values[cut:] for name, values in t.singularity.items()},
+        phases=tuple(phases),
+        waypoints=waypoints,
+    )
+    return f"first {start:.2f} s removed, so the motion does not begin at rest", lambda: made
 
 
 def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> Made:
     factor = float(rng.uniform(1.15, 2.0))
-    limits = {
-        kind: replace(l, **{name: factor * getattr(l, name) for name in _SCALED})
-        for kind, l in protocol.limits.items()  # noqa: E741
-    }
+    limits = {}
+    for kind, limit in protocol.limits.items():
+        scaled = {name: factor * getattr(limit, name) for name in _SCALED}
+        limits[kind] = replace(limit, **scaled)
     return f"planned with limits multiplied by {factor:.2f}", lambda: planner(replace(protocol, limits=limits))
 
 
 def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
     """Rotate the moved frame about its origin, smoothly, in the time between first and last phase with an RCM."""
     size = rng.uniform(0.3, 1.0) * DEG
-    inside = [s for s in t.phases if s.rcm is not None]
-    first, last = inside[0].start, inside[-1].stop
-    s = np.clip((np.arange(len(t.t)) - first) / max(last - first, 1), 0, 1)
-    angle = size * np.sin(np.pi * s) ** 2
+    inside = _rcm_phases(t)
+    first = inside[0].start
+    last = inside[-1].stop
+    progress = np.clip((np.arange(len(t.t)) - first) / max(last - first, 1), 0, 1)
+    angles = size * np.sin(np.pi * progress) ** 2  # at rest at both ends
+    # the second left singular vector is perpendicular to the shaft
     side = np.linalg.svd(np.outer(t.shaft_axis, t.shaft_axis))[0][:, 1]
 
     def make() -> Trajectory:
-        R = spatial.exp_so3(angle[:, None] * side)
+        R = spatial.exp_so3(angles[:, None] * side)
         frames = t.Ts_base_frame @ spatial.pose(R)
         T_frame_tool = spatial.inverse(t.Ts_base_frame[0]) @ t.Ts_base_tool[0]
         return replace(t, Ts_base_frame=frames, Ts_base_tool=frames @ T_frame_tool)
@@ -147,10 +177,12 @@ def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
 
 
 def _clock(t: Trajectory, rng: np.random.Generator) -> Made:
-    k, part = _inner(t, rng), float(rng.uniform(0.05, 0.5))
+    k = _inner(t, rng)
+    share = float(rng.uniform(0.05, 0.5))
     times = t.t.copy()
-    times[k] += part * (times[1] - times[0])
-    return f"time of the sample at t = {t.t[k]:.2f} s is {100 * part:.0f} % of a step late", lambda: replace(t, t=times)
+    times[k] += share * (times[1] - times[0])
+    what = f"time of the sample at t = {t.t[k]:.2f} s is {100 * share:.0f} % of a step late"
+    return what, lambda: replace(t, t=times)
 
 
 _MAKERS: dict[str, Callable[[Trajectory, np.random.Generator], Made]] = {

@@ -19,34 +19,35 @@ KINDS = (
 )
 """Kinds of faults in the order of seeding; kinds that do not apply to the robot are skipped."""
 
+_TRIES = 10
+"""Tries for each fault, at most: kinds that do not apply, and faults that were seeded before, are drawn as well."""
+
 
 def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
     """Yield unit faults of a robot's parameters and of a protocol file."""
     text = protocol.read_text(encoding="utf-8")
-    seen: set[str] = set()
-    for i in range(10 * count):
-        if len(seen) == count:
+    seeded: set[str] = set()
+    for i in range(_TRIES * count):
+        if len(seeded) == count:
             return
         kind = KINDS[i % len(KINDS)]
         if kind == "parameter":
             fault = _parameter(robot, rng)
         else:
-            done = _MAKERS[kind](tomlkit.parse(text), rng)
-            if done is None:
+            document = tomlkit.parse(text)
+            what = _MAKERS[kind](document, rng)
+            if what is None:
                 continue
-            fault = Fault("units", kind, done[0], protocol=_reader(protocol, done[1]))
-        if fault.what not in seen:
-            seen.add(fault.what)
+            fault = Fault("units", kind, what, protocol=_reader(protocol, tomlkit.dumps(document)))
+        if fault.what not in seeded:
+            seeded.add(fault.what)
             yield fault
 
 
-Done = tuple[str, Any] | None
-
-
-def _reader(original: Path, document: Any) -> Callable[[Path], Protocol]:
+def _reader(original: Path, text: str) -> Callable[[Path], Protocol]:
     def read(folder: Path) -> Protocol:
         path = folder / original.name
-        path.write_text(tomlkit.dumps(document), encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
         return load_protocol(path, folder=original.parent)
 
     return read
@@ -54,69 +55,94 @@ def _reader(original: Path, document: Any) -> Callable[[Path], Protocol]:
 
 def _parameter(robot: Robot, rng: np.random.Generator) -> Fault:
     assert robot.files is not None
-    p = some([p for p in robot.formula.parameters if p.value and p.name not in robot.parameters], rng)
-    angle = p.unit in ("deg", "rad")
-    factor = float(rng.choice((180 / np.pi, np.pi / 180) if angle else (1000.0, 0.001)))
-    word = (
-        ("degrees instead of radians" if factor > 1 else "radians instead of degrees")
-        if angle
-        else ("mm instead of m" if factor > 1 else "m instead of mm")
-    )
+    candidates = []
+    for parameter in robot.formula.parameters:
+        # Zero is the same in all units; a parameter that the robot replaces has no effect.
+        if parameter.value and parameter.name not in robot.parameters:
+            candidates.append(parameter)
+    chosen = some(candidates, rng)
+    if chosen.unit in ("deg", "rad"):
+        factor = float(rng.choice((180 / np.pi, np.pi / 180)))
+        units = "degrees instead of radians" if factor > 1 else "radians instead of degrees"
+    else:
+        factor = float(rng.choice((1000.0, 0.001)))
+        units = "mm instead of m" if factor > 1 else "m instead of mm"
 
     def make(folder: Path) -> Robot:
-        return robot.with_parameters({p.name: factor * p.value})
+        return robot.with_parameters({chosen.name: factor * chosen.value})
 
-    return Fault("units", "parameter", f"{p.name} with {word}", robot=make)
+    return Fault("units", "parameter", f"{chosen.name} with {units}", robot=make)
 
 
-def _scaled(values: Any, factor: float) -> list[float]:
+def _scaled(value: Any, factor: float) -> float:
     # five significant digits, as in a hand-written file
-    return [float(f"{factor * float(v):.5g}") for v in values]
+    return float(f"{factor * float(value):.5g}")
 
 
-def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, factor: float, unit: str) -> Done:
+def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, factor: float, unit: str) -> str | None:
     """Multiply the values of `key` by `factor` in a random waypoint, of those with a magnitude above `least`."""
-    found = [n for n, w in document["waypoints"].items() if np.abs(np.array(w.get(key, 0.0), float)).max() > least]
-    if not found:
+    waypoints = document["waypoints"]
+    candidates = []
+    for name, waypoint in waypoints.items():
+        magnitudes = np.abs(np.array(waypoint.get(key, 0.0), float))
+        if magnitudes.max() > least:
+            candidates.append(name)
+    if not candidates:
         return None
-    name = some(found, rng)
-    w = document["waypoints"][name]
-    w[key] = _scaled(w[key], factor)
-    return f"{key.partition('_')[0]} of waypoint '{name}' in {unit}", document
+    chosen = some(candidates, rng)
+    values = waypoints[chosen][key]
+    waypoints[chosen][key] = [_scaled(value, factor) for value in values]
+    quantity = key.partition("_")[0]
+    return f"{quantity} of waypoint '{chosen}' in {unit}"
 
 
-def _depth(document: Any, rng: np.random.Generator) -> Done:
-    deep = [w for w in document["waypoints"].values() if w.get("depth_mm")]
-    deep += [p for p in document["phases"] if p.get("depth_mm") and p["type"] == "insertion"]
-    if not deep:
+def _depth(document: Any, rng: np.random.Generator) -> str | None:
+    tables = []
+    for waypoint in document["waypoints"].values():
+        if waypoint.get("depth_mm"):
+            tables.append(waypoint)
+    for phase in document["phases"]:
+        if phase.get("depth_mm") and phase["type"] == "insertion":
+            tables.append(phase)
+    if not tables:
         return None
-    one = some(deep, rng)
-    depth = float(one["depth_mm"])
-    one["depth_mm"] = float(f"{1e-3 * depth:.5g}")
-    return f"a depth of {depth:g} mm in metres", document
+    table = some(tables, rng)
+    depth = float(table["depth_mm"])
+    table["depth_mm"] = _scaled(depth, 1e-3)
+    return f"a depth of {depth:g} mm in metres"
 
 
-def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> Done:
+def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> str:
     kind = some(list(document["limits"]), rng)
-    keys = [k for k in document["limits"][kind] if k.startswith(name)]
-    both = rng.integers(2) == 0
-    for key in keys if both else keys[:1]:
-        document["limits"][kind][key] = float(f"{factor * float(document['limits'][kind][key]):.5g}")
-    return f"{name} {'speed and acceleration' if both else 'speed'} of {kind} in {unit}", document
+    limits = document["limits"][kind]
+    keys = [key for key in limits if key.startswith(name)]  # speed, then acceleration
+    if rng.integers(2) == 0:
+        quantity = "speed and acceleration"
+    else:
+        quantity = "speed"
+        keys = keys[:1]
+    for key in keys:
+        limits[key] = _scaled(limits[key], factor)
+    return f"{name} {quantity} of {kind} in {unit}"
 
 
-def _trocar(document: Any, rng: np.random.Generator) -> Done:
+def _trocar(document: Any, rng: np.random.Generator) -> str | None:
     named = document.get("trocars_mm", {})
-    places = [(document, k, k) for k in ("trocar_mm", "rcm_mm") if k in document]
-    places += [(named, n, f"trocar '{n}'") for n in named]
+    places = []
+    for key in ("trocar_mm", "rcm_mm"):
+        if key in document:
+            places.append((document, key, key))
+    for name in named:
+        places.append((named, name, f"trocar '{name}'"))
     if not places:
         return None
-    table, key, what = places[rng.integers(len(places)) if named else 0]
-    table[key] = _scaled(table[key], 1e-3)
-    return f"{what} in metres", document
+    table, key, what = some(places, rng) if named else places[0]
+    table[key] = [_scaled(value, 1e-3) for value in table[key]]
+    return f"{what} in metres"
 
 
-_MAKERS: dict[str, Callable[[Any, np.random.Generator], Done]] = {
+# Each function changes a parsed protocol, and returns what it changed; None: its kind does not apply.
+_MAKERS: dict[str, Callable[[Any, np.random.Generator], str | None]] = {
     "position": lambda d, rng: _waypoint(d, rng, "position_mm", 1.0, 1e-3, "metres"),
     "angles": lambda d, rng: _waypoint(d, rng, "angles_deg", 0.0, np.pi / 180, "radians"),
     "depth": _depth,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
 from twin.analysis.mutation.fault import Fault, drawn, some
 from twin.core.units import DEG, MM
@@ -40,11 +40,12 @@ def _spoiler(name: str, edit: Edit) -> Callable[[Path], None]:
     return spoil
 
 
-def _set(stage: Usd.Stage, path: str, value: object, code: float | None = None) -> None:
+def _set(stage: Usd.Stage, path: str, value: object) -> None:
     """Set an attribute on the layer that currently defines its value."""
     attribute = stage.GetAttributeAtPath(path)
-    stage.SetEditTarget(Usd.EditTarget(attribute.GetPropertyStack(Usd.TimeCode.Default())[0].layer))
-    attribute.Set(value, Usd.TimeCode.Default() if code is None else code)
+    stack = attribute.GetPropertyStack(Usd.TimeCode.Default())
+    stage.SetEditTarget(Usd.EditTarget(stack[0].layer))
+    attribute.Set(value, Usd.TimeCode.Default())
 
 
 def _changed(path: str, change: Callable[[Any], object]) -> Edit:
@@ -58,82 +59,104 @@ def _times(path: str, factor: float) -> Made:
 
 def _joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
     """Return all joints of type `kind` that connect two bodies, except fixed joints."""
-    found = [p for p in stage.Traverse() if p.IsA(kind) and UsdPhysics.Joint(p).GetBody0Rel().GetTargets()]
-    return [p for p in found if p.GetName() not in ("root_joint", "world") and not p.IsA(UsdPhysics.FixedJoint)]
+    joints = []
+    for prim in stage.Traverse():
+        if not prim.IsA(kind) or prim.IsA(UsdPhysics.FixedJoint):
+            continue
+        if prim.GetName() in ("root_joint", "world"):
+            continue
+        if UsdPhysics.Joint(prim).GetBody0Rel().GetTargets():
+            joints.append(prim)
+    return joints
 
 
 def _bodies(stage: Usd.Stage) -> list[Usd.Prim]:
-    return [p for p in stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI)]
+    return [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
 
 
 def _frame(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    joint, side = str(some(_joints(stage), rng).GetPath()), int(rng.integers(2))
+    joint = str(some(_joints(stage), rng).GetPath())
+    side = int(rng.integers(2))
     if rng.integers(2):
-        size, direction = rng.uniform(0.1, 1.0) * MM, rng.normal(size=3)
-        step = Gf.Vec3f(*(size * direction / np.linalg.norm(direction)).tolist())
+        size = rng.uniform(0.1, 1.0) * MM
+        direction = rng.normal(size=3)
+        shift = size * direction / np.linalg.norm(direction)
+        step = Gf.Vec3f(*shift.tolist())
         path = f"{joint}.physics:localPos{side}"
         return f"{path} moved by {size / MM:.2f} mm", _changed(path, lambda x: x + step)
-    size, axis = rng.uniform(0.1, 1.0), rng.normal(size=3)
-    turn = Gf.Quatf(Gf.Rotation(Gf.Vec3d(*axis.tolist()), size).GetQuat())
+    angle = rng.uniform(0.1, 1.0)
+    axis = Gf.Vec3d(*rng.normal(size=3).tolist())
+    turn = Gf.Quatf(Gf.Rotation(axis, angle).GetQuat())
     path = f"{joint}.physics:localRot{side}"
-    return f"{path} turned by {size:.2f} deg", _changed(path, lambda x: (x * turn).GetNormalized())
+    return f"{path} turned by {angle:.2f} deg", _changed(path, lambda x: (x * turn).GetNormalized())
+
+
+_DRIVE_GAINS = ("physics:stiffness", "physics:damping", "physics:maxForce")
 
 
 def _drive(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    names = ("physics:stiffness", "physics:damping", "physics:maxForce")
-    found = [
-        (p, a.GetName())
-        for p in _joints(stage)
-        for a in p.GetAuthoredAttributes()
-        if a.GetName().startswith("drive:") and a.GetName().endswith(names) and a.Get()
-    ]
-    prim, name = some(found, rng)
-    return _times(
-        f"{prim.GetPath()}.{name}",
-        float(some((180 / np.pi, np.pi / 180) if ":angular:" in name else (1000.0, 1e-3), rng)),
-    )
+    gains = []
+    for joint in _joints(stage):
+        for attribute in joint.GetAuthoredAttributes():
+            name = attribute.GetName()
+            if name.startswith("drive:") and name.endswith(_DRIVE_GAINS) and attribute.Get():
+                gains.append(str(attribute.GetPath()))
+    path = some(gains, rng)
+    factors = (180 / np.pi, np.pi / 180) if ":angular:" in path else (1000.0, 1e-3)
+    return _times(path, float(some(factors, rng)))
 
 
 def _sampled(stage: Usd.Stage) -> list[Usd.Attribute]:
     """Return the attributes of moving bodies that have time samples."""
-    found = []
+    sampled = []
     for body in _bodies(stage):
-        for a in body.GetAuthoredAttributes():
-            codes = a.GetTimeSamples() if a.GetName().startswith("xformOp") else []
-            if len(codes) > 8 and not np.allclose(_numbers(a.Get(codes[0])), _numbers(a.Get(codes[len(codes) // 3]))):
-                found.append(a)
-    return found
+        for attribute in body.GetAuthoredAttributes():
+            if not attribute.GetName().startswith("xformOp"):
+                continue
+            codes = attribute.GetTimeSamples()
+            if len(codes) <= 8:
+                continue
+            # a third of the way: a motion that ends where it began differs there
+            start = _numbers(attribute.Get(codes[0]))
+            later = _numbers(attribute.Get(codes[len(codes) // 3]))
+            if not np.allclose(start, later):
+                sampled.append(attribute)
+    return sampled
 
 
-def _numbers(value) -> list[float]:
-    return [*value] if isinstance(value, Gf.Vec3d | Gf.Vec3f) else [value.GetReal(), *value.GetImaginary()]
+def _numbers(value: Gf.Vec3d | Gf.Vec3f | Gf.Quatd | Gf.Quatf) -> list[float]:
+    if isinstance(value, Gf.Vec3d | Gf.Vec3f):
+        return [*value]
+    return [value.GetReal(), *value.GetImaginary()]
 
 
 def _samples(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    found = _sampled(stage)
-    if not found:
+    sampled = _sampled(stage)
+    if not sampled:
         return _inertia(stage, rng)
-    path, lag = str(some(found, rng).GetPath()), int(rng.integers(1, 12))
+    path = str(some(sampled, rng).GetPath())
+    lag = int(rng.integers(1, 12))
 
     def shift(s: Usd.Stage) -> None:
         attribute = s.GetAttributeAtPath(path)
         codes = attribute.GetTimeSamples()
-        values = [attribute.Get(c) for c in codes]
+        values = [attribute.Get(code) for code in codes]
         for k, code in enumerate(codes):
-            _sample(s, path, values[max(k - lag, 0)], code)
+            stack = attribute.GetPropertyStack(Usd.TimeCode(code))
+            spec = _strongest(stack, "timeSamples")
+            spec.layer.SetTimeSample(path, code, values[max(k - lag, 0)])
 
     return f"samples of {path} delayed by {lag} time codes", shift
 
 
-def _sample(stage: Usd.Stage, path: str, value: object, code: float) -> None:
-    layer = next(
-        x.layer for x in stage.GetAttributeAtPath(path).GetPropertyStack(Usd.TimeCode(code)) if x.HasInfo("timeSamples")
-    )
-    layer.SetTimeSample(path, code, value)
+def _strongest(stack: list[Sdf.PropertySpec], key: str) -> Sdf.PropertySpec:
+    """Return the strongest specification of an attribute that has this key; one has it."""
+    return next(spec for spec in stack if spec.HasInfo(key))
 
 
 def _inertia(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    body = str(some([b for b in _bodies(stage) if UsdPhysics.MassAPI(b).GetMassAttr().Get()], rng).GetPath())
+    massive = [body for body in _bodies(stage) if UsdPhysics.MassAPI(body).GetMassAttr().Get()]
+    body = str(some(massive, rng).GetPath())
     what = some(("mass", "turned", "unit", "centre"), rng)
     if what == "mass":
         return _times(f"{body}.physics:mass", float(some((10.0, 0.1, 1000.0, 1.5), rng)))
@@ -144,19 +167,19 @@ def _inertia(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     if what == "unit":
         return f"{path} in kg mm2", _changed(path, lambda x: 1e6 * x)
 
-    def turned(x: Gf.Vec3f) -> Gf.Vec3f:
-        low, high = sorted(range(3), key=lambda i: x[i])[::2]
-        y = Gf.Vec3f(x)
-        y[low], y[high] = x[high], x[low]
-        return y
+    def exchanged(moments: Gf.Vec3f) -> Gf.Vec3f:
+        smallest, _, largest = sorted(range(3), key=lambda i: moments[i])
+        changed = Gf.Vec3f(moments)
+        changed[smallest] = moments[largest]
+        changed[largest] = moments[smallest]
+        return changed
 
-    return f"{path} with its largest and smallest value exchanged", _changed(path, turned)
+    return f"{path} with its largest and smallest value exchanged", _changed(path, exchanged)
 
 
 def _units(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    name, value = some(
-        (("metersPerUnit", 0.01), ("metersPerUnit", 0.001), ("upAxis", "Y"), ("kilogramsPerUnit", 0.001)), rng
-    )
+    choices = (("metersPerUnit", 0.01), ("metersPerUnit", 0.001), ("upAxis", "Y"), ("kilogramsPerUnit", 0.001))
+    name, value = some(choices, rng)
     return f"{name} = {value}", _stated(name, value)
 
 
@@ -174,9 +197,9 @@ def _stated(name: str, value: object) -> Edit:
 
 
 def _loop(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    closing = [p for p in _joints(stage) if UsdPhysics.Joint(p).GetExcludeFromArticulationAttr().Get()]
-    joint = some(closing or _joints(stage), rng)
-    path = str(joint.GetPath())
+    joints = _joints(stage)
+    closing = [joint for joint in joints if UsdPhysics.Joint(joint).GetExcludeFromArticulationAttr().Get()]
+    path = str(some(closing or joints, rng).GetPath())
     if closing and rng.integers(3) == 0:
         name = f"{path}.physics:excludeFromArticulation"
         return f"{name} false", lambda s: _set(s, name, False)
@@ -191,27 +214,30 @@ def _loop(stage: Usd.Stage, rng: np.random.Generator) -> Made:
 
 
 def _limits(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    found = [
-        (p, a)
-        for p in _joints(stage)
-        for a in ("physics:lowerLimit", "physics:upperLimit")
-        if p.GetAttribute(a)
-        and p.GetAttribute(a).HasAuthoredValue()
-        and abs(p.GetAttribute(a).Get()) > 1e-9
-        and np.isfinite(p.GetAttribute(a).Get())
-    ]
-    if not found:
+    candidates = []
+    for joint in _joints(stage):
+        for name in ("physics:lowerLimit", "physics:upperLimit"):
+            limit = joint.GetAttribute(name)
+            if not limit or not limit.HasAuthoredValue():
+                continue
+            value = limit.Get()
+            if abs(value) > 1e-9 and np.isfinite(value):  # a factor changes neither 0 nor infinity
+                candidates.append((joint, name))
+    if not candidates:
         return _frame(stage, rng)
-    prim, name = some(found, rng)
-    factor = float(some((DEG, 1 / DEG) if prim.IsA(UsdPhysics.RevoluteJoint) else (1000.0, 0.001), rng))
-    return _times(f"{prim.GetPath()}.{name}", factor)
+    joint, name = some(candidates, rng)
+    factors = (DEG, 1 / DEG) if joint.IsA(UsdPhysics.RevoluteJoint) else (1000.0, 0.001)
+    return _times(f"{joint.GetPath()}.{name}", float(some(factors, rng)))
 
 
 def _body(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    joint = some(_joints(stage), rng)
-    path, now = str(joint.GetPath()), UsdPhysics.Joint(joint).GetBody1Rel().GetTargets()[0]
-    keep = {now, *UsdPhysics.Joint(joint).GetBody0Rel().GetTargets()}
-    other = str(some([b.GetPath() for b in _bodies(stage) if b.GetPath() not in keep], rng))
+    prim = some(_joints(stage), rng)
+    path = str(prim.GetPath())
+    joint = UsdPhysics.Joint(prim)
+    now = joint.GetBody1Rel().GetTargets()[0]
+    connected = {now, *joint.GetBody0Rel().GetTargets()}
+    others = [body.GetPath() for body in _bodies(stage) if body.GetPath() not in connected]
+    other = str(some(others, rng))
 
     def change(s: Usd.Stage) -> None:
         relation = UsdPhysics.Joint(s.GetPrimAtPath(path)).GetBody1Rel()
@@ -222,65 +248,77 @@ def _body(stage: Usd.Stage, rng: np.random.Generator) -> Made:
 
 
 def _quaternion(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    found = [
-        (p, s)
-        for p in _joints(stage)
-        for s in (0, 1)
-        if len({round(abs(x), 4) for x in _numbers(p.GetAttribute(f"physics:localRot{s}").Get())}) > 2
-    ]
-    if not found:
+    paths = []
+    for joint in _joints(stage):
+        for side in (0, 1):
+            rotation = joint.GetAttribute(f"physics:localRot{side}")
+            magnitudes = {round(abs(x), 4) for x in _numbers(rotation.Get())}
+            # With fewer different magnitudes, another order can give the same rotation.
+            if len(magnitudes) > 2:
+                paths.append(str(rotation.GetPath()))
+    if not paths:
         return _frame(stage, rng)
-    prim, side = some(found, rng)
-    path = f"{prim.GetPath()}.physics:localRot{side}"
+    path = some(paths, rng)
 
-    def turned(quat: Gf.Quatf) -> Gf.Quatf:
+    def reordered(quat: Gf.Quatf) -> Gf.Quatf:
         w, x, y, z = _numbers(quat)
         return Gf.Quatf(x, Gf.Vec3f(y, z, w))
 
-    return f"{path} read as x y z w", _changed(path, turned)
+    return f"{path} read as x y z w", _changed(path, reordered)
 
 
 def _mesh(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    path = str(some([p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)], rng).GetPath())
+    meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    path = str(some(meshes, rng).GetPath())
     if rng.integers(2):
         name = f"{path}.points"
-        return f"{name} in mm", _changed(name, lambda points: type(points)([1000 * p for p in points]))
-    return f"{path} turned inside out", _changed(f"{path}.faceVertexIndices", lambda x: type(x)([*x][::-1]))
+        return f"{name} in mm", _changed(name, _in_millimetres)
+    return f"{path} turned inside out", _changed(f"{path}.faceVertexIndices", _reversed)
+
+
+def _in_millimetres(points: Vt.Vec3fArray) -> Vt.Vec3fArray:
+    return type(points)([1000 * point for point in points])
+
+
+def _reversed(indices: Vt.IntArray) -> Vt.IntArray:
+    return type(indices)([*indices][::-1])
 
 
 def _rest(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    found = [
-        a
-        for b in _bodies(stage)
-        for a in b.GetAuthoredAttributes()
-        if a.GetName().startswith("xformOp:translate") and _moves(stage, b)
-    ]
-    path, size = str(some(found, rng).GetPath()), rng.uniform(0.2, 2.0) * MM
+    moved = set()
+    for joint in _joints(stage):
+        moved |= set(UsdPhysics.Joint(joint).GetBody1Rel().GetTargets())
+    shifts = []
+    for body in _bodies(stage):
+        if body.GetPath() not in moved:
+            continue
+        for attribute in body.GetAuthoredAttributes():
+            if attribute.GetName().startswith("xformOp:translate"):
+                shifts.append(attribute)
+    path = str(some(shifts, rng).GetPath())
+    size = rng.uniform(0.2, 2.0) * MM
 
     def move(s: Usd.Stage) -> None:
         attribute = s.GetAttributeAtPath(path)
         stack = attribute.GetPropertyStack(Usd.TimeCode.Default())
-        layer = next(x.layer for x in stack if x.HasInfo("default"))
-        spec = layer.GetAttributeAtPath(path)
+        spec = _strongest(stack, "default").layer.GetAttributeAtPath(path)
         spec.default = spec.default + type(spec.default)(0, size, 0)
 
     return f"{path} at rest moved by {size / MM:.2f} mm", move
 
 
-def _moves(stage: Usd.Stage, body: Usd.Prim) -> bool:
-    return any(body.GetPath() in UsdPhysics.Joint(j).GetBody1Rel().GetTargets() for j in _joints(stage))
-
-
 def _codes(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     end = stage.GetEndTimeCode()
-    name, value = some(
-        (("timeCodesPerSecond", 24.0), ("endTimeCode", round(0.7 * end)), ("timeCodesPerSecond", 30.0)), rng
-    )
+    choices = (("timeCodesPerSecond", 24.0), ("endTimeCode", round(0.7 * end)), ("timeCodesPerSecond", 30.0))
+    name, value = some(choices, rng)
     return f"{name} = {value:g}", _stated(name, value)
 
 
 def _axis(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    single = [p for p in _joints(stage) if p.IsA(UsdPhysics.RevoluteJoint) or p.IsA(UsdPhysics.PrismaticJoint)]
+    single = []
+    for joint in _joints(stage):
+        if joint.IsA(UsdPhysics.RevoluteJoint) or joint.IsA(UsdPhysics.PrismaticJoint):
+            single.append(joint)
     path = f"{some(single, rng).GetPath()}.physics:axis"
     value = some(("X", "Y"), rng)
     return f"{path} = {value}", lambda s: _set(s, path, value)
