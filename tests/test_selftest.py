@@ -107,11 +107,15 @@ def test_the_plain_chain_is_the_mechanism(bench):
     assert max(np.abs(mine[n] - theirs[n]).max() for n in theirs) < 1e-8
 
 
+def changed(mechanism, name, **values):
+    return cad._with_joints(mechanism, replace(mechanism.joint(name), **values))
+
+
 def test_a_ball_whose_frame_is_turned_is_the_same_mechanism_and_one_that_is_moved_is_not(bench):
     m = bench.robot.mechanism
     for step, same in ((spatial.pose(spatial.exp_so3([0.01, 0, 0])), True), (spatial.pose(p=[0.1 * MM, 0, 0]), False)):
         joint = m.joint("s3")
-        other = cad._changed(m, joint, T_child_joint=joint.T_child_joint @ step)
+        other = changed(m, "s3", T_child_joint=joint.T_child_joint @ step)
         assert bool(same_motion(m, other, bench.trajectory, places=2)) is same
 
 
@@ -126,10 +130,10 @@ def test_the_correct_robot_is_left_in_peace(bench):
     [
         (lambda b: b.robot.mechanism, ""),
         (
-            lambda b: cad._changed(b.robot.mechanism, b.robot.mechanism.joint("q3"), limits=(-10.0, 600.0)),
+            lambda b: changed(b.robot.mechanism, "q3", limits=(-10.0, 600.0)),
             "limit.implausible",
         ),
-        (lambda b: cad._changed(b.robot.mechanism, b.robot.mechanism.joint("q3"), limits=(0.5, 0.6)), "limit.hard"),
+        (lambda b: changed(b.robot.mechanism, "q3", limits=(0.5, 0.6)), "limit.hard"),
     ],
 )
 def test_outcomes_of_faults_of_the_mechanism(bench, maker, code):

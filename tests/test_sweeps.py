@@ -60,6 +60,11 @@ def poses(grid):
     return np.array([f(k).full() for k in range(grid.poses)])
 
 
+def gaps_of(robot):
+    """Return (lower joint index, upper joint index, minimum distance in m) of each pair of joints on one rail."""
+    return [(robot.joints.index(lower), robot.joints.index(upper), least) for lower, upper, least in robot.gaps]
+
+
 # -- workspace -----------------------------------------------------------------------------------------
 
 
@@ -76,7 +81,7 @@ def test_positions_are_judged_as_the_equations_say(robots, name, monkeypatch):
     with np.errstate(all="ignore"):
         q, limits = kin.inverse_many(Ts), robot.mechanism.limits
         good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
-        for i, j, least in reach.gaps_of(robot):
+        for i, j, least in gaps_of(robot):
             good &= q[:, j] - q[:, i] >= least
         if kin.formula.aspects:
             good &= (kin.aspect_signs(Ts, q) == [a.preferred for a in kin.formula.aspects]).all(axis=1)
@@ -119,7 +124,7 @@ def test_orientations_are_counted_at_each_position(robots, monkeypatch):
     with np.errstate(all="ignore"):
         q = kin.inverse_many(Ts)
         good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
-        for i, j, least in reach.gaps_of(robot):
+        for i, j, least in gaps_of(robot):
             good &= q[:, j] - q[:, i] >= least
         good &= (kin.aspect_signs(Ts, q) == [a.preferred for a in kin.formula.aspects]).all(axis=1)
     assert np.allclose(values[:, 0], good.reshape(-1, 8).mean(axis=1))

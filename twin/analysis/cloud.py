@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -20,31 +21,38 @@ def points(found: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
     """
     from matplotlib import colormaps
 
-    at = np.flatnonzero(found.reached)
-    at = at[:: max(1, -(-len(at) // MOST))]
-    values = found.values[at]
-    known = values[:, 1] if values[:, 1].any() else values[:, 2]
-    most = float(np.quantile(known, 0.99)) if len(known) else 1.0
-    rgba = colormaps["viridis"](np.clip(known / max(most, 1e-12), 0, 1), bytes=True)
-    return found.grid.position(at), values, np.asarray(rgba)[:, :3]
+    reached = np.flatnonzero(found.reached)
+    every = max(1, math.ceil(len(reached) / MOST))
+    shown = reached[::every]
+    values = found.values[shown]
+    conditions = values[:, 1]
+    colored = conditions if conditions.any() else values[:, 2]
+    # The scale ends at the 99th percentile: a few outliers would leave all other points in one colour.
+    top = float(np.quantile(colored, 0.99)) if len(colored) else 1.0
+    rgba = colormaps["viridis"](np.clip(colored / max(top, 1e-12), 0, 1), bytes=True)
+    return found.grid.position(shown), values, np.asarray(rgba)[:, :3]
 
 
 def write_ply(found: Workspace, path: Path) -> None:
     """Write a binary PLY file; each vertex has x, y, z in m, red, green, blue (0..255), and the values of `COLUMNS`."""
     p, values, rgb = points(found)
-    kinds = [
-        *((n, "<f4") for n in "xyz"),
-        *((n, "u1") for n in ("red", "green", "blue")),
-        *((n, "<f4") for n in COLUMNS),
+    fields = []
+    head = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment workspace of {found.robot}, metres, base frame, z up",
+        f"element vertex {len(p)}",
     ]
-    table = np.zeros(len(p), kinds)
-    for column, name in zip(np.concatenate([p, rgb, values], axis=1).T, table.dtype.names or (), strict=True):
-        table[name] = column
-    words = {"f": "float", "u": "uchar"}
-    properties = [f"property {words[kind.lstrip('<')[0]]} {name}" for name, kind in kinds]
-    head = ["ply", "format binary_little_endian 1.0", f"comment workspace of {found.robot}, metres, base frame, z up"]
-    head += [f"element vertex {len(p)}", *properties, "end_header"]
-    path.write_bytes(("\n".join(head) + "\n").encode() + table.tobytes())
+    for name in ("x", "y", "z", "red", "green", "blue", *COLUMNS):
+        is_color = name in ("red", "green", "blue")
+        fields.append((name, "u1" if is_color else "<f4"))
+        head.append(f"property {'uchar' if is_color else 'float'} {name}")
+    head.append("end_header\n")
+    table = np.zeros(len(p), fields)
+    columns = np.concatenate([p, rgb, values], axis=1)
+    for k, (name, _) in enumerate(fields):
+        table[name] = columns[:, k]
+    path.write_bytes("\n".join(head).encode() + table.tobytes())
 
 
 def write_usd(found: Workspace, path: Path) -> None:
@@ -62,12 +70,16 @@ def write_usd(found: Workspace, path: Path) -> None:
     prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(p32))
     prim.CreateWidthsAttr(Vt.FloatArray([float(found.grid.step)]))
     prim.SetWidthsInterpolation(UsdGeom.Tokens.constant)
+    # The extent contains the points with their widths.
     half = np.array([[-0.5], [0.5]], np.float32) * np.float32(found.grid.step)
-    prim.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([p32.min(axis=0), p32.max(axis=0)]) + half))
+    corners = np.stack([p32.min(axis=0), p32.max(axis=0)]) + half
+    prim.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(corners))
     color = prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
-    color.Set(Vt.Vec3fArray.FromNumpy((rgb / 255.0).astype(np.float32) ** np.float32(2.2)))  # sRGB to linear
+    linear = (rgb / 255.0).astype(np.float32) ** np.float32(2.2)  # from sRGB
+    color.Set(Vt.Vec3fArray.FromNumpy(linear))
     primvars = UsdGeom.PrimvarsAPI(prim)
     for i, name in enumerate(COLUMNS):
-        made = primvars.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
-        made.Set(Vt.FloatArray.FromNumpy(np.ascontiguousarray(values[:, i])))
+        primvar = primvars.CreatePrimvar(name, Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
+        column = np.ascontiguousarray(values[:, i])
+        primvar.Set(Vt.FloatArray.FromNumpy(column))
     save(layer, path)

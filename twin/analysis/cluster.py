@@ -111,6 +111,9 @@ def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -
     """
     from distributed import as_completed
 
-    futures = {client.submit(function, *task, pure=False, retries=3): i for i, task in enumerate(tasks)}
+    futures = {}
+    for i, task in enumerate(tasks):
+        future = client.submit(function, *task, pure=False, retries=3)
+        futures[future] = i
     for future in as_completed(futures):
         yield futures[future], future.result()

@@ -42,8 +42,10 @@ POSITIONS = 27_000
 """Number of tool positions at which every design is evaluated."""
 
 _SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
-_LENGTHS, _ANGLES = {"m": 1.0, "mm": MM, "um": UM, "µm": UM}, {"rad": 1.0, "deg": DEG}
+_LENGTHS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM}
+_ANGLES = {"rad": 1.0, "deg": DEG}
 _UNITS = {**_LENGTHS, **_ANGLES, "": 1.0}
+"""{unit of a factor: its size in SI units}; "": a number without a unit."""
 
 
 @dataclass(frozen=True)
@@ -105,27 +107,43 @@ def factor(robot: Robot, text: str) -> Factor:
     digits = high.rstrip("abcdefghijklmnopqrstuvwxyzµ")
     unit = high[len(digits) :].strip()
     try:
-        ends = (float(low), float(digits))
+        start = float(low)
+        end = float(digits)
     except ValueError:
-        ends = (np.nan, np.nan)
-    if not (mark and dots and np.isfinite(ends).all()):
+        start = np.nan
+        end = np.nan
+    if not (mark and dots and np.isfinite(start) and np.isfinite(end)):
         raise TwinError(f"--vary '{text}': write NAME=LOW..HIGH with a unit, as in l_p=120..150mm")
     if unit not in _UNITS:
-        raise TwinError(f"--vary '{text}': {unknown('unit', unit, [u for u in _UNITS if u])}")
-    if not ends[0] < ends[1]:
-        raise TwinError(f"--vary '{text}': the lower value {ends[0]:g} must be below the upper value {ends[1]:g}")
-    if ":" in name:
-        drawn, own = distance(robot.mechanism, name), "mm"
+        known = [*_LENGTHS, *_ANGLES]
+        raise TwinError(f"--vary '{text}': {unknown('unit', unit, known)}")
+    if not start < end:
+        raise TwinError(f"--vary '{text}': the lower value {start:g} must be below the upper value {end:g}")
+    if _is_distance(name):
+        drawn = distance(robot.mechanism, name)
+        own_unit = "mm"
     else:
-        parameters = {p.name: p for p in robot.formula.parameters}
+        parameters = {parameter.name: parameter for parameter in robot.formula.parameters}
         if name not in parameters:
             raise TwinError(f"--vary: {unknown('parameter', name, parameters)}; a distance is written body:joint-joint")
-        drawn, own = float(parameters[name].value), parameters[name].unit
-    unit = unit or (own if own in _UNITS else "")
+        drawn = float(parameters[name].value)
+        own_unit = parameters[name].unit
+    if not unit and own_unit in _UNITS:
+        unit = own_unit
     for kind, units in (("length", _LENGTHS), ("angle", _ANGLES)):
-        if own in units and unit not in units:
-            raise TwinError(f"--vary '{text}': {name} is given in {own}; '{unit}' is not a unit of {kind}")
-    return Factor(name, ends[0] * _UNITS[unit], ends[1] * _UNITS[unit], unit, drawn)
+        if own_unit in units and unit not in units:
+            raise TwinError(f"--vary '{text}': {name} is given in {own_unit}; '{unit}' is not a unit of {kind}")
+    scale = _UNITS[unit]
+    return Factor(name, start * scale, end * scale, unit, drawn)
+
+
+def _is_distance(name: str) -> bool:
+    return ":" in name
+
+
+def distances(factors: Sequence[Factor]) -> list[str]:
+    """Return the names of the factors that are distances of the mechanism, and not parameters of the equations."""
+    return [factor.name for factor in factors if _is_distance(factor.name)]
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
@@ -141,8 +159,10 @@ def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
         raise TwinError(f"--vary {name}: both joints are at one point, so the direction of the distance is undefined")
     moved = getattr(joint, side).copy()
     moved[:3, 3] += line * (value / size - 1)
-    changed = replace(joint, **{side: moved})
-    return replace(mechanism, joints=tuple(changed if j.name == joint.name else j for j in mechanism.joints))
+    joints = []
+    for drawn in mechanism.joints:
+        joints.append(replace(joint, **{side: moved}) if drawn.name == joint.name else drawn)
+    return replace(mechanism, joints=tuple(joints))
 
 
 def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
@@ -151,18 +171,24 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     first, mark, second = pair.partition("-")
     if not mark:
         raise TwinError(f"--vary '{name}': give BODY:JOINT-JOINT (a body and two joints)")
-    mechanism.body(body)
-    ends = []
-    for joint in (mechanism.joint(first), mechanism.joint(second)):
+    mechanism.body(body)  # raises a clear error if there is no such body
+    positions = []
+    sides = []
+    pins = []
+    joints = (mechanism.joint(first), mechanism.joint(second))
+    for joint in joints:
         if body not in (joint.parent, joint.child):
             raise TwinError(f"--vary '{name}': joint '{joint.name}' is not on body '{body}'")
-        ends.append((joint, "T_parent_joint" if joint.parent == body else "T_child_joint"))
-    a, b = (getattr(joint, side) for joint, side in ends)
-    line = b[:3, 3] - a[:3, 3]
-    axes = [T[:3, 2] for T, (joint, _) in zip((a, b), ends, strict=True) if joint.type in ("revolute", "cylindrical")]
-    if axes and np.linalg.norm(np.cross(axes[0], axes[-1])) < 1e-6:  # a shift along parallel pins has no effect
-        line = line - (line @ axes[0]) * axes[0]
-    return line, *ends[1]
+        side = "T_parent_joint" if joint.parent == body else "T_child_joint"
+        T_body_joint = getattr(joint, side)
+        sides.append(side)
+        positions.append(T_body_joint[:3, 3])
+        if joint.type in ("revolute", "cylindrical"):
+            pins.append(T_body_joint[:3, 2])
+    line = positions[1] - positions[0]
+    if pins and np.linalg.norm(np.cross(pins[0], pins[-1])) < 1e-6:  # a shift along parallel pins has no effect
+        line = line - (line @ pins[0]) * pins[0]
+    return line, joints[1], sides[1]
 
 
 def job(robot: Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]) -> Job:
@@ -176,13 +202,13 @@ def job(robot: Robot, source: str, protocol: str | None, factors: Sequence[Facto
     for name in objectives:
         if name not in OBJECTIVES:
             raise TwinError(f"--objective: {unknown('objective', name, OBJECTIVES)}")
-    places = [f.name for f in factors if ":" in f.name]
-    if places and set(objectives) - {"tolerance"}:
+    varied = distances(factors)
+    if varied and set(objectives) - {"tolerance"}:
         raise TwinError(
-            f"--vary '{places[0]}' is a distance of the mechanism and affects only the objective 'tolerance'; for "
+            f"--vary '{varied[0]}' is a distance of the mechanism and affects only the objective 'tolerance'; for "
             "other objectives, vary a parameter of the equations"
         )
-    if len(places) < len(factors) and "tolerance" in objectives:
+    if len(varied) < len(factors) and "tolerance" in objectives:
         raise TwinError(
             "--objective tolerance depends on the mechanism only, not on parameters of the equations; vary a "
             "distance of the mechanism (body:joint-joint)"
@@ -198,11 +224,14 @@ def job(robot: Robot, source: str, protocol: str | None, factors: Sequence[Facto
             "directions in the home orientation, of which the tool reaches none beside home, as in a planar robot; "
             "vary a distance of the mechanism (body:joint-joint), which is evaluated by tolerance"
         ) from None
-    low, high = low - 0.1 * (high - low), high + 0.1 * (high - low)
+    margin = 0.1 * (high - low)
+    low = low - margin
+    high = high + margin
     step = float(np.prod(high - low) / POSITIONS) ** (1 / 3)
-    nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
-    x, y, z = (float(v) for v in low)
-    R = tuple(tuple(float(v) for v in row) for row in T[:3, :3])
+    nx, ny, nz = (np.floor((high - low) / step).astype(int) + 1).tolist()
+    x, y, z = low.tolist()
+    # Plain numbers, because a job is hashed as JSON.
+    R = tuple(tuple(row) for row in T[:3, :3].tolist())
     return Job(source, protocol, tuple(factors), tuple(objectives), (x, y, z), step, (nx, ny, nz), R)
 
 
@@ -210,19 +239,25 @@ def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: in
     """Return designs (k, factors) in SI units: the CAD's design, then a grid of `levels` or else a Latin hypercube."""
     from scipy.stats import qmc
 
-    low, high = np.array([f.low for f in factors]), np.array([f.high for f in factors])
-    drawn = np.array([[f.drawn for f in factors]])
+    drawn = np.array([[factor.drawn for factor in factors]])
+    low = np.array([factor.low for factor in factors])
+    high = np.array([factor.high for factor in factors])
     if levels:
-        axes = np.meshgrid(*[np.linspace(a, b, levels) for a, b in zip(low, high, strict=True)], indexing="ij")
-        return np.concatenate([drawn, np.stack([a.ravel() for a in axes], axis=1)])
-    cube = qmc.LatinHypercube(len(factors), rng=np.random.default_rng(seed)).random(samples)
+        steps = np.linspace(low, high, levels)  # (levels, factors)
+        axes = np.meshgrid(*steps.T, indexing="ij")
+        return np.concatenate([drawn, np.stack(axes, axis=-1).reshape(-1, len(factors))])
+    sampler = qmc.LatinHypercube(len(factors), rng=np.random.default_rng(seed))
+    cube = sampler.random(samples)
     return np.concatenate([drawn, low + cube * (high - low)])
 
 
 @lru_cache(maxsize=2)
 def _robot(source: str, protocol: str | None) -> Robot:
+    """Load a robot once in each worker."""
     robot = load(source)
-    return robot.bound(robot.protocol(protocol)) if protocol or robot.mechanism.trocars else robot
+    if protocol or robot.mechanism.trocars:
+        return robot.bound(robot.protocol(protocol))
+    return robot
 
 
 def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
@@ -231,61 +266,78 @@ def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
     All objectives are NaN if the design cannot be assembled.
     """
     robot = _robot(work.source, work.protocol)
-    out: dict[str, float] = {}
-    named = {f.name: float(v) for f, v in zip(work.factors, design, strict=True)}
+    named = {}
+    for factor, value in zip(work.factors, design, strict=True):
+        named[factor.name] = float(value)
+    results: dict[str, float] = {}
     if "tolerance" in work.objectives:
-        mechanism = robot.mechanism
-        try:
-            for name, value in named.items():
-                mechanism = stretched(mechanism, name, value)
-            tolerances = Tolerances(mechanism, _SPREAD)
-            out["tolerance"] = tolerances.budget("home", tolerances.solver.q).within[0] / UM
-        except TwinError:
-            out["tolerance"] = float("nan")
+        results["tolerance"] = _tolerance(robot.mechanism, named)
     if set(work.objectives) - {"tolerance"}:
-        out |= _reach(work, robot, named)
-    return {n: out[n] for n in work.objectives}
+        results |= _reach(work, robot, named)
+    return {name: results[name] for name in work.objectives}
+
+
+def _tolerance(mechanism: Mechanism, lengths: dict[str, float]) -> float:
+    """Return the objective "tolerance" of a mechanism with these distances in m; NaN if it cannot be assembled."""
+    try:
+        for name, length in lengths.items():
+            mechanism = stretched(mechanism, name, length)
+        tolerances = Tolerances(mechanism, _SPREAD)
+        budget = tolerances.budget("home", tolerances.solver.q)
+    except TwinError:
+        return float("nan")
+    return budget.within[0] / UM
 
 
 def grid_error(work: Job) -> float:
     """Return the uncertainty, in dm3, that the grid step causes in the workspace volume of the CAD's design."""
-    _, _, good = _good(work, _robot(work.source, work.protocol).kinematics())
+    _, _, reached = _grid_states(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
-    return volume_error(good.reshape(nz, ny, nx), (work.step / 0.1) ** 3)
+    return volume_error(reached.reshape(nz, ny, nx), _cell(work))
 
 
-def _good(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
+def _cell(work: Job) -> float:
+    """Return the volume of a grid cell in dm³."""
+    return (work.step / 0.1) ** 3
+
+
+def _grid_states(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
     """Return (poses (k, 4, 4) of the grid, joints (k, n) at these poses, whether each pose is reached (k,))."""
     robot = _robot(work.source, work.protocol)
-    grid = Grid(np.array(work.low), work.step, work.shape, np.array(work.R))
-    Ts = spatial.pose(np.array(work.R), grid.position(np.arange(grid.positions)))
+    R = np.array(work.R)
+    grid = Grid(np.array(work.low), work.step, work.shape, R)
+    Ts = spatial.pose(R, grid.position(np.arange(grid.positions)))
     with np.errstate(all="ignore"):
         q = kin.inverse_many(Ts)
-        limits = robot.mechanism.limits
-        good = ((q >= limits[:, 0]) & (q <= limits[:, 1])).all(axis=1)
+        low, high = robot.mechanism.limits.T
+        reached = ((q >= low) & (q <= high)).all(axis=1)  # NaN, out of reach, is within no limits
         for bound in shared_bounds(robot):
-            good &= q @ bound.weights >= bound.least
+            reached &= q @ bound.weights >= bound.least
         if kin.formula.aspects:
-            preferred = np.sign([a.preferred for a in kin.formula.aspects])
-            good &= (kin.aspect_signs(Ts, q) == preferred).all(axis=1)
-    return Ts, q, np.asarray(good)
+            preferred = np.sign([aspect.preferred for aspect in kin.formula.aspects])
+            reached &= (kin.aspect_signs(Ts, q) == preferred).all(axis=1)
+    return Ts, q, np.asarray(reached)
 
 
 def _reach(work: Job, robot: Robot, parameters: dict[str, float]) -> dict[str, float]:
+    """Return the objectives that depend on the reached positions; NaN if the equations refuse the parameters."""
     try:
         kin = robot.kinematics(parameters=parameters)
     except TwinError:
         return dict.fromkeys(("volume", "conditioning", "margin"), float("nan"))
-    Ts, q, good = _good(work, kin)
-    limits = robot.mechanism.limits
-    span = limits[:, 1] - limits[:, 0]
+    Ts, q, reached = _grid_states(work, kin)
+    if not reached.any():
+        return dict.fromkeys(("volume", "conditioning", "margin"), 0.0)
+    low, high = robot.mechanism.limits.T
+    span = high - low
     with np.errstate(all="ignore"):
-        near = np.where(np.isfinite(span), 2 * np.minimum(q - limits[:, 0], limits[:, 1] - q) / span, 1.0)
-        condition = kin.condition_many(Ts[good], q[good])
+        near = 2 * np.minimum(q - low, high - q) / span
+        margins = np.where(np.isfinite(span), near, 1.0)
+        condition = kin.condition_many(Ts[reached], q[reached])
     return {
-        "volume": float(good.sum() * (work.step / 0.1) ** 3),
-        "conditioning": float(np.mean(1 / condition)) if good.any() else 0.0,
-        "margin": float(near[good].min(axis=1).mean()) if good.any() else 0.0,
+        "volume": float(reached.sum() * _cell(work)),
+        "conditioning": float(np.mean(1 / condition)),
+        "margin": float(margins[reached].min(axis=1).mean()),
     }
 
 
@@ -294,18 +346,27 @@ def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
 
     `directions` (n,) is 1 for objectives that are better if larger, and -1 for objectives that are better if smaller.
     """
-    better = rows * np.array(directions)
-    known = np.isfinite(better).all(axis=1)
-    out = np.zeros(len(rows), bool)
+    gains = rows * np.array(directions)  # larger is better
+    known = np.isfinite(gains).all(axis=1)
+    others = gains[known]
+    optimal = np.zeros(len(rows), bool)
     for i in np.flatnonzero(known):
-        other = better[known]
-        out[i] = not ((other >= better[i]).all(axis=1) & (other > better[i]).any(axis=1)).any()
-    return out
+        # A design dominates another if it is nowhere worse, and better in at least one objective.
+        dominating = (others >= gains[i]).all(axis=1) & (others > gains[i]).any(axis=1)
+        optimal[i] = not dominating.any()
+    return optimal
 
 
 def row(work: Job, number: int, design: Sequence[float], judged: dict[str, float]) -> JsonObject:
     """Return one row of the table of designs, with the factors in their display units."""
-    names = [f"{f.name} [{f.unit}]" if f.unit else f.name for f in work.factors]
-    shown = {n: v / f.scale for n, f, v in zip(names, work.factors, design, strict=True)}
-    named = {f"{n} [{OBJECTIVES[n][0]}]" if OBJECTIVES[n][0] else n: v for n, v in judged.items()}
-    return {"design": number, **shown, **named}
+    cells: JsonObject = {"design": number}
+    for factor, value in zip(work.factors, design, strict=True):
+        cells[_headed(factor.name, factor.unit)] = value / factor.scale
+    for name, value in judged.items():
+        unit, _, _ = OBJECTIVES[name]
+        cells[_headed(name, unit)] = value
+    return cells
+
+
+def _headed(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name

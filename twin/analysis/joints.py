@@ -27,9 +27,14 @@ _FIRST = 50_000
 _FLAT = 1e-6
 """Extent along an axis, relative to the largest extent, below which all positions count as being in one plane."""
 
-_PLACES, _STEP, _RANK = 15, 1e-5, 1e-3
-"""For the rank of the position Jacobian: number of joint positions at which the rank is computed; step of the finite
-differences, relative to the joint ranges; relative size above which a singular value counts as nonzero."""
+_PLACES = 15
+"""Number of joint positions at which the rank of the position Jacobian is computed."""
+
+_STEP = 1e-5
+"""Step of the finite differences of this Jacobian, relative to the joint ranges."""
+
+_RANK = 1e-3
+"""Relative size above which a singular value of this Jacobian counts as nonzero."""
 
 _CELLS = 20_000_000
 """Maximum number of grid cells."""
@@ -52,52 +57,64 @@ def by_joints(
     ranges = _ranges(robot)
     passive = passive_check(robot)
     sample = _sampler(robot, ranges, passive)
-    values, p = sample(0, min(_FIRST, count))
-    p = p[(values[:, 0] > 0) & np.isfinite(p).all(axis=1)]
+    first_count = min(_FIRST, count)
+    values, p = sample(0, first_count)
+    p = p[_assembled(values, p)]
     if not len(p):
         raise TwinError(
-            f"{robot.name}: the mechanism cannot be assembled at any of {min(_FIRST, count)} samples of its joints"
+            f"{robot.name}: the mechanism cannot be assembled at any of {first_count} samples of its joints"
         )
     extent = np.ptp(p, axis=0)
     step = step or float(max(extent.max(), 1e-6)) / 64
-    flat = (
-        extent <= _FLAT * extent.max()
-    )  # one layer of cells, because positions of a plane or a line differ by rounding
+    # one layer of cells, because positions of a plane or a line differ by rounding
+    flat = extent <= _FLAT * extent.max()
     margin = np.where(flat, 0, 0.05 * extent + 2 * step)
     low = p.min(axis=0) - margin
     shape = np.where(flat, 1, np.ceil((extent + 2 * margin) / step).astype(int) + 1)
     if shape.prod() > _CELLS:
         text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
         raise TwinError(text)
-    nx, ny, nz = (int(n) for n in shape)
+    nx, ny, nz = shape.tolist()
     grid = Grid(low, step, (nx, ny, nz), np.eye(3))
     cells = grid.positions
-    hits, inverse = np.zeros(cells), np.zeros(cells)
-    margins, singular = np.full(cells, -np.inf), np.full(cells, np.inf)
-    outside = reached = 0
+    hits = np.zeros(cells)
+    inverse = np.zeros(cells)
+    margins = np.full(cells, -np.inf)
+    singular = np.full(cells, np.inf)
+    outside = 0
+    reached = 0
     for first in range(0, count, CHUNK):
         last = min(first + CHUNK, count)
         values, p = sample(first, last)
-        good = (values[:, 0] > 0) & np.isfinite(p).all(axis=1)
-        reached += int(good.sum())
-        index = np.where(flat, 0, np.round((p[good] - low) / step)).astype(np.int64)
+        assembled = _assembled(values, p)
+        reached += int(assembled.sum())
+        index = np.where(flat, 0, np.round((p[assembled] - low) / step)).astype(np.int64)
         inside = ((index >= 0) & (index < shape)).all(axis=1)
         outside += int((~inside).sum())
-        at = index[inside] @ np.array([1, nx, nx * ny])
-        of = values[good][inside]
-        hits += np.bincount(at, minlength=cells)
-        inverse += np.bincount(at, weights=of[:, 1], minlength=cells)
-        np.maximum.at(margins, at, of[:, 2])
-        np.fmin.at(singular, at, of[:, 3])
+        cell = index[inside] @ np.array([1, nx, nx * ny])
+        counted = values[assembled][inside]
+        hits += np.bincount(cell, minlength=cells)
+        inverse += np.bincount(cell, weights=counted[:, 1], minlength=cells)
+        np.maximum.at(margins, cell, counted[:, 2])
+        np.fmin.at(singular, cell, counted[:, 3])
         progress(f"{count:.3g} joint samples", last / count)
     out = np.zeros((cells, 4), np.float32)
     out[:, 0] = hits > 0
     out[:, 1] = inverse / np.maximum(hits, 1)
     out[:, 2] = np.where(hits > 0, margins, 0)
     out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
-    open_ended = [j.name for j in robot.mechanism.active if j.limits is None or not np.isfinite(j.limits).all()]
-    facts: JsonObject = {"sampled": "joints", "samples": count, "assembled": reached / count}
-    facts |= {"outside_of_box": outside, "without_limits": open_ended, **limit_facts(robot, passive)}
+    open_ended = []
+    for joint in robot.mechanism.active:
+        if joint.limits is None or not np.isfinite(joint.limits).all():
+            open_ended.append(joint.name)
+    facts: JsonObject = {
+        "sampled": "joints",
+        "samples": count,
+        "assembled": reached / count,
+        "outside_of_box": outside,
+        "without_limits": open_ended,
+        **limit_facts(robot, passive),
+    }
     return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
 
 
@@ -108,9 +125,14 @@ def _dimension(robot: Robot, ranges: Array, most: int) -> int:
     any of these positions, the result is `most`.
     """
     n = len(ranges)
-    places = ranges[:, 0] + np.ptp(ranges, axis=1) * np.random.default_rng(0).uniform(0.05, 0.95, (_PLACES, n))
-    q = places[:, None] + np.vstack([np.zeros(n), _STEP * np.diag(np.ptp(ranges, axis=1))])
-    p = robot.loops.forward_many(q.reshape(-1, n)).Ts_base_tool[:, :3, 3].reshape(_PLACES, n + 1, 3)
+    span = np.ptp(ranges, axis=1)
+    rng = np.random.default_rng(0)
+    centres = ranges[:, 0] + span * rng.uniform(0.05, 0.95, (_PLACES, n))
+    # at each place, first the place itself, then a step of each joint
+    steps = np.vstack([np.zeros(n), _STEP * np.diag(span)])
+    q = centres[:, None] + steps
+    Ts = robot.loops.forward_many(q.reshape(-1, n)).Ts_base_tool
+    p = Ts[:, :3, 3].reshape(_PLACES, n + 1, 3)
     J = p[:, 1:] - p[:, :1]
     J = J[np.isfinite(J).all(axis=(1, 2))]
     if not len(J):
@@ -122,14 +144,20 @@ def _dimension(robot: Robot, ranges: Array, most: int) -> int:
 
 def _ranges(robot: Robot) -> Array:
     ranges = robot.mechanism.limits
-    for joint, r in zip(robot.mechanism.active, ranges, strict=True):
-        if not np.isfinite(r).all():
-            if not joint.is_angle:
-                raise TwinError(
-                    f"{robot.name}: joint '{joint.name}' is prismatic and has no limits; add its [[limit]] to the CAD"
-                )
-            r[:] = -np.pi, np.pi
+    for i, joint in enumerate(robot.mechanism.active):
+        if np.isfinite(ranges[i]).all():
+            continue
+        if not joint.is_angle:
+            raise TwinError(
+                f"{robot.name}: joint '{joint.name}' is prismatic and has no limits; add its [[limit]] to the CAD"
+            )
+        ranges[i] = (-np.pi, np.pi)
     return ranges
+
+
+def _assembled(values: Array, p: Array) -> np.ndarray:
+    """Return (k,) bool: whether samples are reached, at finite tool positions p (k, 3); see `_sampler`."""
+    return (values[:, 0] > 0) & np.isfinite(p).all(axis=1)
 
 
 def _root(n: int) -> float:
@@ -149,34 +177,42 @@ def _sampler(robot: Robot, ranges: Array, passive: PassiveCheck | None) -> Calla
     n = len(ranges)
     steps = _root(n) ** -np.arange(1, n + 1)
 
-    def at(i: ca.SX) -> ca.SX:
-        parts = [0.5 + i * s for s in steps]
-        return ca.vertcat(*[lo + (hi - lo) * (x - ca.floor(x)) for x, (lo, hi) in zip(parts, ranges, strict=True)])
+    def joints_of(i: ca.SX) -> ca.SX:
+        parts = []
+        for part_step in steps:
+            parts.append(0.5 + i * part_step)
+        q = []
+        for part, (low, high) in zip(parts, ranges, strict=True):
+            q.append(low + (high - low) * (part - ca.floor(part)))
+        return ca.vertcat(*q)
 
+    bounds = shared_bounds(robot)
     if robot.name in robots.names() or (robot.files is not None and robot.files.has_equations):
         kin = robot.kinematics()
         if kin.closed_forward:
-            bounds = shared_bounds(robot)
-            kernel = measure.kernel(kin, ranges, at, bounds=bounds, passive=passive, from_joints=True)
+            kernel = measure.kernel(kin, ranges, joints_of, bounds=bounds, passive=passive, from_joints=True)
 
             def by_equations(first: int, last: int) -> tuple[Array, Array]:
                 *values, p = kernel(np.arange(first, last, dtype=np.float64)[None])
                 return np.concatenate(values).T, p.T
 
             return by_equations
-    loops, bounds = robot.loops, shared_bounds(robot)
+    loops = robot.loops
+    low, high = ranges.T
+    span = np.ptp(ranges, axis=1)
 
     def by_mechanism(first: int, last: int) -> tuple[Array, Array]:
-        x = 0.5 + np.arange(first, last)[:, None] * steps
-        q = ranges[:, 0] + np.ptp(ranges, axis=1) * (x % 1)
-        found = loops.forward_many(q)
-        closed = np.isfinite(found.Ts_base_tool).all(axis=(1, 2))
+        parts = 0.5 + np.arange(first, last)[:, None] * steps
+        q = low + span * (parts % 1)
+        solution = loops.forward_many(q)
+        closed = np.isfinite(solution.Ts_base_tool).all(axis=(1, 2))
         for bound in bounds:
             closed &= q @ bound.weights >= bound.least
         if passive is not None:
-            closed &= passive.within(q, found.states)
-        near = 2 * np.minimum(q - ranges[:, 0], ranges[:, 1] - q) / np.ptp(ranges, axis=1)
-        values: Array = np.stack([closed.astype(float), 0 * found.offset, near.min(axis=1), found.margin], axis=1)
-        return values, found.Ts_base_tool[:, :3, 3]
+            closed &= passive.within(q, solution.states)
+        margins = (2 * np.minimum(q - low, high - q) / span).min(axis=1)
+        no_condition = 0 * solution.offset  # without equations, there is no condition number
+        values: Array = np.stack([closed.astype(float), no_condition, margins, solution.margin], axis=1)
+        return values, solution.Ts_base_tool[:, :3, 3]
 
     return by_mechanism

@@ -36,18 +36,21 @@ def beyond_limits(robot: Robot, solver: LoopSolver, states: Sequence[tuple[str, 
         states: name and active joints q (n,) in m or rad of each state.
     """
     mechanism = robot.mechanism
-    bounds = bounds_of(mechanism, robot.cad.gaps if robot.files is not None else ())
-    angles = {j.name: j.is_angle for j in (*mechanism.active, *mechanism.actuators)}
+    bounds = bounds_of(mechanism, robot.gaps)
+    rotary = {driven.name for driven in (*mechanism.active, *mechanism.actuators) if driven.is_angle}
     qs = np.array([q for _, q in states])
     links = solver.link_poses(qs, solver.forward_many(qs).states)
-    for k, (name, q) in enumerate(states):
+    for k, (state, q) in enumerate(states):
         for bound in bounds:
-            over = -bound.slack(q)
-            if over > ROUNDING:
-                size = moved(over, angles.get(bound.name, False))
-                yield _BEYOND(bound.name, _EXCEEDED[bound.kind].format(bound.name, size), size, when=name)
+            excess = -bound.slack(q)
+            if excess > ROUNDING:
+                size = moved(excess, bound.name in rotary)
+                message = _EXCEEDED[bound.kind].format(bound.name, size)
+                yield _BEYOND(bound.name, message, size, when=state)
         for joint in mechanism.limited:
-            over = float(joint.beyond(links[joint.parent], links[joint.child])[k])
-            if over > ROUNDING:
-                size = moved(over, joint.is_angle or joint.cone is not None)
-                yield _BEYOND(joint.name, f"passive joint {joint.name} exceeds its limits by {size}", size, when=name)
+            excesses = joint.beyond(links[joint.parent], links[joint.child])
+            excess = float(excesses[k])
+            if excess > ROUNDING:
+                size = moved(excess, joint.is_angle or joint.cone is not None)
+                message = f"passive joint {joint.name} exceeds its limits by {size}"
+                yield _BEYOND(joint.name, message, size, when=state)

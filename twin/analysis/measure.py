@@ -34,13 +34,16 @@ without measures).
 ROOT = 1.2207440846057596
 """Root of x^4 = x + 1; the fractional parts of i / root^k cover three dimensions more evenly than random numbers."""
 
-_SWEEPS, _BESIDE = 12, 1e-13
-"""Maximum number of Jacobi sweeps; relative off-diagonal norm below which no further sweep is computed."""
+_SWEEPS = 12
+"""Maximum number of Jacobi sweeps."""
+
+_BESIDE = 1e-13
+"""Relative off-diagonal norm below which no further sweep is computed."""
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
     """Return the limits that involve several joints: of motors behind a transmission, and of gaps along a rail."""
-    return tuple(b for b in bounds if b.kind in ("motor", "gap"))
+    return tuple([bound for bound in bounds if bound.kind in ("motor", "gap")])
 
 
 def agree(kin: Kinematics, passive: PassiveCheck, T: Array) -> bool:
@@ -50,7 +53,10 @@ def agree(kin: Kinematics, passive: PassiveCheck, T: Array) -> bool:
     The equations must have a closed-form inverse.
     """
     q = kin.inverse_many(T[None])
-    return bool(np.isfinite(q).all() and passive.placed(q, T[None])[1].all())
+    if not np.isfinite(q).all():
+        return False
+    _, closed = passive.placed(q, T[None])
+    return bool(closed.all())
 
 
 def kernel(
@@ -78,24 +84,38 @@ def kernel(
     """
     i = ca.SX.sym("i", size)
     T, q, J, solved = _solved(kin, pose(i), from_joints)
+    # `aspect` and `measure` are functions of the pose if the equations have an inverse, else of the joints.
     state = ca.reshape(T.T, 16, 1) if not from_joints or kin.closed_inverse else q
     reached, margin = _within(q, limits, bounds, solved)
     aspects = kin.program.group["aspect"]
     if aspects.function.numel_out(0):  # a pose in another assembly mode does not count as reached
-        for sign, aspect in zip(ca.vertsplit(aspects.function(state)), kin.formula.aspects, strict=True):
+        signs = ca.vertsplit(aspects.function(state))
+        for sign, aspect in zip(signs, kin.formula.aspects, strict=True):
             reached = ca.logic_and(reached, sign * aspect.preferred > 0)
     measures = kin.program.group["measure"]
     singularity = ca.SX(np.nan)
     if measures.function.numel_out(0):
-        singularity = reduce(ca.fmin, ca.vertsplit(ca.fabs(measures.function(state))))
+        sizes = ca.vertsplit(ca.fabs(measures.function(state)))
+        singularity = reduce(ca.fmin, sizes)
+    # The smaller of the two products: it has the same nonzero eigenvalues.
     gram = J @ J.T if J.shape[0] <= J.shape[1] else J.T @ J
     m = gram.shape[0]
-    entries = ca.vertcat(*[gram[r, c] for r in range(m) for c in range(r + 1)])
-    results = {"gram": entries, "reached": reached, "margin": margin, "singularity": singularity}
-    results |= {"position": T[:3, 3]}
+    entries = []
+    for r in range(m):
+        for c in range(r + 1):
+            entries.append(gram[r, c])
+    results = {
+        "gram": ca.vertcat(*entries),
+        "reached": reached,
+        "margin": margin,
+        "singularity": singularity,
+        "position": T[:3, 3],
+    }
     if passive is not None:
-        results |= {"joints": q, "rotation": ca.vec(T[:3, :3].T)}
-    first = ca.Function("pose", [i], [ca.densify(x) for x in results.values()], {"cse": True})
+        results["joints"] = q
+        results["rotation"] = ca.vec(T[:3, :3].T)
+    dense = [ca.densify(result) for result in results.values()]
+    first = ca.Function("pose", [i], dense, {"cse": True})
     stages = [
         Stage(first, ("i",), tuple(results)),
         Stage(_sweep(m), ("gram",), ("gram", "error"), _SWEEPS, _BESIDE),
@@ -118,10 +138,12 @@ class Checked:
         *values, position, joints, rotation = self.kernel(samples)
         reached = np.flatnonzero(values[0][0] > 0)
         if len(reached):
-            Ts = spatial.pose(rotation[:, reached].T.reshape(-1, 3, 3), position[:, reached].T)
-            lost = reached[~self.passive.kept(joints[:, reached].T, Ts)]
-            for value, nothing in zip(values, (0.0, 0.0, 0.0, np.nan), strict=True):
-                value[0, lost] = nothing
+            R = rotation[:, reached].T.reshape(-1, 3, 3)
+            Ts = spatial.pose(R, position[:, reached].T)
+            kept = self.passive.kept(joints[:, reached].T, Ts)
+            # as at a sample that is not reached, see `_last`
+            for value, unreached in zip(values, (0.0, 0.0, 0.0, np.nan), strict=True):
+                value[0, reached[~kept]] = unreached
         return *values, position
 
 
@@ -130,12 +152,19 @@ def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, c
 
     The sample is a pose (4, 4) or, with `from_joints`, joint values (n,).
     """
-    program, n, length = kin.program, len(kin.joints), kin.characteristic_length
+    program = kin.program
+    n = len(kin.joints)
+    length = kin.characteristic_length
     if from_joints:
-        T, q, solved = ca.reshape(program.forward.function(sample), 4, 4).T, sample, ca.SX(1)
+        T = ca.reshape(program.forward.function(sample), 4, 4).T
+        q = sample
+        solved = ca.SX(1)
     else:
-        T, out = sample, program.inverse.function(ca.reshape(sample.T, 16, 1))
-        q, solved = out[:-1], out[-1] <= POSE_TOL
+        T = sample
+        solution = program.inverse.function(ca.reshape(sample.T, 16, 1))
+        q = solution[:-1]
+        solved = solution[-1] <= POSE_TOL  # the last entry is the error of the pose
+    # The characteristic length makes rotations comparable with shifts.
     if from_joints or kin.closed_forward:  # a redundant arm has many inverse solutions, so use the forward Jacobian
         J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
         return T, q, ca.vertcat(J[:3, :], J[3:, :] * length), solved
@@ -145,26 +174,39 @@ def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, c
 
 def _within(q: ca.SX, limits: Array, bounds: Sequence[Bound], solved: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return (whether a sample is reached: solved, all joints within limits; margin of the sample to the limits)."""
-    reached, margin = solved, ca.SX(1)
+    reached = solved
+    margin = ca.SX(1)
     for j, (low, high) in enumerate(limits):
         reached = ca.logic_and(reached, q[j] == q[j])  # NaN: out of reach
         if np.isfinite(low) and np.isfinite(high):
             near = 2 * ca.fmin(q[j] - low, high - q[j]) / (high - low)
             margin = ca.if_else(near < margin, near, margin)
-        reached = ca.logic_and(reached, ca.logic_and(q[j] >= low, q[j] <= high))
+        inside = ca.logic_and(q[j] >= low, q[j] <= high)
+        reached = ca.logic_and(reached, inside)
     for bound in bounds:
-        reached = ca.logic_and(reached, ca.dot(ca.SX(ca.DM(bound.weights)), q) >= bound.least)
+        total = ca.dot(ca.SX(ca.DM(bound.weights)), q)
+        reached = ca.logic_and(reached, total >= bound.least)
     return reached, margin
 
 
 def _last(m: int) -> ca.Function:
     """Return a function that computes the values `NAMES`; its first input is the diagonalised matrix J J^T (m, m)."""
-    a, (r, s, t) = ca.SX.sym("a", m * (m + 1) // 2), (ca.SX.sym(x) for x in "rst")
-    values = [a[k * (k + 1) // 2 + k] for k in range(m)]
-    low, high = reduce(ca.fmin, values), reduce(ca.fmax, values)
+    a = ca.SX.sym("a", m * (m + 1) // 2)
+    reached = ca.SX.sym("r")
+    margin = ca.SX.sym("s")
+    singularity = ca.SX.sym("t")
+    eigenvalues = [a[k * (k + 1) // 2 + k] for k in range(m)]
+    low = reduce(ca.fmin, eigenvalues)
+    high = reduce(ca.fmax, eigenvalues)
     inverse_condition = ca.if_else(low > 0, ca.sqrt(ca.fmax(low, 0) / high), 0)
-    results = [r, *(ca.if_else(r, x, 0) for x in (inverse_condition, s)), ca.if_else(r, t, np.nan)]
-    return ca.Function("judged", [a, r, s, t], [ca.densify(x) for x in results])
+    results = [
+        reached,
+        ca.if_else(reached, inverse_condition, 0),
+        ca.if_else(reached, margin, 0),
+        ca.if_else(reached, singularity, np.nan),
+    ]
+    dense = [ca.densify(result) for result in results]
+    return ca.Function("judged", [a, reached, margin, singularity], dense)
 
 
 def _sweep(m: int) -> ca.Function:
@@ -173,24 +215,42 @@ def _sweep(m: int) -> ca.Function:
     The matrix is stored as its lower triangle by rows; the off-diagonal norm is relative to the norm of the diagonal.
     """
     entries = ca.SX.sym("a", m * (m + 1) // 2)
-    a = {(r, c): entries[r * (r + 1) // 2 + c] for r in range(m) for c in range(r + 1)}
+    a: dict[tuple[int, int], ca.SX] = {}  # {(row, column): entry of the lower triangle}, by rows
+    for r in range(m):
+        for c in range(r + 1):
+            a[r, c] = entries[len(a)]
 
-    def at(r: int, c: int) -> tuple[int, int]:
+    def place(r: int, c: int) -> tuple[int, int]:
+        """Return where the symmetric entry is stored."""
         return (r, c) if r >= c else (c, r)
 
-    beside = sum((a[p] ** 2 for p in a if p[0] != p[1]), ca.SX(0))
-    along = sum((a[k, k] ** 2 for k in range(m)), ca.SX(0))
+    beside = ca.SX(0)
+    along = ca.SX(0)
+    for (r, c), entry in a.items():
+        if r == c:
+            along += entry**2
+        else:
+            beside += entry**2
     for p, q in combinations(range(m), 2):
-        x, y, z = a[p, p], a[q, q], a[q, p]
+        x = a[p, p]
+        y = a[q, q]
+        z = a[q, p]
         # tangent of the rotation that makes z zero, without dividing by z
         d = y - x
-        t = ca.if_else(z == 0, 0, 2 * z / (d + ca.copysign(ca.sqrt(d * d + 4 * z * z), d)))
-        c = 1 / ca.sqrt(1 + t * t)
-        s = t * c
-        a[p, p], a[q, q], a[q, p] = x - t * z, y + t * z, ca.SX(0)
-        for k in (k for k in range(m) if k not in (p, q)):
-            u, v = a[at(p, k)], a[at(q, k)]
-            a[at(p, k)], a[at(q, k)] = c * u - s * v, s * u + c * v
-    out = ca.vertcat(*[a[r, c] for r in range(m) for c in range(r + 1)])
+        root = ca.sqrt(d * d + 4 * z * z)
+        tangent = ca.if_else(z == 0, 0, 2 * z / (d + ca.copysign(root, d)))
+        cosine = 1 / ca.sqrt(1 + tangent * tangent)
+        sine = tangent * cosine
+        a[p, p] = x - tangent * z
+        a[q, q] = y + tangent * z
+        a[q, p] = ca.SX(0)
+        for k in range(m):
+            if k in (p, q):
+                continue
+            u = a[place(p, k)]
+            v = a[place(q, k)]
+            a[place(p, k)] = cosine * u - sine * v
+            a[place(q, k)] = sine * u + cosine * v
+    swept = ca.vertcat(*a.values())
     # Convergence is quadratic: the norm after this sweep is about the square of the returned norm before it.
-    return ca.Function("sweep", [entries], [out, ca.sqrt(beside / (along + 1e-300))])
+    return ca.Function("sweep", [entries], [swept, ca.sqrt(beside / (along + 1e-300))])

@@ -76,7 +76,7 @@ def workspace(
         return by_joints(robot, count, step, progress)
     if step is None:
         step = float((np.prod(high - low) * turns / count) ** (1 / 3))
-    nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
+    nx, ny, nz = (np.floor((high - low) / step).astype(int) + 1).tolist()
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     if grid.positions > _POSITIONS:
         raise TwinError(
@@ -96,7 +96,8 @@ def workspace(
     else:
         found = over_grid(robot, grid, kept, progress)
     if not found.reached.any():
-        size = " x ".join(f"{x / MM:.3g}" for x in high - low)
+        edges = [f"{x / MM:.3g}" for x in high - low]
+        size = " x ".join(edges)
         text = f"none of {grid.positions} positions, {step / MM:.3g} mm apart, is reached in a box of {size} mm"
         raise TwinError(f"{robot.name}: {text}: reduce --step-mm")
     return found

@@ -12,6 +12,7 @@ import numpy as np
 
 from twin.analysis import design, table
 from twin.analysis.cluster import HERE, cluster, each
+from twin.analysis.workspace import limited_passive_joints
 from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
@@ -19,7 +20,6 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, Table
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.kinematics.closed_loops.passive_limits import passive_limits
 
 _SHOWN = 20
 """Maximum number of Pareto-optimal designs in the text."""
@@ -57,49 +57,62 @@ class Sweep(Result):
     @property
     def rows(self) -> list[JsonObject]:
         """A row for each design: factors, objectives, and whether it is Pareto-optimal."""
-        names = self.work.objectives
-        return [
-            {**design.row(self.work, i, d, dict(zip(names, j, strict=True))), "pareto": bool(b)}
-            for i, (d, j, b) in enumerate(zip(self.designs, self.judged.tolist(), self.best, strict=True))
-        ]
+        rows = []
+        for number, values in enumerate(self.judged.tolist()):
+            objectives = dict(zip(self.work.objectives, values, strict=True))
+            row = design.row(self.work, number, self.designs[number], objectives)
+            row["pareto"] = bool(self.best[number])
+            rows.append(row)
+        return rows
 
     def content(self) -> JsonObject:
         """Return the results as plain data."""
-        known = {n: design.OBJECTIVES[n] for n in self.work.objectives}
+        objectives = {}
+        for name in self.work.objectives:
+            unit, _, meaning = design.OBJECTIVES[name]
+            objectives[name] = {"unit": unit, "meaning": meaning}
         grid = None  # only volumes are computed by counting cells
-        if "volume" in known:
+        if "volume" in objectives:
             grid = {"step_mm": self.work.step / MM, "volume_error_dm3": design.grid_error(self.work)}
         rows = self.rows
         return {
             "robot": self.robot,
             "designs": len(self.designs),
             "judged_before": self.before,
-            "objectives": {n: {"unit": unit, "meaning": meaning} for n, (unit, _, meaning) in known.items()},
+            "objectives": objectives,
             "grid": grid,
             "passive_limits_unchecked": list(self.unchecked),
             "drawn": rows[0],
-            "pareto": [r for r in rows if r["pareto"]],
+            "pareto": [row for row in rows if row["pareto"]],
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the CAD's design and the Pareto-optimal designs."""
         data = self.content()
         yield f"{self.robot} · {len(self.designs)} designs evaluated ({self.before} from the cache)"
-        yield from (f"  {name}: {meaning['meaning']}" for name, meaning in data["objectives"].items())
-        if (grid := data["grid"]) is not None:
+        for name, objective in data["objectives"].items():
+            yield f"  {name}: {objective['meaning']}"
+        grid = data["grid"]
+        if grid is not None:
             cells = f"a grid of {grid['step_mm']:.3g} mm, the same for every design"
             yield f"  volumes are sums of cells of {cells}: ± {grid['volume_error_dm3']:.1g} dm³ for the CAD's design"
         if self.unchecked:
-            names, why = ", ".join(self.unchecked), "a design changes the equations, but not the mechanism of the CAD"
-            yield f"  not checked: limits of the passive joints {names}: {why}"
+            names = ", ".join(self.unchecked)
+            reason = "a design changes the equations, but not the mechanism of the CAD"
+            yield f"  not checked: limits of the passive joints {names}: {reason}"
         yield ""
-        head = [n for n in data["drawn"] if n != "pareto"]
-        best = [r for r in data["pareto"] if r["design"] != 0]
-        yield Table(head, [[_cell(n, r[n]) for n in head] for r in [data["drawn"], *best[:_SHOWN]]], fit=True)
+        drawn = data["drawn"]
+        best = [row for row in data["pareto"] if row["design"] != 0]
+        head = [name for name in drawn if name != "pareto"]
+        cells = []
+        for row in (drawn, *best[:_SHOWN]):
+            cells.append([_cell(name, row[name]) for name in head])
+        yield Table(head, cells, fit=True)
         if len(best) > _SHOWN:
             yield f"  and {len(best) - _SHOWN} more Pareto-optimal designs"
-        if beaten := len(self.designs) - len(best) - 1:
-            yield f"  not shown: {beaten} dominated or infeasible designs; all are in sweep.csv"
+        others = len(self.designs) - len(best) - 1
+        if others:
+            yield f"  not shown: {others} dominated or infeasible designs; all are in sweep.csv"
         yield ""
 
 
@@ -149,20 +162,25 @@ def sweep(
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
     factors = [design.factor(robot, text) for text in vary]
-    if len({f.name for f in factors}) < len(factors):
+    distances = design.distances(factors)
+    if len({factor.name for factor in factors}) < len(factors):
         raise TwinError("--vary: the same factor is given twice")
-    default = ("tolerance",) if all(":" in f.name for f in factors) else ("volume", "conditioning")
+    default = ("tolerance",) if len(distances) == len(factors) else ("volume", "conditioning")
     objectives = tuple(dict.fromkeys(objectives or default))
     progress("positions", 0.0)
     work = design.job(robot, source, protocol, factors, objectives)
     designs = design.values(factors, samples, grid, seed)
-    with table.Table(folder(table.key_of(work, designs)), work, designs, fresh=fresh) as kept:
-        before = len(kept.done)
-        todo = [i for i in range(len(designs)) if i not in kept.done]
-        if todo:
-            _judge(work, designs, todo, kept, scheduler or HERE, workers, progress)
-    judged = np.array([[kept.done[i][n] for n in objectives] for i in range(len(designs))])
-    best = design.pareto(judged, [design.OBJECTIVES[n][1] for n in objectives])
+    store = table.Table(folder(table.key_of(work, designs)), work, designs, fresh=fresh)
+    with store:
+        before = len(store.done)
+        missing = [number for number in range(len(designs)) if number not in store.done]
+        if missing:
+            _judge(work, designs, missing, store, scheduler or HERE, workers, progress)
+    judged = np.zeros((len(designs), len(objectives)))
+    for number in range(len(designs)):
+        judged[number] = [store.done[number][name] for name in objectives]
+    directions = [design.OBJECTIVES[name][1] for name in objectives]
+    best = design.pareto(judged, directions)
     return Sweep(robot.name, work, designs, judged, best, before, _unchecked(robot, objectives))
 
 
@@ -170,27 +188,30 @@ def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the passive joints with limits, if an objective depends on the reached positions."""
     if set(objectives) == {"tolerance"}:
         return ()
-    return tuple(dict.fromkeys(limit.joint.name for limit in passive_limits(robot.mechanism)))
+    return tuple(limited_passive_joints(robot))
 
 
 def _judge(
     work: design.Job,
     designs: Array,
-    todo: list[int],
-    kept: table.Table,
+    missing: list[int],
+    store: table.Table,
     scheduler: str,
     workers: int | None,
     progress: Progress,
 ) -> None:
+    """Evaluate the designs with the numbers `missing`, and store the result of each."""
+    tasks = [(work, designs[number].tolist()) for number in missing]
     # Ctrl-C or SIGTERM stops the sweep; results of evaluated designs are kept.
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with cluster(scheduler, workers) as client:
-            for k, result in each(client, design.judge, [(work, designs[i].tolist()) for i in todo]):
-                kept.add(todo[k], result)
-                progress(f"{len(kept.done)} of {len(designs)} designs", len(kept.done) / len(designs))
+            for k, result in each(client, design.judge, tasks):
+                store.add(missing[k], result)
+                done = len(store.done)
+                progress(f"{done} of {len(designs)} designs", done / len(designs))
     except KeyboardInterrupt:
-        text = f"{len(kept.done)} of {len(designs)} designs are in {kept.folder}; run the same command again to go on"
-        raise KeyboardInterrupt(text) from None
+        done = f"{len(store.done)} of {len(designs)} designs are in {store.folder}"
+        raise KeyboardInterrupt(f"{done}; run the same command again to go on") from None
     finally:
         signal.signal(signal.SIGTERM, before)

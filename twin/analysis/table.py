@@ -20,7 +20,8 @@ from twin.core.spatial import Array
 
 def key_of(work: Job, designs: Array) -> str:
     """Return the SHA-256 hash of a job and its designs."""
-    return hashlib.sha256(json.dumps([asdict(work), designs.tolist()], sort_keys=True).encode()).hexdigest()
+    text = json.dumps([asdict(work), designs.tolist()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Table:
@@ -38,42 +39,48 @@ class Table:
         Raises:
             TwinError: the folder contains results of another job, or its job.json is damaged.
         """
-        self.folder, self._work = folder, work
+        self.folder = folder
+        self._work = work
         key = key_of(work, designs)
         folder.mkdir(parents=True, exist_ok=True)
-        job, self._path = folder / "job.json", folder / "rows.csv"
+        job = folder / "job.json"
+        self._path = folder / "rows.csv"
         if job.is_file() and not fresh:
             try:
-                old = json.loads(job.read_text(encoding="utf-8"))["key"]
+                stored = json.loads(job.read_text(encoding="utf-8"))["key"]
             except (ValueError, KeyError, TypeError) as error:
                 raise TwinError(f"{job}: the file is damaged; give --fresh to start again") from error
-            if old != key:
+            if stored != key:
                 raise TwinError(
                     f"{folder}: the folder contains another sweep; give another --out, or --fresh to start again"
                 )
         else:
             self._path.unlink(missing_ok=True)
+            text = json.dumps({"key": key, "job": asdict(work)}, indent=2)
+            # Written beside and renamed: a stop while writing leaves no damaged job.json.
             part = job.with_suffix(".tmp")
-            part.write_text(json.dumps({"key": key, "job": asdict(work)}, indent=2) + "\n", encoding="utf-8")
+            part.write_text(text + "\n", encoding="utf-8")
             part.replace(job)
         self.done = self._read()
         self._file = None
 
     def _read(self) -> dict[int, dict[str, float]]:
-        out: dict[int, dict[str, float]] = {}
+        rows: dict[int, dict[str, float]] = {}
         if not self._path.is_file():
-            return out
-        text = self._path.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]  # a truncated line is dropped, and its design is evaluated again
-        if whole != text:
+            return rows
+        content = self._path.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]  # a truncated line is dropped, and its design is evaluated again
+        if whole != content:
             self._path.write_bytes(whole)
-        for line in csv.reader(whole.decode("utf-8", "replace").splitlines()):
+        lines = whole.decode("utf-8", "replace").splitlines()
+        for line in csv.reader(lines):
             try:
-                number, *numbers = line
-                out[int(number)] = dict(zip(self._work.objectives, map(float, numbers), strict=True))
+                number, *texts = line
+                numbers = [float(text) for text in texts]
+                rows[int(number)] = dict(zip(self._work.objectives, numbers, strict=True))
             except ValueError:
-                continue
-        return out
+                continue  # a damaged row: its design is evaluated again
+        return rows
 
     def __enter__(self) -> Table:
         self._file = self._path.open("a", encoding="utf-8", newline="")
@@ -83,7 +90,8 @@ class Table:
         """Store the objectives of design `number`; when the function returns, they are on disk."""
         assert self._file is not None
         self.done[number] = judged
-        csv.writer(self._file, lineterminator="\n").writerow([number, *(judged[n] for n in self._work.objectives)])
+        values = [judged[name] for name in self._work.objectives]
+        csv.writer(self._file, lineterminator="\n").writerow([number, *values])
         self._file.flush()
         os.fsync(self._file.fileno())
 

@@ -33,8 +33,11 @@ from twin.model.mechanism import Mechanism
 _CHUNK = 8192
 """Number of Monte Carlo samples in a batch; each sample has a few hundred errors."""
 
-_NEWTON, _LAST = 12, 1e-10
-"""Maximum number of Newton steps, and step size in m or rad below which the iteration ends."""
+_NEWTON = 12
+"""Maximum number of Newton steps."""
+
+_LAST = 1e-10
+"""Step size in m or rad below which the Newton iteration ends."""
 
 _ALONG = 12
 """Number of states evaluated along a protocol."""
@@ -92,14 +95,16 @@ class Budget:
 
         The list is sorted by the fraction of position variance, largest first.
         """
-        effect = (self.sensitivity * self.sigma) ** 2
-        whole = np.array([effect[:3].sum(), effect[3:].sum()])
-        out = []
+        variances = (self.sensitivity * self.sigma) ** 2
+        position = max(variances[:3].sum(), 1e-300)  # not 0, also where no error has an effect
+        rotation = max(variances[3:].sum(), 1e-300)
+        labels = np.array(self.labels)
+        contributors = []
         for name in dict.fromkeys(self.labels):
-            mine = effect[:, [k for k, x in enumerate(self.labels) if x == name]]
-            share = np.array([mine[:3].sum(), mine[3:].sum()]) / np.maximum(whole, 1e-300)
-            out.append((name, float(share[0]), float(share[1])))
-        return sorted(out, key=lambda x: -x[1])
+            own = variances[:, labels == name]
+            contributors.append((name, float(own[:3].sum() / position), float(own[3:].sum() / rotation)))
+        contributors.sort(key=lambda contributor: -contributor[1])
+        return contributors
 
     @property
     def difference(self) -> float | None:
@@ -109,9 +114,13 @@ class Budget:
         """
         if self.sampled is None:
             return None
-        a, b = (np.sqrt(np.diag(c)) for c in (self.covariance, self.sampled))
-        scale = np.repeat([a[:3].max(), a[3:].max()], 3)
-        return float((np.abs(a - b)[scale > 0] / scale[scale > 0]).max(initial=0.0))
+        sigma = np.sqrt(np.diag(self.covariance))
+        sampled_sigma = np.sqrt(np.diag(self.sampled))
+        # relative to the largest component: the direction in which the tool hardly errs needs few digits
+        scale = np.repeat([sigma[:3].max(), sigma[3:].max()], 3)
+        known = scale > 0
+        differences = np.abs(sigma - sampled_sigma)[known] / scale[known]
+        return float(differences.max(initial=0.0))
 
 
 class Tolerances:
@@ -127,17 +136,25 @@ class Tolerances:
         parts = (spread.shift, spread.turn, spread.slide, spread.angle)
         if min(parts) < 0 or not max(parts) > 0 or not np.isfinite(parts).all():
             raise TwinError("standard deviations must be finite and not negative, and at least one must be positive")
-        self.mechanism, self.spread = mechanism, spread
+        self.mechanism = mechanism
+        self.spread = spread
         self.solver = LoopSolver(mechanism)
-        self.equations = e = Equations(mechanism, with_errors=True)
-        self.error = ca.vertcat(*e.errors.values()) if e.errors else ca.SX(0, 1)
-        frames = [joint for joint, _ in e.errors for _ in range(6)]
-        encoders = [j.name for j in mechanism.active]
-        self.labels = (*frames, *(f"encoder {n}" for n in encoders))
-        size = [spread.shift] * 3 + [spread.turn] * 3
-        drives = [spread.angle if j.is_angle else spread.slide for j in mechanism.active]
-        self.sigma = np.array([*size * len(e.errors), *drives])
-        T = e.pose(mechanism.frame(mechanism.tool).body, mechanism.frame(mechanism.tool).T_body_frame, stepping=True)
+        self.equations = Equations(mechanism, with_errors=True)
+        errors = self.equations.errors
+        self.error = ca.vertcat(*errors.values()) if errors else ca.SX(0, 1)
+        labels: list[str] = []
+        sigma: list[float] = []
+        for joint_name, _ in errors:
+            labels += [joint_name] * 6
+            sigma += [spread.shift] * 3
+            sigma += [spread.turn] * 3
+        for joint in mechanism.active:
+            labels.append(f"encoder {joint.name}")
+            sigma.append(spread.angle if joint.is_angle else spread.slide)
+        self.labels = tuple(labels)
+        self.sigma = np.array(sigma)
+        tool = mechanism.frame(mechanism.tool)
+        T = self.equations.pose(tool.body, tool.T_body_frame, stepping=True)
         self._slopes = self._derivatives(T)
 
     def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> Budget:
@@ -149,117 +166,145 @@ class Tolerances:
             AssemblyError: the loops cannot be closed at q.
         """
         q = np.asarray(q, float)
-        found = self.solver.forward_many(q[None])
+        solution = self.solver.forward_many(q[None])
         self.solver.forward(q)  # raises a clear error if the loops cannot be closed
-        state = found.states[:, 0]
+        state = solution.states[:, 0]
         S = self._sensitivity(q, state)
         covariance = (S * self.sigma**2) @ S.T
         budget = Budget(name, q, S, self.labels, self.sigma, covariance, _within(covariance))
         if not samples:
             return budget
-        twists = self._chance(budget.q, state, samples, rng or np.random.default_rng(0))
-        size = np.stack([np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)])
-        far, turned = np.quantile(size, SHARE, axis=1)
+        twists = self._sampled_twists(budget.q, state, samples, rng or np.random.default_rng(0))
+        shifts = np.linalg.norm(twists[:, :3], axis=1)
+        rotations = np.linalg.norm(twists[:, 3:], axis=1)
+        far, turned = np.quantile([shifts, rotations], SHARE, axis=1)
         sampled: Array = twists.T @ twists / samples
         return replace(budget, sampled=sampled, sampled_within=(far, turned), samples=samples)
 
     def _derivatives(self, T: ca.SX) -> ca.Function:
         """Return derivatives of residual and tool pose with respect to unknowns, frame errors and active joints."""
         e = self.equations
-        zero = [(self.error, 0), (e.steps, 0)]
 
-        def at(x: ca.SX) -> ca.SX:
-            for symbol, value in zero:
-                x = ca.substitute(x, symbol, value)
+        def without_errors(x: ca.SX) -> ca.SX:
+            x = ca.substitute(x, self.error, 0)
+            x = ca.substitute(x, e.steps, 0)
             return ca.densify(x)
 
-        R = at(T[:3, :3])
+        R = without_errors(T[:3, :3])
 
         def twist(by: ca.SX) -> ca.SX:
-            rows = ca.jacobian(T[:3, 3], by)
-            spun = [at(ca.jtimes(T[:3, :3], by, ca.SX.eye(by.numel())[:, k])) @ R.T for k in range(by.numel())]
-            vee = [ca.vertcat(W[2, 1], W[0, 2], W[1, 0]) for W in spun]
-            return ca.vertcat(at(rows), ca.horzcat(*vee) if vee else ca.SX(3, 0))
+            shifts = without_errors(ca.jacobian(T[:3, 3], by))
+            units = ca.SX.eye(by.numel())
+            rotations = ca.SX(3, 0)
+            for k in range(by.numel()):
+                # dR R^T is the skew matrix of the rotation
+                W = without_errors(ca.jtimes(T[:3, :3], by, units[:, k])) @ R.T
+                rotations = ca.horzcat(rotations, ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
+            return ca.vertcat(shifts, rotations)
 
-        by = (e.steps, self.error, e.q)
-        residual = [at(e.jacobian), at(ca.jacobian(e.residual, self.error)), at(ca.jacobian(e.residual, e.q))]
-        outs = [*residual, *(twist(x) for x in by)]
-        return ca.Function("slopes", [e.q, e.states], [ca.densify(x) for x in outs], {"cse": True})
+        slopes = [
+            without_errors(e.jacobian),
+            without_errors(ca.jacobian(e.residual, self.error)),
+            without_errors(ca.jacobian(e.residual, e.q)),
+            twist(e.steps),
+            twist(self.error),
+            twist(e.q),
+        ]
+        dense = [ca.densify(slope) for slope in slopes]
+        return ca.Function("slopes", [e.q, e.states], dense, {"cse": True})
 
     def _sensitivity(self, q: Array, state: Array) -> Array:
         """Return the tool twist (6, errors) in base per unit of each error: frame errors first, then encoder errors."""
-        Jx, Je, Jq, Tx, Te, Tq = (x.full() for x in self._slopes(q, state))
+        slopes = [slope.full() for slope in self._slopes(q, state)]
+        # J: of the residual, T: of the tool; by loop unknowns x, frame errors e and active joints q
+        Jx, Je, Jq, Tx, Te, Tq = slopes
         direct = np.hstack([Te, Tq])
         if not Jx.size:
             return direct
+        # The pseudoinverse closes overconstrained loops by least squares.
         return direct - Tx @ np.linalg.pinv(Jx, rcond=1e-9) @ np.hstack([Je, Jq])
 
-    def _chance(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Array:
+    def _sampled_twists(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Array:
         """Return the tool error (samples, 6) in the base frame for random errors: shift in m, then rotation in rad."""
-        kernel, T0 = self._kernel, self.solver.forward(q)
-        out = np.zeros((samples, 6))
+        kernel = self._kernel
+        T0 = self.solver.forward(q)
+        twists = np.zeros((samples, 6))
         frames = self.error.numel()
         for first in range(0, samples, _CHUNK):
             k = min(_CHUNK, samples - first)
-            drawn = self.sigma[:, None] * rng.normal(size=(len(self.sigma), k))
-            qs = q[:, None] + drawn[frames:]
-            pose = kernel(drawn[:frames], qs, np.repeat(state[:, None], k, axis=1))[0].T.reshape(k, 3, 4)
-            out[first : first + k, :3] = pose[:, :, 3] - T0[:3, 3]
-            out[first : first + k, 3:] = spatial.log_so3(pose[:, :, :3] @ T0[:3, :3].T)
-        return out
+            errors = self.sigma[:, None] * rng.normal(size=(len(self.sigma), k))
+            qs = q[:, None] + errors[frames:]
+            states = np.repeat(state[:, None], k, axis=1)
+            (pose,) = kernel(errors[:frames], qs, states)
+            pose = pose.T.reshape(k, 3, 4)
+            twists[first : first + k, :3] = pose[:, :, 3] - T0[:3, 3]
+            twists[first : first + k, 3:] = spatial.log_so3(pose[:, :, :3] @ T0[:3, :3].T)
+        return twists
 
     @property
     def _kernel(self) -> Kernel:
         """Compiled function that closes the loops with given errors, by Gauss-Newton from the error-free state."""
         e = self.equations
-        keys = [p.key for p in e.passive]
-        stages = [Stage(e.split(), ("seed",), tuple(keys))] if keys else []
-        arguments = [self.error, e.q, *[p.state for p in e.passive]]
-        takes = ("e", "q", *keys)
+        keys = [passive.key for passive in e.passive]
+        states = [passive.state for passive in e.passive]
+        arguments = [self.error, e.q, *states]
+        argument_names = ("e", "q", *keys)
+        stages = []
+        if keys:
+            stages.append(Stage(e.split(), ("seed",), tuple(keys)))
         if keys and e.residual.numel():
             pattern = np.array(ca.DM(e.jacobian.sparsity(), 1).full(), bool)
             step = linear.least_squares(e.jacobian, -e.residual, pattern)
             new = stepped(e.passive, step)
-            function = ca.Function("step", arguments, [*new.values(), linear.largest(step)], {"cse": True})
-            stages.append(Stage(function, takes, (*new, "error"), _NEWTON, _LAST))
-        pose = ca.Function("pose", arguments, [ca.densify(ca.vec(e.T_base_tool[:3, :].T))], {"cse": True})
-        stages.append(Stage(pose, takes, ("pose",)))
-        return Kernel(stages, {"e": self.error.numel(), "q": e.q.numel(), "seed": e.states.numel()}, ["pose"])
+            newton = ca.Function("step", arguments, [*new.values(), linear.largest(step)], {"cse": True})
+            stages.append(Stage(newton, argument_names, (*new, "error"), _NEWTON, _LAST))
+        tool_rows = ca.densify(ca.vec(e.T_base_tool[:3, :].T))
+        pose = ca.Function("pose", arguments, [tool_rows], {"cse": True})
+        stages.append(Stage(pose, argument_names, ("pose",)))
+        inputs = {"e": self.error.numel(), "q": e.q.numel(), "seed": e.states.numel()}
+        return Kernel(stages, inputs, ["pose"])
 
 
 def _within(covariance: Array) -> tuple[float, float]:
     """Return (position error in m, rotation error in rad): for each error, the quantile `SHARE` over all robots."""
-    draw = np.random.default_rng(0).normal(size=(200_000, 3))
-    out = []
-    for block in (covariance[:3, :3], covariance[3:, 3:]):
-        values = np.maximum(np.linalg.eigvalsh(block), 0)
-        out.append(float(np.sqrt(np.quantile(draw**2 @ values, SHARE))))
-    return out[0], out[1]
+    return _quantile(covariance[:3, :3]), _quantile(covariance[3:, 3:])
+
+
+def _quantile(covariance: Array) -> float:
+    """Return the quantile `SHARE` of the length of a normal vector with this covariance (3, 3), from fixed samples."""
+    samples = np.random.default_rng(0).normal(size=(200_000, 3))
+    # In the principal axes, the components are independent; rounding can make an eigenvalue of 0 negative.
+    eigenvalues = np.maximum(np.linalg.eigvalsh(covariance), 0)
+    squares = samples**2 @ eigenvalues
+    return float(np.sqrt(np.quantile(squares, SHARE)))
 
 
 def as_dict(budget: Budget) -> JsonObject:
     """Return a budget as plain data in SI units."""
-    sd = np.sqrt(np.diag(budget.covariance))
-    out: JsonObject = {
+    sigma = np.sqrt(np.diag(budget.covariance))
+    contributors = []
+    for name, position, rotation in budget.contributors:
+        contributors.append({"what": name, "position": position, "rotation": rotation})
+    data: JsonObject = {
         "state": budget.name,
         "q": budget.q.tolist(),
-        "sigma_position": sd[:3].tolist(),
-        "sigma_rotation": sd[3:].tolist(),
+        "sigma_position": sigma[:3].tolist(),
+        "sigma_rotation": sigma[3:].tolist(),
         "within_position": budget.within[0],
         "within_rotation": budget.within[1],
-        "contributors": [{"what": n, "position": p, "rotation": r} for n, p, r in budget.contributors],
+        "contributors": contributors,
     }
     if budget.sampled is not None and budget.sampled_within is not None:
-        sampled = np.sqrt(np.diag(budget.sampled))
-        out["monte_carlo"] = {
+        sampled_sigma = np.sqrt(np.diag(budget.sampled))
+        data["monte_carlo"] = {
             "samples": budget.samples,
-            "sigma_position": sampled[:3].tolist(),
-            "sigma_rotation": sampled[3:].tolist(),
+            "sigma_position": sampled_sigma[:3].tolist(),
+            "sigma_rotation": sampled_sigma[3:].tolist(),
             "within_position": budget.sampled_within[0],
             "within_rotation": budget.sampled_within[1],
             "difference": budget.difference,
         }
-    return out
+    return data
 
 
 @dataclass(frozen=True)
@@ -297,13 +342,16 @@ class ToleranceBudget(Result):
         """Findings on states beyond limits, and on a requirement that is not met."""
         if self.required is None or self.factor is None or self.factor >= 1:
             return self.beyond
-        size, limit = um(self.worst.within[0]), um(self.required)
-        what, way = (
+        missed = disagreement(
+            "tolerance.required",
+            "tool",
             f"{100 * SHARE:g}th-percentile position error",
+            um(self.worst.within[0]),
+            um(self.required),
             f"reduce all errors by a factor of {1 / self.factor:.3g}",
+            when=self.worst.name,
+            word="required",
         )
-        name, word = self.worst.name, "required"
-        missed = disagreement("tolerance.required", "tool", what, size, limit, way, when=name, word=word)
         return (*self.beyond, missed)
 
     @property
@@ -324,54 +372,68 @@ class ToleranceBudget(Result):
 
     def content(self) -> JsonObject:
         """Return all budgets as plain data; keys of values that are not in SI units end with the unit."""
-        s = self.spread
+        spread = self.spread
         return {
             "robot": self.robot,
             "errors": {
-                "sigma_um": s.shift / UM,
-                "sigma_deg": s.turn / DEG,
-                "encoder_um": s.slide / UM,
-                "encoder_deg": s.angle / DEG,
+                "sigma_um": spread.shift / UM,
+                "sigma_deg": spread.turn / DEG,
+                "encoder_um": spread.slide / UM,
+                "encoder_deg": spread.angle / DEG,
                 "note": "normal, independent, for each axis of each joint frame; ASSUMED if not given",
             },
             "required_um": None if self.required is None else self.required / UM,
             "requirement": self.requirement,
             "factor": self.factor,
             "worst": self.worst.name,
-            "states": [as_dict(b) for b in self.budgets],
+            "states": [as_dict(budget) for budget in self.budgets],
         }
 
     def text(self) -> Iterator[Part]:
         """Yield a row for each state, the Monte Carlo check, and whether the requirement is met."""
-        s = self.spread
+        spread = self.spread
         yield f"{self.robot} · tool error caused by part and encoder errors\n"
         yield "  standard deviations (ASSUMED if not given):"
-        place = f"joint frames {s.shift / UM:g} µm and {s.turn / DEG:g}° for each axis"
-        yield f"  {place}; encoders {s.slide / UM:g} µm and {s.angle / DEG:g}°\n"
-        rows = []
-        for b in self.budgets:
-            sd = ", ".join(f"{x / UM:.3g}" for x in np.sqrt(np.diag(b.covariance))[:3])
-            most = ", ".join(f"{what} {100 * p:.0f} %" for what, p, _ in b.contributors[:3])
-            rows.append((b.name, f"{b.within[0] / UM:.4g} µm", f"{b.within[1] / DEG:.3g}°", sd, most))
+        place = f"joint frames {spread.shift / UM:g} µm and {spread.turn / DEG:g}° for each axis"
+        yield f"  {place}; encoders {spread.slide / UM:g} µm and {spread.angle / DEG:g}°\n"
         head = ("state", "position, 95 %", "rotation, 95 %", "sigma x, y, z [µm]", "largest contributors")
+        rows = [_row(budget) for budget in self.budgets]
         yield Table(head, rows, fit=True)
         yield ""
-        for b in self.budgets:
-            if b.sampled_within is not None and b.difference is not None:
+        for budget in self.budgets:
+            if budget.sampled_within is not None and budget.difference is not None:
                 yield (
-                    f"  Monte Carlo, {b.samples} robots in state '{b.name}': 95 % of the robots have at most "
-                    f"{b.sampled_within[0] / UM:.4g} µm; the standard deviations differ by up to "
-                    f"{100 * b.difference:.2g} % from the first-order values above"
+                    f"  Monte Carlo, {budget.samples} robots in state '{budget.name}': 95 % of the robots have at most "
+                    f"{budget.sampled_within[0] / UM:.4g} µm; the standard deviations differ by up to "
+                    f"{100 * budget.difference:.2g} % from the first-order values above"
                 )
         if self.required is not None and self.factor is not None:
-            small = f", NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"
-            yield f"  required: {self.required / UM:g} µm{', met' if self.factor >= 1 else small}"
+            result = "met"
+            if self.factor < 1:
+                result = f"NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"
+            yield f"  required: {self.required / UM:g} µm, {result}"
             if self.requirement:
                 yield f"    {self.requirement}"
         if not self.beyond:
             yield "  limits of joints, motors and gaps: kept in all states; collisions are not checked"
         yield ""
         yield from self.beyond
+
+
+def _row(budget: Budget) -> tuple[str, ...]:
+    """Return the cells of a state in the table of the text."""
+    position, rotation = budget.within
+    sigma = [f"{x / UM:.3g}" for x in np.sqrt(np.diag(budget.covariance))[:3]]
+    largest = []
+    for name, share, _ in budget.contributors[:3]:
+        largest.append(f"{name} {100 * share:.0f} %")
+    return (
+        budget.name,
+        f"{position / UM:.4g} µm",
+        f"{rotation / DEG:.3g}°",
+        ", ".join(sigma),
+        ", ".join(largest),
+    )
 
 
 def tolerance(
@@ -401,24 +463,36 @@ def tolerance(
     """
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
-    if protocol:
-        trajectory = plan(robot, protocol, progress)
-        at = np.unique(np.linspace(0, len(trajectory.t) - 1, _ALONG).astype(int))
-        states = [(f"t = {trajectory.t[k]:.2f} s", trajectory.q[k]) for k in at]
-    else:
-        postures = robot.mechanism.postures
-        states = [(n, robot.mechanism.posture(n)) for n in postures] or [("as drawn", robot.loops.q)]
+    states = _states(robot, protocol, progress)
     progress("error equations", 0.0)
-    errors, budgets = Tolerances(robot.mechanism, spread), []
+    tolerances = Tolerances(robot.mechanism, spread)
+    budgets = []
     for i, (name, q) in enumerate(states):
         progress(f"state {name}", i / (len(states) + 1))
-        budgets.append(errors.budget(name, q))
+        budgets.append(tolerances.budget(name, q))
     if samples:
-        worst = int(np.argmax([b.within[0] for b in budgets]))
+        worst = int(np.argmax([budget.within[0] for budget in budgets]))
         progress(f"{samples} robots with random errors", len(states) / (len(states) + 1))
-        budgets[worst] = errors.budget(*states[worst], samples, np.random.default_rng(seed))
-    stated = robot.cad.description.requirement if robot.files is not None and required is None else None
-    source = f"{stated.provenance}: {stated.note}" if stated else ""
-    required = stated.tool_um * UM if stated else required
-    beyond = tuple(beyond_limits(robot, errors.solver, states))
-    return ToleranceBudget(robot.name, spread, tuple(budgets), required, source, beyond)
+        name, q = states[worst]
+        budgets[worst] = tolerances.budget(name, q, samples, np.random.default_rng(seed))
+    requirement = ""
+    if required is None and robot.files is not None:
+        stated = robot.cad.description.requirement
+        if stated:
+            required = stated.tool_um * UM
+            requirement = f"{stated.provenance}: {stated.note}"
+    beyond = tuple(beyond_limits(robot, tolerances.solver, states))
+    return ToleranceBudget(robot.name, spread, tuple(budgets), required, requirement, beyond)
+
+
+def _states(robot: Robot, protocol: str | None, progress: Progress) -> list[tuple[str, Array]]:
+    """Return (name, q (n,)) of the states to evaluate: along the protocol, else the postures, else as drawn."""
+    states = []
+    if protocol:
+        trajectory = plan(robot, protocol, progress)
+        for k in np.unique(np.linspace(0, len(trajectory.t) - 1, _ALONG).astype(int)):
+            states.append((f"t = {trajectory.t[k]:.2f} s", trajectory.q[k]))
+        return states
+    for name in robot.mechanism.postures:
+        states.append((name, robot.mechanism.posture(name)))
+    return states or [("as drawn", robot.loops.q)]

@@ -48,11 +48,15 @@ orientations. `inverse_condition`: mean inverse condition number. `limit_margin`
 `singularity`: smallest singularity measure.
 """
 
-_START, _FARTHEST = 0.1, 12.8
+_START = 0.1
+_FARTHEST = 12.8
 """Half the edge length, in m, of the first box and of the largest box in the search for reached positions."""
 
-_COARSE, _GROWN = 32, 5
-"""Number of positions along the longest edge in the search for the box, and maximum number of refinements."""
+_COARSE = 32
+"""Number of positions along the longest edge in the search for the box."""
+
+_GROWN = 5
+"""Maximum number of refinements of the box."""
 
 
 class UnreachedError(TwinError):
@@ -92,7 +96,7 @@ class Grid:
     @property
     def axes(self) -> tuple[int, ...]:
         """Axes (0, 1, 2 for x, y, z) along which there are several positions."""
-        return tuple(a for a, n in enumerate(self.shape) if n > 1)
+        return tuple([axis for axis in range(3) if self.shape[axis] > 1])
 
     def position(self, number: np.ndarray) -> Array:
         """Return the positions (k, 3) in m with indices (k,); x varies fastest."""
@@ -107,14 +111,20 @@ class Grid:
         row = ca.floor((place + 0.5) / nx)
         layer = ca.floor((row + 0.5) / ny)
         index = (place - nx * row, row - ny * layer, layer)
-        p = [float(o) + self.step * k for o, k in zip(self.low, index, strict=True)]
+        p = []
+        for low, k in zip(self.low, index, strict=True):
+            p.append(float(low) + self.step * k)
         R = ca.SX(self.R_base_tool)
         if self.turns > 1 and self.tilt:
             turn = i - self.turns * place
             parts = [turn / measure.ROOT**k for k in (1, 2, 3)]
-            w = [2 * self.tilt * (x + 0.5 - ca.floor(x + 0.5) - 0.5) for x in parts]
+            w = []
+            for part in parts:
+                # The fractional part is shifted by a half: the first orientation, with part 0, is not rotated.
+                w.append(2 * self.tilt * (part + 0.5 - ca.floor(part + 0.5) - 0.5))
             R = symbolic.exp_so3(ca.vertcat(*w)) @ R
-        return ca.vertcat(ca.horzcat(R, ca.vertcat(*p)), ca.SX([[0, 0, 0, 1]]))
+        upper = ca.horzcat(R, ca.vertcat(*p))
+        return ca.vertcat(upper, ca.SX([[0, 0, 0, 1]]))
 
 
 @dataclass(frozen=True)
@@ -141,7 +151,9 @@ class Measure:
 
     def key(self, what: str = "") -> str:
         """Return the JSON key of the size, such as "volume_dm3"; with `what` = "error", the key "volume_error_dm3"."""
-        return "_".join(x for x in (self.name, what, self.unit) if x)
+        if what:
+            return f"{self.name}_{what}_{self.unit}"
+        return f"{self.name}_{self.unit}"
 
 
 _MEASURES = {
@@ -201,94 +213,136 @@ class Workspace(Result):
         length in mm if all positions are on a line parallel to an axis. For other surfaces and curves, the size is
         None.
         """
-        good = self.values[self.reached]
-        share, inverse = good[:, 0].astype(float), good[:, 1].astype(float)
-        low = self.grid.position(np.flatnonzero(self.reached)).min(axis=0) if len(good) else np.full(3, np.nan)
-        high = self.grid.position(np.flatnonzero(self.reached)).max(axis=0) if len(good) else np.full(3, np.nan)
-        best = int(np.argmax(np.where(self.reached, self.values[:, 1], -1)))
-        g = self.grid
+        grid = self.grid
+        reached = self.reached
+        good = self.values[reached]
+        share = good[:, 0].astype(float)
+        inverse = good[:, 1].astype(float)
+        low = np.full(3, np.nan)
+        high = np.full(3, np.nan)
+        mean_share = 0.0
+        best_mm = None
+        if len(good):
+            positions = grid.position(np.flatnonzero(reached))
+            low = positions.min(axis=0)
+            high = positions.max(axis=0)
+            mean_share = float(share.mean())
+            best = np.argmax(np.where(reached, self.values[:, 1], -1))
+            best_mm = (grid.position(np.array([best]))[0] / MM).tolist()
+        conditioning = None
+        condition_quantiles: dict[str, float] = {}
+        if inverse.any():  # without equations, there are no condition numbers
+            conditioning = float(np.average(inverse, weights=share))
+            condition_quantiles = _quantiles(inverse)
         return {
             "robot": self.robot,
-            "poses": g.poses,
-            "positions": g.positions,
-            "orientations": g.turns,
-            "tilt_deg": g.tilt / DEG,
-            "step_mm": float(g.step / MM),
+            "poses": grid.poses,
+            "positions": grid.positions,
+            "orientations": grid.turns,
+            "tilt_deg": grid.tilt / DEG,
+            "step_mm": float(grid.step / MM),
             "dimension": self.dimension,
             **self._size(share),
-            "share_of_orientations": float(share.mean()) if len(good) else 0.0,
-            "global_conditioning_index": float(np.average(inverse, weights=share)) if inverse.any() else None,
-            "inverse_condition_quantiles": _quantiles(inverse) if inverse.any() else {},
+            "share_of_orientations": mean_share,
+            "global_conditioning_index": conditioning,
+            "inverse_condition_quantiles": condition_quantiles,
             "limit_margin_quantiles": _quantiles(good[:, 2].astype(float)),
             "smallest_singularity_measure": _least(good[:, 3]),
             "box_mm": {"low": (low / MM).tolist(), "high": (high / MM).tolist()},
-            "best_position_mm": (g.position(np.array([best]))[0] / MM).tolist() if len(good) else None,
+            "best_position_mm": best_mm,
             **self.facts,
         }
 
     def _size(self, share: np.ndarray) -> dict[str, float | None]:
         """Return the size and its error; `share` (k,) is the reached fraction of orientations at reached positions."""
-        none: dict[str, float | None] = dict.fromkeys(
-            ("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3")
-        )
-        m = self.measure
-        if m is None:
-            return none
-        cell, reached = m.cell(self.grid.step), self.cube[..., 0] > 0
-        # A sampled cell counts if any part is reached: on average half a cell too much at each face of the boundary.
-        faces = sum(int(np.diff(reached, axis=a).sum()) for a in self.grid.axes) if self.facts.get("sampled") else 0
-        found: dict[str, float | None] = {
-            m.key(): float(cell * len(share)),
-            m.key("error"): volume_error(reached, cell) + 0.5 * cell * faces,
-            m.key("every_orientation"): float(cell * (share == 1).sum()),
-        }
-        return {**none, **found}
+        volume_keys = ("volume_dm3", "volume_error_dm3", "volume_every_orientation_dm3")
+        sizes: dict[str, float | None] = dict.fromkeys(volume_keys)
+        measure = self.measure
+        if measure is None:
+            return sizes
+        cell = measure.cell(self.grid.step)
+        reached = self.cube[..., 0] > 0
+        error = volume_error(reached, cell)
+        if self.facts.get("sampled"):
+            # A sampled cell counts if any part is reached: on average half a cell too much at each face of the
+            # boundary.
+            faces = 0
+            for axis in self.grid.axes:
+                faces += int(np.diff(reached, axis=axis).sum())
+            error += 0.5 * cell * faces
+        sizes[measure.key()] = float(cell * len(share))
+        sizes[measure.key("error")] = error
+        sizes[measure.key("every_orientation")] = float(cell * (share == 1).sum())
+        return sizes
 
     def text(self) -> Iterator[Part]:
         """Yield the size, condition numbers, margins and the best position."""
-        s = self.content()
-        yield f"{s['robot']} · {_what(s)} · cells of {s['step_mm']:.3g} mm"
+        content = self.content()
+        yield f"{self.robot} · {_evaluated(content)} · cells of {content['step_mm']:.3g} mm"
         yield ""
-        corner = ", ".join(f"{a:.0f} .. {b:.0f}" for a, b in zip(s["box_mm"]["low"], s["box_mm"]["high"], strict=True))
-        m = self.measure
-        if m is None:
-            size = f"{_SETS[self.dimension]}, whose size is not computed,"
-        else:
-            error = float(f"{s[m.key('error')]:.1g}")  # one digit, without an exponent
-            size = f"{s[m.key()]:.4g} ± {error:g} {m.symbol} (error of counting cells)"
-            size += {2: " of a plane", 1: " of a line"}.get(self.dimension, "")
-        yield f"  reached           {size} in x, y, z = {corner} mm"
-        if s["orientations"] > 1 and m is not None:
-            yield f"  every orientation {s[m.key('every_orientation')]:.4g} {m.symbol} are reached in every orientation"
-        if s["global_conditioning_index"] is not None:
-            spread = ", ".join(f"{k}: {v:.3f}" for k, v in s["inverse_condition_quantiles"].items())
-            yield f"  inverse condition mean {s['global_conditioning_index']:.3f} (quantiles {spread})"
-        spread = ", ".join(f"{k}: {v:.2f}" for k, v in s["limit_margin_quantiles"].items())
-        yield f"  joint limits      margin (0 at a limit, 1 in the middle of the range), quantiles {spread}"
-        if names := s.get("without_limits"):
-            yield f"                    {', '.join(names)}: no limits are stated; -180° to 180° is assumed"
-        if s["smallest_singularity_measure"] is not None:
-            yield f"  singularity       smallest measure {s['smallest_singularity_measure']:.3g}"
-        if s["best_position_mm"] is not None:
-            why = " (largest inverse condition number)" if s["global_conditioning_index"] is not None else ""
-            yield f"  best position     {', '.join(f'{x:.0f}' for x in s['best_position_mm'])} mm{why}"
-        if names := s.get("passive_limits_kept"):
-            yield f"  passive joints    limits of {', '.join(names)} are kept"
-        if names := s.get("passive_limits_unchecked"):
-            why = "the equations do not describe the mechanism of the CAD"
-            yield f"  not checked       limits of the passive joints {', '.join(names)}: {why}"
-        if names := s.get("soft_limits_unchecked"):
-            yield f"  not checked       soft limits of {', '.join(names)}, which only cause warnings"
+        yield f"  reached           {self._size_text(content)} in x, y, z = {_box_text(content)} mm"
+        measure = self.measure
+        if self.grid.turns > 1 and measure is not None:
+            size = content[measure.key("every_orientation")]
+            yield f"  every orientation {size:.4g} {measure.symbol} are reached in every orientation"
+        conditioning = content["global_conditioning_index"]
+        if conditioning is not None:
+            quantiles = _listed(content["inverse_condition_quantiles"], digits=3)
+            yield f"  inverse condition mean {conditioning:.3f} (quantiles {quantiles})"
+        quantiles = _listed(content["limit_margin_quantiles"], digits=2)
+        yield f"  joint limits      margin (0 at a limit, 1 in the middle of the range), quantiles {quantiles}"
+        if content.get("without_limits"):
+            names = ", ".join(content["without_limits"])
+            yield f"                    {names}: no limits are stated; -180° to 180° is assumed"
+        singularity = content["smallest_singularity_measure"]
+        if singularity is not None:
+            yield f"  singularity       smallest measure {singularity:.3g}"
+        if content["best_position_mm"] is not None:
+            position = ", ".join(f"{x:.0f}" for x in content["best_position_mm"])
+            reason = " (largest inverse condition number)" if conditioning is not None else ""
+            yield f"  best position     {position} mm{reason}"
+        if content.get("passive_limits_kept"):
+            names = ", ".join(content["passive_limits_kept"])
+            yield f"  passive joints    limits of {names} are kept"
+        if content.get("passive_limits_unchecked"):
+            names = ", ".join(content["passive_limits_unchecked"])
+            reason = "the equations do not describe the mechanism of the CAD"
+            yield f"  not checked       limits of the passive joints {names}: {reason}"
+        if content.get("soft_limits_unchecked"):
+            names = ", ".join(content["soft_limits_unchecked"])
+            yield f"  not checked       soft limits of {names}, which only cause warnings"
         yield "  not checked       collisions"
         yield ""
 
+    def _size_text(self, content: JsonMapping) -> str:
+        measure = self.measure
+        if measure is None:
+            return f"{_SETS[self.dimension]}, whose size is not computed,"
+        error = float(f"{content[measure.key('error')]:.1g}")  # one digit, without an exponent
+        place = {2: " of a plane", 1: " of a line"}.get(self.dimension, "")
+        return f"{content[measure.key()]:.4g} ± {error:g} {measure.symbol} (error of counting cells){place}"
 
-def _what(s: JsonMapping) -> str:
-    if s.get("sampled") == "joints":
-        return f"{s['samples']} joint positions, {100 * s['assembled']:.1f} % can be assembled"
-    if s["orientations"] == 1:
-        return f"{s['poses']} positions in one orientation"
-    return f"{s['positions']} positions in {s['orientations']} orientations within {s['tilt_deg']:g}° about each axis"
+
+def _evaluated(content: JsonMapping) -> str:
+    """Return what was evaluated: joint samples, or positions and orientations."""
+    if content.get("sampled") == "joints":
+        return f"{content['samples']} joint positions, {100 * content['assembled']:.1f} % can be assembled"
+    turns = content["orientations"]
+    if turns == 1:
+        return f"{content['poses']} positions in one orientation"
+    return f"{content['positions']} positions in {turns} orientations within {content['tilt_deg']:g}° about each axis"
+
+
+def _box_text(content: JsonMapping) -> str:
+    box = content["box_mm"]
+    ranges = []
+    for low, high in zip(box["low"], box["high"], strict=True):
+        ranges.append(f"{low:.0f} .. {high:.0f}")
+    return ", ".join(ranges)
+
+
+def _listed(quantiles: dict[str, float], digits: int) -> str:
+    return ", ".join(f"{name}: {value:.{digits}f}" for name, value in quantiles.items())
 
 
 def volume_error(cube: np.ndarray, cell: float) -> float:
@@ -302,31 +356,25 @@ def volume_error(cube: np.ndarray, cell: float) -> float:
     same unit.
     """
     starts = product(*[range(min(n, 2)) for n in cube.shape])
-    parts = [cube[i::2, j::2, k::2].sum() for i, j, k in starts]
-    return float(len(parts) * cell * np.std(parts))
+    counts = [cube[i::2, j::2, k::2].sum() for i, j, k in starts]
+    return float(len(counts) * cell * np.std(counts))
 
 
-def _quantiles(x: Array) -> dict[str, float]:
-    if not len(x):
+def _quantiles(values: Array) -> dict[str, float]:
+    if not len(values):
         return {}
-    return {f"{p} %": float(v) for p, v in zip((5, 50, 95), np.quantile(x, (0.05, 0.5, 0.95)), strict=True)}
+    low, median, high = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
+    return {"5 %": low, "50 %": median, "95 %": high}
 
 
-def _least(x: np.ndarray) -> float | None:
-    good = x[np.isfinite(x)]
-    return float(good.min()) if len(good) else None
+def _least(values: np.ndarray) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.min()) if len(finite) else None
 
 
 def shared_bounds(robot: Robot) -> tuple[Bound, ...]:
     """Return the limits of a robot that involve several joints."""
-    return measure.shared(bounds_of(robot.mechanism, robot.cad.gaps if robot.files is not None else ()))
-
-
-def gaps_of(robot: Robot) -> list[tuple[int, int, float]]:
-    """Return (lower joint index, upper joint index, minimum distance in m) of each pair of joints on one rail."""
-    order = [j.name for j in robot.mechanism.active]
-    pairs = robot.cad.gaps if robot.files is not None else ()
-    return [(order.index(lower), order.index(upper), least) for lower, upper, least in pairs]
+    return measure.shared(bounds_of(robot.mechanism, robot.gaps))
 
 
 def passive_check(robot: Robot) -> PassiveCheck | None:
@@ -340,27 +388,42 @@ def passive_check(robot: Robot) -> PassiveCheck | None:
     check = robot.passive_check
     if robot.files is None or not robot.files.has_equations:
         return check
-    kin, T = robot.kinematics(), centre(robot)
+    kin = robot.kinematics()
+    T = centre(robot)
     if kin.closed_inverse:
-        return check if measure.agree(kin, check, T) else None
-    q = _home(robot)[None]
-    Ts = kin.forward_many(q)
-    return check if np.isfinite(Ts).all() and check.placed(q, Ts)[1].all() else None
+        closes = measure.agree(kin, check, T)
+    else:
+        q = _home(robot)[None]
+        Ts = kin.forward_many(q)
+        closes = np.isfinite(Ts).all() and check.placed(q, Ts)[1].all()
+    return check if closes else None
+
+
+def limited_passive_joints(robot: Robot) -> list[str]:
+    """Return the names of the passive joints with limits; a joint with several limits once."""
+    names = [limit.joint.name for limit in passive_limits(robot.mechanism)]
+    return list(dict.fromkeys(names))
 
 
 def limit_facts(robot: Robot, passive: PassiveCheck | None) -> dict[str, list[str]]:
     """Return the names of passive joints whose limits are kept, and of joints with limits that are not checked."""
-    joints = dict.fromkeys(limit.joint.name for limit in passive_limits(robot.mechanism))
+    kept: list[str] = []
+    unchecked: list[str] = []
     soft = []
+    if passive is None:
+        unchecked = limited_passive_joints(robot)
+    else:
+        kept = limited_passive_joints(robot)
     for joint in robot.mechanism.active:
         if joint.soft_limits is None:
             continue
         low, high = joint.limits or (-np.inf, np.inf)
-        if joint.soft_limits[0] > low or joint.soft_limits[1] < high:
+        soft_low, soft_high = joint.soft_limits
+        if soft_low > low or soft_high < high:
             soft.append(joint.name)
     return {
-        "passive_limits_kept": list(joints) if passive is not None else [],
-        "passive_limits_unchecked": list(joints) if passive is None else [],
+        "passive_limits_kept": kept,
+        "passive_limits_unchecked": unchecked,
         "soft_limits_unchecked": soft,
     }
 
@@ -376,8 +439,8 @@ def judge(robot: Robot, grid: Grid) -> PoseKernel:
         raise KinematicsError(
             f"{robot.name}: the equations have no closed-form inverse; a numerical inverse would take hours"
         )
-    bounds, passive = shared_bounds(robot), passive_check(robot)
-    return measure.kernel(kin, robot.mechanism.limits, grid.pose, bounds=bounds, passive=passive)
+    limits = robot.mechanism.limits
+    return measure.kernel(kin, limits, grid.pose, bounds=shared_bounds(robot), passive=passive_check(robot))
 
 
 def chunks(grid: Grid) -> Iterator[tuple[int, int]]:
@@ -389,14 +452,16 @@ def chunks(grid: Grid) -> Iterator[tuple[int, int]]:
 
 def evaluate(kernel: PoseKernel, grid: Grid, first: int, last: int) -> np.ndarray:
     """Return the values (last - first, 4) float32, in the order of `COLUMNS`, of the positions first to last - 1."""
-    number = np.arange(first * grid.turns, last * grid.turns, dtype=np.float64)[None]
-    reached, inverse, margin, singularity, _ = (x.reshape(-1, last - first, grid.turns) for x in kernel(number))
-    count = reached[0].sum(axis=1)
+    indices = np.arange(first * grid.turns, last * grid.turns, dtype=np.float64)[None]
+    *values, _ = kernel(indices)
+    by_position = [value.reshape(last - first, grid.turns) for value in values]
+    reached, inverse, margin, singularity = by_position
+    count = reached.sum(axis=1)
     out = np.zeros((last - first, 4), np.float32)
     out[:, 0] = count / grid.turns
-    out[:, 1] = inverse[0].sum(axis=1) / np.maximum(count, 1)
-    out[:, 2] = margin[0].max(axis=1)
-    out[:, 3] = np.fmin.reduce(singularity[0], axis=1)
+    out[:, 1] = inverse.sum(axis=1) / np.maximum(count, 1)
+    out[:, 2] = margin.max(axis=1)
+    out[:, 3] = np.fmin.reduce(singularity, axis=1)
     return out
 
 
@@ -407,8 +472,13 @@ def centre(robot: Robot) -> Array:
 
 def _home(robot: Robot) -> Array:
     """Return the joint values (n,) of the posture `home`, else of the first posture, else of the rest poses."""
-    names = [n for n in ("home", *robot.mechanism.postures) if n in robot.mechanism.postures]
-    return robot.mechanism.posture(names[0]) if names else robot.loops.q
+    postures = robot.mechanism.postures
+    if "home" in postures:
+        return robot.mechanism.posture("home")
+    if postures:
+        first = next(iter(postures))
+        return robot.mechanism.posture(first)
+    return robot.loops.q
 
 
 def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Array, Array]:
@@ -419,10 +489,13 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
     Raises:
         UnreachedError: no position near the pose is reached.
     """
-    half, middle = _START, T[:3, 3]
+    half = _START
+    middle = T[:3, 3]
     while True:
         p, step = _reached(robot, middle - half, middle + half, T, tilt, turns)
-        if half >= _FARTHEST or (len(p) and (np.abs(p - middle) < half - 0.5 * step).all()):
+        # The outermost positions of the box are not reached: all reached positions are inside.
+        surrounded = len(p) > 0 and (np.abs(p - middle) < half - 0.5 * step).all()
+        if surrounded or half >= _FARTHEST:
             break
         half *= 2
     if not len(p):
@@ -430,11 +503,15 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
             f"{robot.name}: with the tool's orientation in posture home, the tool reaches no position within {half:g} "
             "m of its position there; allow other orientations (--tilt-deg), or sample joint values (--joints)"
         )
-    low, high = p.min(axis=0) - 2 * step, p.max(axis=0) + 2 * step
+    low = p.min(axis=0) - 2 * step
+    high = p.max(axis=0) + 2 * step
     for _ in range(_GROWN):  # repeat on a finer grid: a coarse grid misses thin regions
         p, step = _reached(robot, low, high, T, tilt, turns)
-        touched = (p.min(axis=0) < low + step) | (p.max(axis=0) > high - step)
-        low, high = p.min(axis=0) - 2 * step, p.max(axis=0) + 2 * step
+        lowest = p.min(axis=0)
+        highest = p.max(axis=0)
+        touched = (lowest < low + step) | (highest > high - step)
+        low = lowest - 2 * step
+        high = highest + 2 * step
         if not touched.any():
             break
     return low, high
@@ -443,7 +520,8 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
 def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns: int) -> tuple[Array, float]:
     """Return (reached positions (k, 3), step) of a coarse grid between two corners, in m."""
     step = float((high - low).max() / (_COARSE - 1))
-    nx, ny, nz = (int(n) for n in np.ceil((high - low) / step - 1e-9) + 1)
+    # Without 1e-9, rounding could add a layer of positions beyond the upper corner.
+    nx, ny, nz = (np.ceil((high - low) / step - 1e-9).astype(int) + 1).tolist()
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     values = evaluate(judge(robot, grid), grid, 0, grid.positions)
     return grid.position(np.flatnonzero(values[:, 0] > 0)), step
@@ -488,15 +566,18 @@ def workspace(
         KinematicsError: the equations have no closed-form inverse.
     """
     values = store((grid.positions, len(COLUMNS)))
+    label = f"{grid.poses:.3g} poses"
     if client is not None:
-        parts, packed = list(chunks(grid)), pickle.dumps(grid)
-        tasks = [(source, protocol, packed, *part) for part in parts]
-        for done, (i, result) in enumerate(each(client, _remote, tasks)):
-            values[parts[i][0] : parts[i][1]] = result
-            progress(f"{grid.poses:.3g} poses", (done + 1) / len(parts))
-        return Workspace(robot.name, grid, values, limit_facts(robot, passive_check(robot)))
-    kernel = judge(robot, grid)
-    for first, last in chunks(grid):
-        values[first:last] = evaluate(kernel, grid, first, last)
-        progress(f"{grid.poses:.3g} poses", last / grid.positions)
+        parts = list(chunks(grid))
+        packed = pickle.dumps(grid)
+        tasks = [(source, protocol, packed, first, last) for first, last in parts]
+        for done, (i, result) in enumerate(each(client, _remote, tasks), 1):
+            first, last = parts[i]
+            values[first:last] = result
+            progress(label, done / len(parts))
+    else:
+        kernel = judge(robot, grid)
+        for first, last in chunks(grid):
+            values[first:last] = evaluate(kernel, grid, first, last)
+            progress(label, last / grid.positions)
     return Workspace(robot.name, grid, values, limit_facts(robot, passive_check(robot)))

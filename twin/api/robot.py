@@ -167,6 +167,11 @@ class Robot:
         return self._placed(self.changed or self.source.opened[0])
 
     @property
+    def gaps(self) -> tuple[tuple[str, str, float], ...]:
+        """(lower joint, upper joint, minimum difference upper - lower in m) of joints on one rail; () for a stage."""
+        return () if self.files is None else self.cad.gaps
+
+    @property
     def tool_note(self) -> str:
         """Note on the assumed tool if the robot's USD stage names no tool; else ""."""
         return "" if self.source.stage is None else self.source.opened[1]
@@ -484,7 +489,7 @@ class Robot:
                 return {}
             return check.margins(q, Ts) if check.limits else {}
 
-        mechanical = without_equations(self.mechanism, follower, self.cad.gaps if self.files else (), space)
+        mechanical = without_equations(self.mechanism, follower, self.gaps, space)
         mechanical = replace(mechanical, passive=passive)
         if self.unwritten:
             return mechanical

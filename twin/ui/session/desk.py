@@ -388,7 +388,7 @@ def _first(model: ReferenceModel) -> Assembly:
 
 
 def _hand(robot: Robot, model: ReferenceModel) -> Hand:
-    return Hand(model.mechanism, model, robot.cad.gaps if robot.files is not None else ())
+    return Hand(model.mechanism, model, robot.gaps)
 
 
 def _equations(robot: Robot) -> Kinematics | None:
