@@ -70,16 +70,15 @@ class Cause:
 
     def lines(self) -> Iterator[str]:
         """Yield a line with places and sizes for each of `also`, `follows` and `perhaps` that is not empty."""
-        for words, found in (("also", self.also), ("follows", self.follows), ("may follow", self.perhaps)):
-            if found:
-                yield f"{words}: {_sizes(found)}" if words == "also" else f"{words} from this: {_sizes(found)}"
+        if self.also:
+            yield f"also: {_sizes(self.also)}"
+        if self.follows:
+            yield f"follows from this: {_sizes(self.follows)}"
+        if self.perhaps:
+            yield f"may follow from this: {_sizes(self.perhaps)}"
 
     def as_dict(self) -> JsonObject:
         """Return the cause as JSON data; findings other than `head` have only code, place and size."""
-
-        def named(findings: Iterable[Finding]) -> list[JsonObject]:
-            return [{"code": f.code, "where": f.where, "size": f.size, "unit": f.unit} for f in findings]
-
         return {
             "cause": self.name,
             "side": self.side,
@@ -89,25 +88,34 @@ class Cause:
             "size": self.head.size,
             "unit": self.head.unit,
             "limit": self.head.limit,
-            "also": named(self.also),
-            "follows": named(self.follows),
-            "may_follow": named(self.perhaps),
+            "also": _references(self.also),
+            "follows": _references(self.follows),
+            "may_follow": _references(self.perhaps),
         }
+
+
+def _references(findings: Iterable[Finding]) -> list[JsonObject]:
+    """Return code, place and size of findings as JSON data."""
+    references: list[JsonObject] = []
+    for finding in findings:
+        references.append({"code": finding.code, "where": finding.where, "size": finding.size, "unit": finding.unit})
+    return references
 
 
 def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
     """Return the causes of errors and disagreements: errors first; within a severity, in the order of `SIDES`."""
     ordered = by_severity(findings)
     groups: dict[tuple[Side, str], list[Finding]] = {}
-    for f in ordered:
-        if f.severity in ("error", "disagreement"):
-            groups.setdefault(_key(f), []).append(f)
-    for f in ordered:  # warnings and notes are listed only under a cause that they name
-        if f.severity in ("warning", "info") and f.cause and _key(f) in groups:
-            groups[_key(f)].append(f)
-    out = [_cause(side, name, group) for (side, name), group in groups.items()]
-    out.sort(key=lambda c: (c.head.severity != "error", list(SIDES).index(c.side)))
-    return _after_cad(out)
+    for finding in ordered:
+        if finding.severity in ("error", "disagreement"):
+            groups.setdefault(_key(finding), []).append(finding)
+    for finding in ordered:  # warnings and notes are listed only under a cause that they name
+        if finding.severity in ("warning", "info") and finding.cause and _key(finding) in groups:
+            groups[_key(finding)].append(finding)
+    found = [_cause(faulty, name, group) for (faulty, name), group in groups.items()]
+    sides = list(SIDES)
+    found.sort(key=lambda cause: (cause.head.severity != "error", sides.index(cause.side)))
+    return _after_cad(found)
 
 
 def side(finding: Finding) -> Side:
@@ -116,25 +124,43 @@ def side(finding: Finding) -> Side:
 
 
 def _key(f: Finding) -> tuple[Side, str]:
-    of = side(f)
-    if f.cause:  # a loop that is open at the equations' joint values is a fault of the equations
-        return "equations" if of == "CAD" and f.code.startswith("loop.") else of, f.cause
-    return of, f.where if of == "CAD" else f"{f.code} {f.where}"
+    """Return (side, name) of the cause to which a finding belongs."""
+    faulty = side(f)
+    if f.cause:
+        if faulty == "CAD" and f.code.startswith("loop."):
+            faulty = "equations"  # a loop that is open at the equations' joint values is their fault
+        return faulty, f.cause
+    if faulty == "CAD":
+        return faulty, f.where
+    return faulty, f"{f.code} {f.where}"
 
 
-def _cause(of: Side, name: str, group: list[Finding]) -> Cause:
+def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
     first = group[0]
-    alike = [f for f in group if (f.code, f.severity) == (first.code, first.severity)]
-    rivals = [f for f in alike if f.unit == first.unit and f.size is not None]
-    top = max((f.size or 0.0 for f in rivals), default=0.0)
-    head = next((f for f in rivals if (f.size or 0.0) >= _SAME * top), first)
-    return Cause(
-        first.cause or first.where or first.code,
-        of,
-        head,
-        tuple(f for f in alike if f is not head),
-        tuple(f for f in group if f not in alike),
-    )
+    alike: list[Finding] = []
+    follows: list[Finding] = []
+    for finding in group:
+        if (finding.code, finding.severity) == (first.code, first.severity):
+            alike.append(finding)
+        else:
+            follows.append(finding)
+    head = _largest(alike)
+    also = tuple(finding for finding in alike if finding is not head)
+    return Cause(first.cause or first.where or first.code, faulty, head, also, tuple(follows))
+
+
+def _largest(findings: list[Finding]) -> Finding:
+    """Return the largest of the findings that have the unit of the first; the first finding if none has a size."""
+    first = findings[0]
+    comparable: list[tuple[float, Finding]] = []
+    for finding in findings:
+        if finding.unit == first.unit and finding.size is not None:
+            comparable.append((finding.size, finding))
+    largest = max((size for size, _ in comparable), default=0.0)
+    for size, finding in comparable:
+        if size >= _SAME * largest:
+            return finding
+    return first
 
 
 def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
@@ -144,9 +170,15 @@ def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
     """
     if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
         return tuple(found)
-    blamed = [c for c in found if c.side == "equations" and not _beyond(c.head, found[0].head)]
-    below = replace(found[0], perhaps=tuple(f for c in blamed for f in c.findings))
-    return (below, *(c for c in found[1:] if c not in blamed))
+    first = found[0]
+    perhaps: list[Finding] = []
+    others: list[Cause] = []
+    for cause in found[1:]:
+        if cause.side == "equations" and not _beyond(cause.head, first.head):
+            perhaps += cause.findings
+        else:
+            others.append(cause)
+    return (replace(first, perhaps=tuple(perhaps)), *others)
 
 
 def _beyond(f: Finding, cad: Finding) -> bool:
@@ -163,8 +195,13 @@ def _beyond(f: Finding, cad: Finding) -> bool:
 
 def _sizes(found: Sequence[Finding], most: int = 6) -> str:
     """Return a text with place and size of each of the first `most` findings, and the number of further findings."""
-    words = [
-        f.code.partition(".")[2].replace("_", " ") if f.size is None else f"{f.where} {shown(f.size, f.unit)}".strip()
-        for f in found
-    ]
-    return "; ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
+    texts: list[str] = []
+    for finding in found[:most]:
+        if finding.size is None:
+            texts.append(finding.code.partition(".")[2].replace("_", " "))
+        else:
+            texts.append(f"{finding.where} {shown(finding.size, finding.unit)}".strip())
+    listed = "; ".join(texts)
+    if len(found) > most:
+        listed += f" and {len(found) - most} more"
+    return listed

@@ -70,10 +70,12 @@ class Body(Table):
 
     @model_validator(mode="after")
     def _repaired_by_rule(self) -> Body:
-        for r in self.repaired:
-            value = getattr(self.first if r.cell.startswith("m") else self.second, r.cell)
-            if reread(r.printed) != value:
-                raise at("repaired", f"{r.cell}: '{r.printed}' is read as {reread(r.printed):g}, not {value:g}")
+        for repair in self.repaired:
+            moments_of = self.first if repair.cell.startswith("m") else self.second
+            value = getattr(moments_of, repair.cell)
+            reading = reread(repair.printed)
+            if reading != value:
+                raise at("repaired", f"{repair.cell}: '{repair.printed}' is read as {reading:g}, not {value:g}")
         return self
 
 
@@ -127,14 +129,25 @@ def reread(printed: str) -> float:
     the number are dropped: "Type 896572e-06" is 8.96572e-06. Other numbers, with point or comma, are read as printed.
     """
     text = printed.split()[-1].replace(",", ".")
-    found = _LOST.fullmatch(text)
-    return float("{}{}.{}{}".format(*found.groups()) if found else text)
+    without_mark = _LOST.fullmatch(text)
+    if without_mark:
+        sign, first_digit, digits, exponent = without_mark.groups()
+        text = f"{sign}{first_digit}.{digits}{exponent}"
+    return float(text)
 
 
 def moments(body: Body) -> tuple[Array, Array]:
     """Return (first moments (3,) in kg m, inertia tensor J (3, 3) in kg m2 with the products as printed)."""
-    h, s = body.first, body.second
-    return np.array([h.mx, h.my, h.mz]), np.array([[s.xx, s.xy, s.xz], [s.xy, s.yy, s.yz], [s.xz, s.yz, s.zz]])
+    first = body.first
+    second = body.second
+    J = np.array(
+        [
+            [second.xx, second.xy, second.xz],
+            [second.xy, second.yy, second.yz],
+            [second.xz, second.yz, second.zz],
+        ]
+    )
+    return np.array([first.mx, first.my, first.mz]), J
 
 
 def negated(tensor: Array) -> Array:
@@ -147,10 +160,17 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
     rows = []
     for body in exhibit.body:
         h, J = moments(body)
-        principal = [np.linalg.eigvalsh(x) for x in (J, negated(J))]
-        definite, slack = all(m[0] > 0 for m in principal), min(float(m[0] + m[1] - m[2]) for m in principal)
-        repaired = tuple(r.cell for r in body.repaired)
-        rows.append(MassRow(body.name, definite, slack, least_mass(J, h), least_mass(negated(J), h), repaired))
+        J_negated = negated(J)
+        definite = True
+        slack = np.inf
+        for tensor in (J, J_negated):
+            small, middle, large = np.linalg.eigvalsh(tensor).tolist()  # in increasing order
+            definite = definite and small > 0
+            slack = min(slack, small + middle - large)
+        repaired = tuple(repair.cell for repair in body.repaired)
+        mass_printed = least_mass(J, h)
+        mass_negated = least_mass(J_negated, h)
+        rows.append(MassRow(body.name, definite, slack, mass_printed, mass_negated, repaired))
     found = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
     if falling(rows, convention(rows)):
         found.append(
@@ -178,48 +198,51 @@ def falling(rows: list[MassRow], products: Products) -> bool:
 
 
 def _repairs(exhibit: Exhibit) -> list[Finding]:
-    out = []
+    findings: list[Finding] = []
     for body in exhibit.body:
-        for r in body.repaired:
-            label = f" under the label '{r.label}'" if r.label else ""
-            out.append(
-                warning(
-                    "inertia.repaired",
-                    f"{body.name}.{r.cell}",
-                    f"row {body.name}, {r.cell}: '{r.printed}' is printed{label}; read as {reread(r.printed):g}",
-                )
-            )
-    return out
+        for repair in body.repaired:
+            label = ""
+            if repair.label:
+                label = f" under the label '{repair.label}'"
+            reading = reread(repair.printed)
+            text = f"row {body.name}, {repair.cell}: '{repair.printed}' is printed{label}; read as {reading:g}"
+            findings.append(warning("inertia.repaired", f"{body.name}.{repair.cell}", text))
+    return findings
 
 
 def _impossible(rows: list[MassRow]) -> list[Finding]:
-    out = []
-    for r in rows:
-        why = [] if r.definite else ["is not positive definite"]
-        why += [] if r.slack > 0 else [f"violates the triangle inequality by {-r.slack:.3g} kg m2"]
-        if why:
-            out.append(
-                disagreement(
-                    "inertia.impossible", r.name, f"row {r.name}: the tensor is impossible: it {' and '.join(why)}"
-                )
-            )
-    return out
+    findings: list[Finding] = []
+    for row in rows:
+        violations: list[str] = []
+        if not row.definite:
+            violations.append("is not positive definite")
+        if not row.slack > 0:
+            violations.append(f"violates the triangle inequality by {-row.slack:.3g} kg m2")
+        if violations:
+            text = f"row {row.name}: the tensor is impossible: it {' and '.join(violations)}"
+            findings.append(disagreement("inertia.impossible", row.name, text))
+    return findings
 
 
 def _products(rows: list[MassRow]) -> list[Finding]:
     if convention(rows) == "as printed":
         return []
-    plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)
-    worst = max(rows, key=lambda r: r.mass_printed / r.mass_negated if r.mass_negated else 0.0)
+
+    def relative(row: MassRow) -> float:
+        return row.mass_printed / row.mass_negated if row.mass_negated else 0.0
+
+    mass_printed = sum(row.mass_printed for row in rows)
+    mass_negated = sum(row.mass_negated for row in rows)
+    worst = max(rows, key=relative)
     return [
         disagreement(
             "inertia.products",
             worst.name,
             "the products of inertia are printed as +integral(x y dm): as printed, the rows require a mass of at "
-            f"least {plain:.2f} kg in total, and row {worst.name} alone {worst.mass_printed:.3f} kg; with negated "
-            f"products, {negated:.2f} kg and {worst.mass_negated:.3f} kg",
-            Quantity(plain, "kg"),
-            negated,
+            f"least {mass_printed:.2f} kg in total, and row {worst.name} alone {worst.mass_printed:.3f} kg; with "
+            f"negated products, {mass_negated:.2f} kg and {worst.mass_negated:.3f} kg",
+            Quantity(mass_printed, "kg"),
+            mass_negated,
             "negate the products to build the tensor",
             word="",
         )

@@ -44,9 +44,8 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
         triangles: (m, 3) vertex indices, counter-clockwise seen from outside.
     """
     corners = np.asarray(vertices, float)[np.asarray(triangles)]
-    shift = corners.reshape(-1, 3).mean(
-        axis=0
-    )  # sum about the mean corner, because rounding errors are large far from the origin
+    # sum about the mean corner, because rounding errors are large far from the origin
+    shift = corners.reshape(-1, 3).mean(axis=0)
     corners = corners - shift
     volumes = np.einsum("ki,ki->k", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     volume = float(volumes.sum())
@@ -78,7 +77,10 @@ def of_meshes(meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = 
     """
     total = Moments(0.0, np.zeros(3), np.zeros((3, 3)))
     for mesh in meshes:
-        if (rho := density(mesh)) is None or not closed(mesh.triangles):
+        rho = density(mesh)
+        if rho is None or not closed(mesh.triangles):
             return None
         total += moments(mesh.vertices, mesh.triangles).scaled(rho)
-    return total if total.volume > 0 else None
+    if not total.volume > 0:
+        return None
+    return total
