@@ -13,7 +13,8 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, StageError
 from twin.core.findings import Finding, Kind, disagreement, info
 from twin.core.jobs import Call
-from twin.core.processors import usable
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Solver
@@ -66,84 +67,112 @@ def judge(
     `known` are results to reuse. The part "stage" requires the states of the mechanism, computed by the part
     "equations" or included in `known`; without these states, "stage" is skipped.
     """
-    mechanism, trajectory = case.cad.mechanism, case.trajectory
+    mechanism = case.cad.mechanism
+    trajectory = case.trajectory
     known = known or Known()
     out = known.comparison or Comparison()
-    looked = samples(trajectory, case.motion)
+    motion_samples = samples(trajectory, case.motion)
     # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
-    # Without meshes there are no clearances, and the start of a process takes longer than the rest. On one processor,
-    # a second process only waits for the first one.
-    needed = "motion" in parts and known.measured is None
-    parallel = needed and usable() > 1 and any(b.meshes for b in mechanism.bodies)
-    aside = Call(measure, mechanism, looked, case.written) if parallel else contextlib.nullcontext()
-    with aside as beside:
+    # Without meshes there are no clearances, and the start of a process takes longer than the rest.
+    measuring: contextlib.AbstractContextManager[Call | None] = contextlib.nullcontext()
+    if "motion" in parts and known.measured is None and _has_meshes(mechanism):
+        measuring = Call(measure, mechanism, motion_samples, case.written)
+    with measuring as call:
         try:
             if "equations" in parts:
                 out = compare(case.kinematics, case.model, trajectory, case.clock, case.tolerances, progress)
-                if case.kinematics is not None:
-                    rows, found = lengths(case.kinematics, case.cad, case.clock, case.tolerances)
-                    out.residuals[:0], out.findings[:] = rows, [*found, *put_down(case.kinematics, found, out.findings)]
-                else:
-                    out.findings.append(_NO_EQUATIONS)
-                about_rcm(case, out)
-                through_trocars(case, out)
-                passive_limits(case, out)
-                passage(case, out)
-                if case.kinematics is not None:
-                    progress("reach and singularity measures", 0.0)
-                    measures(case.kinematics, case.model, case.tolerances, out)
-                    progress("joint range", 0.0)
-                    whole_range(case.kinematics, case.model, case.tolerances, out)
-                    three_methods(case, out)
+                _equations(case, out, progress)
             if "stage" in parts:
                 _stage(case, out, progress)
             if "motion" in parts:
                 progress("baked motion, clearance", 0.0)
-                measured = beside.result() if beside is not None else known.measured
-                _motion(measured or measure(mechanism, looked, case.written), looked, case, out)
+                measured = known.measured
+                if call is not None:
+                    measured = call.result()
+                if measured is None:
+                    measured = measure(mechanism, motion_samples, case.written)
+                _motion(measured, motion_samples, case, out)
         except AssemblyError as error:
             out.findings.append(_cannot_take(mechanism, error))
     _curves(out, trajectory)
     out.facts["mechanism"] = _mechanism_facts(case.model)
-    findings = [*case.cad.findings, *(of_protocol(case, out) if "protocol" in parts else ()), *out.findings]
+    findings = [*case.cad.findings]
+    if "protocol" in parts:
+        findings += of_protocol(case, out)
+    findings += out.findings
     return _report(case, out, findings, parts)
 
 
+def _has_meshes(mechanism: Mechanism) -> bool:
+    return any(body.meshes for body in mechanism.bodies)
+
+
+def _equations(case: Case, out: Comparison, progress: Progress) -> None:
+    """Run the judges of the equations and of the RCM, and add their rows and findings to the comparison `out`."""
+    kin = case.kinematics
+    if kin is None:
+        out.findings.append(_NO_EQUATIONS)
+    else:
+        rows, findings = lengths(kin, case.cad, case.clock, case.tolerances)
+        out.residuals[:0] = rows
+        out.findings[:] = [*findings, *put_down(kin, findings, out.findings)]
+    about_rcm(case, out)
+    through_trocars(case, out)
+    passive_limits(case, out)
+    passage(case, out)
+    if kin is not None:
+        progress("reach and singularity measures", 0.0)
+        measures(kin, case.model, case.tolerances, out)
+        progress("joint range", 0.0)
+        whole_range(kin, case.model, case.tolerances, out)
+        three_methods(case, out)
+
+
 def _report(case: Case, out: Comparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
-    mechanism, trajectory, kin = case.cad.mechanism, case.trajectory, case.kinematics
+    mechanism = case.cad.mechanism
+    trajectory = case.trajectory
+    kin = case.kinematics
+    source = case.cad.description.source
+    variants: dict[str, str] = {}
+    reasons: dict[str, str] = {}
+    parameters: list[Parameter] = []
+    if kin is not None:
+        source = kin.formula.source
+        variants = dict(kin.variants)
+        reasons = _reasons(kin)
+        parameters += kin.formula.parameters
+    parameters += mechanism.parameters
+    parameters += case.protocol.parameters()
+    parameters += case.cad.dimensions
     return Report(
         robot=mechanism.name,
         title=case.cad.description.title,
-        source=kin.formula.source if kin is not None else case.cad.description.source,
+        source=source,
         protocol=trajectory.protocol,
         protocol_title=case.protocol.title,
-        variants=dict(kin.variants) if kin is not None else {},
-        reasons=_reasons(kin) if kin is not None else {},
+        variants=variants,
+        reasons=reasons,
         residuals=tuple(out.residuals),
         findings=tuple(findings),
         phases=case.clock.phases,
-        parameters=(
-            *(kin.formula.parameters if kin is not None else ()),
-            *mechanism.parameters,
-            *case.protocol.parameters(),
-            *case.cad.dimensions,
-        ),
+        parameters=tuple(parameters),
         facts=out.facts,
         tables=out.tables,
         environment=_environment(case, parts),
         joint_names=trajectory.joint_names,
         series=out.series,
-        angles=frozenset(j.name for j in mechanism.joints if j.is_angle),
+        angles=frozenset(joint.name for joint in mechanism.joints if joint.is_angle),
     )
 
 
 def _reasons(kin: Kinematics) -> dict[str, str]:
-    return {
-        f"{e.name}, {variant}": reason
-        for e in kin.formula.equations
-        if e.stage != "helper"
-        for variant, reason in e.reasons.items()
-    }
+    reasons: dict[str, str] = {}
+    for equation in kin.formula.equations:
+        if equation.stage == "helper":
+            continue
+        for variant, reason in equation.reasons.items():
+            reasons[f"{equation.name}, {variant}"] = reason
+    return reasons
 
 
 def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
@@ -157,6 +186,7 @@ def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
 
 def _curves(out: Comparison, trajectory: Trajectory) -> None:
     v_tool, a_tool = tool_rates(trajectory)
+    angles = spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx")
     out.series.setdefault("q", trajectory.q)
     out.series |= {
         "t": trajectory.t,
@@ -165,84 +195,107 @@ def _curves(out: Comparison, trajectory: Trajectory) -> None:
         "p_tool": trajectory.Ts_base_tool[:, :3, 3],
         "v_tool": v_tool,
         "a_tool": a_tool,
-        "angles": np.unwrap(spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx"), axis=0),
+        "angles": np.unwrap(angles, axis=0),
         "rcm_error": trajectory.rcm_error,
         "fulcrum": fulcrum(trajectory),
         "limit_margin": trajectory.limit_margin.min(axis=1),
     }
-    out.series |= {f"singularity.{n}": v for n, v in trajectory.singularity.items()}
-    out.series |= {f"reach.{n}": v for n, v in trajectory.reach.items()}
+    for name, values in trajectory.singularity.items():
+        out.series[f"singularity.{name}"] = values
+    for name, values in trajectory.reach.items():
+        out.series[f"reach.{name}"] = values
 
 
 def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     m = model.mechanism
     mobility = model.mobility(model.home().x)
-    return {
+    redundant = "none"
+    if mobility.redundancy:
+        redundant = f"{mobility.redundancy} ({mobility.describe()})"
+    facts = {
         "bodies, joints": f"{len(m.bodies)} bodies, {len(m.joints)} joints, {len(m.active)} driven",
-        "loops closed by": ", ".join(j.name for j in m.loops) or "none: a serial chain",
+        "loops closed by": ", ".join(joint.name for joint in m.loops) or "none: a serial chain",
         "degrees of freedom": f"{mobility.freedom}, from the rank of the constraint Jacobian",
-        "redundant constraints": f"{mobility.redundancy} ({mobility.describe()})" if mobility.redundancy else "none",
-        **{f"transmission {t.name} (rad, m)": t.equations for t in m.transmissions},
-        "read from": m.source,
+        "redundant constraints": redundant,
     }
+    for transmission in m.transmissions:
+        facts[f"transmission {transmission.name} (rad, m)"] = transmission.equations
+    facts["read from"] = m.source
+    return facts
 
 
 def _stage(case: Case, out: Comparison, progress: Progress) -> None:
     """Compare the stage's mechanism (C) with the CAD's mechanism (B), both by one solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
-    from twin.usd.check import check_stage, run_usd_validators
     from twin.usd.read import read_stage
 
     run = out.posed
     if run is None:
         return
     try:
-        out.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
-        if case.written is not None:
-            told = {(f.code, f.where) for f in out.findings}
-            out.findings += [f for f in check_stage(case.written) if (f.code, f.where) not in told]
-            out.findings += as_written(case)
+        _check_files(case, out)
         stage = read_stage(case.stage)
-        places = case.protocol.places_of(case.cad.mechanism.trocars)
-        stage = stage.with_trocars({n: p for n, p in places.items() if n in stage.trocars})
+        trocars: dict[str, Array] = {}
+        for name, place in case.protocol.places_of(case.cad.mechanism.trocars).items():
+            if name in stage.trocars:
+                trocars[name] = place
+        stage = stage.with_trocars(trocars)
         out.findings += content(case.cad.mechanism, stage, case.cad.description)
         other = ReferenceModel(stage)
-        back = other.run(run.q, progress=lambda f: progress("stage read back", f))
+        back = other.run(run.q, progress=lambda part: progress("stage read back", part))
     except (StageError, AssemblyError) as error:
         out.findings.append(disagreement("stage.unreadable", str(case.stage.name), f"stage: {error}"))
         return
-    at = case.clock.at(out.coarse)
     spread = of_rounding(case.model, run.x[0])
+    position_std, rotation_std = spread.expected
+    position_bound, rotation_bound = spread.bound
     note = (
-        f"single precision causes an error of {text(spread.expected[0], 'm')} and {text(spread.expected[1], 'rad')} "
-        f"(standard deviation; at most {text(spread.bound[0], 'm')}, {text(spread.bound[1], 'rad')})"
+        f"single precision causes an error of {text(position_std, 'm')} and {text(rotation_std, 'rad')} "
+        f"(standard deviation; at most {text(position_bound, 'm')}, {text(rotation_bound, 'rad')})"
     )
     out.facts["stage"] = {"float32 joint frames": note, "most sensitive joint": spread.worst_joint}
-    t = case.tolerances
-    limits = t.stage_position, t.stage_rotation
-    for r in pose_rows("B-C", "tool", run.Ts_base_tool, back.Ts_base_tool, limits, at, note=note):
+    clock = case.clock.at(out.coarse)
+    limits = (case.tolerances.stage_position, case.tolerances.stage_rotation)
+    for residual in pose_rows("B-C", "tool", run.Ts_base_tool, back.Ts_base_tool, limits, clock, note=note):
         what = "the mechanism read from the stage and the mechanism in the CAD have different tool poses"
-        out.judge(r, _STAGE, what, case.stage.name)
+        out.judge(residual, _STAGE, what, case.stage.name)
     for i, loop in enumerate(back.loop_names):
-        out.residuals.append(row("C", "loop", loop, "m", back.gaps[:, i, 0], t.stage_position, at))
+        gaps = back.gaps[:, i, 0]
+        out.residuals.append(row("C", "loop", loop, "m", gaps, case.tolerances.stage_position, clock))
 
 
-def _motion(measured: MeasuredMotion, looked: MotionSamples, case: Case, out: Comparison) -> None:
+def _check_files(case: Case, out: Comparison) -> None:
+    """Add the findings on the files of the stage, each once, and of the stage with the baked motion, if it exists."""
+    from twin.usd.check import check_stage, run_usd_validators
+
+    out.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
+    if case.written is None:
+        return
+    reported = {(finding.code, finding.where) for finding in out.findings}
+    for finding in check_stage(case.written):
+        if (finding.code, finding.where) not in reported:
+            out.findings.append(finding)
+    out.findings += as_written(case)
+
+
+def _motion(measured: MeasuredMotion, motion_samples: MotionSamples, case: Case, out: Comparison) -> None:
     """Add the findings and curves of the baked motion and of the clearances to `out`."""
     phases = case.clock.phases
-    rows, findings = baked_rows(measured, looked, phases, case.tolerances)
-    if measured.written is not None:
-        more, found = written_rows(measured.written, looked, phases, case.tolerances, case.baked_for_it)
-        rows, findings = rows + more, findings + found
+    rows, findings = baked_rows(measured, motion_samples, phases, case.tolerances)
     out.residuals += rows
     out.findings += findings
-    driver = looked.driver or "reference model (Pinocchio), because equations and compiled loops give no motion"
+    if measured.written is not None:
+        rows, findings = written_rows(measured.written, motion_samples, phases, case.tolerances, case.baked_for_it)
+        out.residuals += rows
+        out.findings += findings
+    driver = motion_samples.driver or "reference model (Pinocchio), because equations and compiled loops give no motion"
     out.facts["baked motion"] = {"driven by": driver, "judged by": "reference model (Pinocchio)"}
     out.findings += apart(measured.mates)
     if measured.clearance is not None:
-        out.facts["clearance"], contacts = clearance_facts(measured.clearance, looked.sparse, phases)
+        out.facts["clearance"], contacts = clearance_facts(measured.clearance, motion_samples.sparse, phases)
         out.findings += contacts
-        out.series |= {"clearance_t": looked.sparse, "clearance": measured.clearance.distance}
+        out.series["clearance_t"] = motion_samples.sparse
+        out.series["clearance"] = measured.clearance.distance
 
 
 def _environment(case: Case, parts: frozenset[Part]) -> dict[str, str]:
@@ -252,26 +305,30 @@ def _environment(case: Case, parts: frozenset[Part]) -> dict[str, str]:
     for span in case.trajectory.phases:
         if span.solver is not None and span.solver not in timed_by:
             timed_by.append(span.solver)
-    ran = ["numpy", "pin"]
+    judges: list[str] = []
+    if "protocol" in parts:
+        judges = [OTHERS[solver][0] for solver in timed_by]
+    packages = ["numpy", "pin"]
     if case.kinematics is not None or "passes" in timed_by:
-        ran += ["casadi", "llvmlite"]
-    if "motion" in parts and any(body.meshes for body in mechanism.bodies):
-        ran.append("coal")
+        packages += ["casadi", "llvmlite"]
+    if "motion" in parts and _has_meshes(mechanism):
+        packages.append("coal")
     if parts & {"stage", "motion"}:
-        ran.append("usd-core")
+        packages.append("usd-core")
     if case.cad.description.step is not None:
-        ran.append("cascadio")
-    judges = [OTHERS[solver][0] for solver in timed_by] if "protocol" in parts else []
+        packages.append("cascadio")
     if "toppra" in timed_by or "toppra" in judges:
-        ran.append("toppra")
-    timing = f"by {' and '.join(timed_by)}" if timed_by else "given by samples"
+        packages.append("toppra")
+    timing = "given by samples"
+    if timed_by:
+        timing = f"by {' and '.join(timed_by)}"
     if judges:
         timing += f", judged by {' and '.join(judges)}"
     return {
         "twin": version("twin-robotics"),
         "python": platform.python_version(),
         "machine": f"{platform.system()} {platform.machine()}",
-        **{name: version(name) for name in ran},
+        **{package: version(package) for package in packages},
         "timing": timing,
         "input": mechanism.source,
     }
