@@ -75,22 +75,17 @@ def swing():
 
 def write_good(folder: Path) -> Path:
     """Write the four-bar linkage with its swing in every format, a Unity package and proof.json; return the folder."""
-    from twin.exchange.formats.glb.write import glb_bytes
-    from twin.exchange.formats.mjcf.write import write_mjcf
-    from twin.exchange.formats.tracks.write import write_tracks
-    from twin.exchange.formats.urdf.write import write_urdf
-    from twin.exchange.formats.usd.write import write_usd
-    from twin.exchange.formats.usdz.write import write_usdz
+    from twin.exchange.formats import exported
+    from twin.exchange.write.bundle import write_format
+    from twin.exchange.write.order import Order, Scene
 
     robot, clip = made.four_bar(), swing()
     folder.mkdir(parents=True, exist_ok=True)
-    assumed = [f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in robot.parameters if p.provenance == "ASSUMED"]
-    write_tracks(robot, clip, folder / "tracks", assumed=assumed)
-    (folder / "bars.glb").write_bytes(glb_bytes(robot, [clip], {n: T[0] for n, T in clip.links.items()}))
-    write_usd(robot, [clip], folder / "usd")
-    write_usdz(robot, clip, folder / "bars_ar.usdz")
-    write_mjcf(robot, folder)
-    write_urdf(robot, folder)
+    assumed = tuple(f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in robot.parameters if p.provenance == "ASSUMED")
+    order = Order(robot, (Scene(clip, robot, clip.links),), (clip.name,), (), assumed, robot.name, "a test", ())
+    for format in exported():
+        if not format.marker:  # PACKAGE is a smaller folder than the Unity package
+            write_format(format.name, order, folder)
     for name, text in PACKAGE.items():
         file = folder / "unity" / name
         file.parent.mkdir(parents=True, exist_ok=True)

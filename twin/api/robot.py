@@ -15,7 +15,7 @@ import numpy as np
 from twin.core import assets
 from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.foreign.admit import admit
-from twin.core.foreign.budget import read_bytes
+from twin.core.foreign.budget import STAGE_SUFFIXES, read_bytes
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
@@ -40,8 +40,6 @@ _TRIED_ERROR = 1e-6
 
 Progress = Callable[[str, float], None]
 """Function that is called to report progress, with the name of the current step and the fraction done (0 to 1)."""
-
-STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def silent(label: str, fraction: float) -> None:

@@ -18,13 +18,14 @@ from twin.cad.threemf import UNITS, read_3mf
 from twin.core.errors import BudgetError, CadError
 from twin.core.findings import Finding, warning
 from twin.core.foreign.admit import admit
+from twin.core.foreign.budget import GLTF_SUFFIXES
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import LENGTH, MM
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 
-SUFFIXES = (".stl", ".obj", ".glb", ".gltf", ".3mf", ".ply", ".dae")
+SUFFIXES = (".stl", ".obj", *GLTF_SUFFIXES, ".3mf", ".ply", ".dae")
 
 _PLAUSIBLE = (0.5 * MM, 20.0)
 """Minimum and maximum plausible size of a robot part in m; for another size, the declared unit is probably wrong."""
@@ -66,7 +67,7 @@ def load_mesh(
     size = LENGTH[unit]
     suffix = path.suffix.lower()
     if up is None:
-        up = "y" if suffix in (".glb", ".gltf") else "z"
+        up = "y" if suffix in GLTF_SUFFIXES else "z"
     try:
         admit(path)
         if suffix == ".dae":

@@ -9,12 +9,19 @@ from pathlib import Path
 
 from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.archive import check_zip
-from twin.core.foreign.budget import BUDGETS, check_size, over, read_bytes
+from twin.core.foreign.budget import (
+    BUDGETS,
+    GLTF_SUFFIXES,
+    MJCF_SUFFIXES,
+    STAGE_SUFFIXES,
+    check_size,
+    over,
+    read_bytes,
+)
 from twin.core.foreign.gltf import check_gltf
 from twin.core.foreign.guard import pass_together, run
 from twin.core.foreign.text import check_depth, count_json
 
-_USD = (".usd", ".usda", ".usdc", ".usdz")
 _OTHER = {
     ".csv": "CSV",
     ".dae": "DAE",
@@ -40,16 +47,16 @@ def admit(path: Path) -> None:
         OSError: the file cannot be read.
     """
     suffix = path.suffix.lower()
-    if suffix in _USD:
+    if suffix in STAGE_SUFFIXES:
         _look_at_usd(path)
         run(path, "USD")
-    elif suffix in (".glb", ".gltf"):
+    elif suffix in GLTF_SUFFIXES:
         check_gltf(path)
     elif suffix == ".3mf":
         check_zip(path, "3MF")
     elif suffix == ".ply":
         _check_ply(path)
-    elif suffix in (".xml", ".mjcf"):
+    elif suffix in MJCF_SUFFIXES:
         check_size(path, "MJCF")
         run(path, "MJCF")
     elif suffix == ".json":

@@ -10,6 +10,15 @@ from twin.core.errors import BudgetError
 
 MB = 1_000_000
 
+STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+"""Suffixes of OpenUSD stages and layers."""
+
+GLTF_SUFFIXES = (".glb", ".gltf")
+"""Suffixes of glTF files."""
+
+MJCF_SUFFIXES = (".xml", ".mjcf")
+"""Suffixes of MJCF files."""
+
 
 @dataclass(frozen=True)
 class Budget:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO
 
 from twin.core.errors import BudgetError, SourceError
-from twin.core.foreign.budget import BODIES, BUDGETS, MB, way
+from twin.core.foreign.budget import BODIES, BUDGETS, MB, MJCF_SUFFIXES, STAGE_SUFFIXES, way
 from twin.core.processes import Child, isolated
 
 _LIMITED = """
@@ -60,7 +60,7 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
 
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
 
-_BESIDE = {"MJCF": (".xml", ".mjcf", ".stl", ".obj", ".msh", ".png"), "USD": (".usd", ".usda", ".usdc", ".usdz")}
+_BESIDE = {"MJCF": (*MJCF_SUFFIXES, ".stl", ".obj", ".msh", ".png"), "USD": STAGE_SUFFIXES}
 """{format: suffixes of files to which a file of this format may refer}. Files with these suffixes in the same folder or
 its subfolders increase the limits."""
 

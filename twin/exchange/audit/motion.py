@@ -226,12 +226,18 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
 
 
 def check_quaternions(
-    ledger: Ledger, xyzw: Array, times: Array | Sequence[float], where: str, code: str, blended: bool = True
+    ledger: Ledger,
+    xyzw: Array,
+    times: Array | Sequence[float],
+    where: str,
+    code: str,
+    blended: bool = True,
+    shorter: bool = False,
 ) -> None:
     """Report faults of the quaternions (k, 4) of a link: a length that is not 1, sign changes, large rotations.
 
     Sign changes and rotations by more than `MAX_STEP` between two keys are faults only if players interpolate the
-    quaternions (`blended` is True).
+    quaternions (`blended` is True). A sign change is a warning if the format requires the `shorter` rotation, as glTF.
     """
     if not np.all(np.isfinite(xyzw)):
         text = f"{where}: a quaternion is not finite."
@@ -246,13 +252,16 @@ def check_quaternions(
     if not blended:
         return
     dots = np.sum(xyzw[1:] * xyzw[:-1], axis=1)
-    if flips := np.flatnonzero(dots < 0).tolist():
+    flips = np.flatnonzero(dots < 0).tolist()
+    if flips:
         k = flips[0]
         text = (
             f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
             f"{times[k + 1]:.4g} s"
         )
-        if code == "gltf":
+        severity = "disagreement"
+        if shorter:
+            severity = "warning"
             text += (
                 ": the file is valid and its motion is right, because glTF 2.0 (appendix C.4) requires that players "
                 "take the shorter rotation, at which the sign does no harm. Players that interpolate components, as "
@@ -260,14 +269,8 @@ def check_quaternions(
             )
         else:
             text += ": players that interpolate components (Unity) rotate the link by up to 180 deg."
-        ledger.add(
-            f"{code}.quaternion_sign",
-            "warning" if code == "gltf" else "disagreement",
-            text,
-            where,
-            size=Measured(float(len(flips)), 0.0),
-            when=f"t = {times[k]:.4g} s",
-        )
+        count = Measured(float(len(flips)), 0.0)
+        ledger.add(f"{code}.quaternion_sign", severity, text, where, size=count, when=f"t = {times[k]:.4g} s")
     turn = 2 * np.arccos(np.clip(np.abs(dots) / (size[1:] * size[:-1]), 0, 1))
     if len(turn) and np.max(turn) > MAX_STEP:
         k = int(np.argmax(turn))

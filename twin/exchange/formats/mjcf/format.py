@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from twin.core.foreign.budget import BUDGETS
+from twin.core.foreign.budget import BUDGETS, MJCF_SUFFIXES
 from twin.exchange.format import Format, Holds, Places, Variant
 
 _HEAD = 4096
@@ -28,7 +28,7 @@ FORMAT = Format(
     recognise=is_mjcf,
     holds=Holds.MASSES | Holds.JOINT_TREE | Holds.UNNAMED_FIXED_JOINTS,
     code="mjcf",
-    sources=(".xml", ".mjcf"),
+    sources=MJCF_SUFFIXES,
     takes=("root",),
     use="- MuJoCo 3.13 or newer: load <robot>.xml and step, 1 ms at a time. It starts at home with closed loops, which "
     "equality constraints hold; a control is the displacement of a drive from home (ctrl = coordinate - ref), so that "

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.core.foreign.budget import BUDGETS
+from twin.core.foreign.budget import BUDGETS, STAGE_SUFFIXES
 from twin.exchange.format import Format, Holds, Places, Variant
 
 _SUBLAYER = re.compile(r"@([^@\0]+\.usd[ac]?)@")
@@ -45,7 +45,7 @@ FORMAT = Format(
     holds=Holds.LINKS | Holds.REST | Holds.MASSES | Holds.ONE_MOTION | Holds.UNNAMED_MOTION,
     code="usd",
     guard="USD",
-    sources=(".usd", ".usda", ".usdc", ".usdz"),
+    sources=STAGE_SUFFIXES,
     takes=("root",),
     use="- Isaac Sim, Omniverse, Newton, PhysX: open usd/<robot>_sim.usda to simulate (joint state is authored, loops "
     "are outside of the articulation, self collision is off); usd/<robot>_<protocol>.usda to watch a motion. "

@@ -190,7 +190,7 @@ def _channel(
     if mode == "CUBICSPLINE":
         incoming, values, outgoing = values[0::3], values[1::3], values[2::3]
     if path == "rotation":
-        check_quaternions(ledger, values, times, where, "gltf", mode != "STEP")
+        check_quaternions(ledger, values, times, where, "gltf", mode != "STEP", shorter=True)
     if path == "scale" and np.min(values) <= 0:
         text = f"clip '{clip}' scales '{where}' by {np.min(values):.4g}: a scale must be above 0."
         ledger.wrong("gltf.mirrored", text, where)
