@@ -117,11 +117,30 @@ def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array
     return Mesh(name, points, np.asarray(triangles, np.int32), (linear(r), linear(g), linear(b), a))
 
 
-def served(shapes: Sequence[Mesh], link: str, findings: Findings) -> None:
-    """Add a warning to `findings`: the collision shapes of a link serve, because none of its visual shapes was read."""
-    if shapes:
-        text = f"link '{link}': none of its visual shapes can be read: {len(shapes)} of its collision shapes serve."
-        findings.warn("collision", text, link)
+def link_meshes(
+    name: str, link: Element, read: Callable[[str, list[Element]], list[Mesh]], findings: Findings, ignored: str = ""
+) -> list[Mesh]:
+    """Return the visual shapes of a link; if there are none, or none can be read, its collision shapes.
+
+    `read` converts the <visual> or <collision> elements of the link with this name. `ignored` is the note added to
+    `findings` if the link has collision shapes that are not imported, because its visual shapes are; none if empty.
+    """
+    visuals = link.findall("visual")
+    collisions = link.findall("collision")
+    if not visuals:
+        return read(name, collisions)
+    meshes = read(name, visuals)
+    if not collisions:
+        return meshes
+    if meshes:
+        if ignored:
+            findings.note("collision", ignored, name)
+        return meshes
+    meshes = read(name, collisions)
+    if meshes:
+        text = f"link '{name}': none of its visual shapes can be read: {len(meshes)} of its collision shapes serve."
+        findings.warn("collision", text, name)
+    return meshes
 
 
 def find(uri: str, beside: Path) -> Path | None:

@@ -5,7 +5,6 @@ Poses are resolved with `relative_to` and the frames of the model. Nested models
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -16,7 +15,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.formats.sdf.read.world import robot_of
-from twin.exchange.read.shapes import SIZES, Color, mesh_file, placed, served, shows_all, sized, stated_color
+from twin.exchange.read.shapes import SIZES, Color, link_meshes, mesh_file, placed, shows_all, sized, stated_color
 from twin.exchange.read.source import (
     Findings,
     Imported,
@@ -81,56 +80,85 @@ def read_sdf(path: Path, root: str | None = None) -> Imported:
 
 class _Sdf:
     def __init__(self, path: Path, root: str | None) -> None:
-        self.xml, self.path = Xml(path, "sdf"), path
+        self.xml = Xml(path, "sdf")
+        self.path = path
         self.findings = Findings()
         self.efforts: dict[str, float] = {}
         self.model = robot_of(self.xml, root, self.findings)
 
     def read(self) -> Imported:
-        links, joints, marks = (self.xml.named(self.model, k) for k in ("link", "joint", "frame"))
+        links = self.xml.named(self.model, "link")
+        joints = self.xml.named(self.model, "joint")
+        marks = self.xml.named(self.model, "frame")
         if not links:
             raise SourceError(f"{self.path}: the model has no <link>, so there is no mechanism")
-        self.links, self.elements = links, {**links, **joints, **marks}
+        self.links = links
+        self.elements = {**links, **joints, **marks}
         self.poses: dict[str, Array] = {}
         self.T_world_model = self._placed()
         body_names = Names("link", links, self.findings, reserved=(WORLD,))
         joint_names = Names("joint", joints, self.findings)
-        made = [self._joint(n, joint_names[n], e, body_names) for n, e in joints.items()]
-        grounded = any(j.parent == "world" for j in made)
+        made: list[Joint] = []
+        for name, element in joints.items():
+            made.append(self._joint(name, joint_names[name], element, body_names))
+        parents = {joint.parent for joint in made}
+        grounded = "world" in parents
         if grounded and "world" in links:
             self.xml.fail("link 'world'", "the name 'world' is reserved for the world")
         base = WORLD
         if not grounded:
             root = self._base(made, body_names)
             mount = self._mount(root, body_names, set(joint_names.values()))
-            made = [*mount, *made]
-            grounded = bool(mount)
-            if not mount:
+            if mount is None:
                 base = root
-        bodies = [Body(WORLD)] if grounded else []
-        for n, e in links.items():
-            meshes = self._meshes(n, e)
-            bodies.append(Body(body_names[n], tuple(meshes), self._inertia(n, e), shows_all(e, len(meshes))))
-        frames = []
-        shown = (n for n, e in marks.items() if not e.get("hidden"))
-        for old, new in Names("frame", shown, self.findings).items():
-            link = self._attached(old)
-            frames.append(Frame(new, body_names[link], spatial.inverse(self._at(link)) @ self._at(old)))
-        name = self.model.get("name") or self.path.stem
-        couplings = [c for n, e in joints.items() for c in self._mimic(n, e, joint_names)]
-        made = self._drive(made, base, {c.joints[0] for c in couplings}, joint_names)
+            else:
+                made.insert(0, mount)
+                grounded = True
+        bodies: list[Body] = []
+        if grounded:
+            bodies.append(Body(WORLD))
+        for name, link in links.items():
+            bodies.append(self._body(name, body_names[name], link))
+        frames = self._frames(marks, body_names)
+        couplings: list[Coupling] = []
+        for name, joint in joints.items():
+            coupling = self._mimic(name, joint, joint_names)
+            if coupling is not None:
+                couplings.append(coupling)
+        followers = {coupling.joints[0] for coupling in couplings}
+        made = self._drive(made, base, followers, joint_names)
         self.findings += _left_out(self.model, self.xml)
         for text in self.xml.repaired:
             self.findings.warn("xml", text, self.path.name)
-        efforts = {joint_names[n]: e for n, e in self.efforts.items()}
-        out = assemble(self.path, name, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
-        return replace(out, mechanism=replace(out.mechanism, gravity=self._gravity()))
+        efforts = {joint_names[joint]: effort for joint, effort in self.efforts.items()}
+        robot = self.model.get("name") or self.path.stem
+        imported = assemble(self.path, robot, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
+        mechanism = replace(imported.mechanism, gravity=self._gravity())
+        return replace(imported, mechanism=mechanism)
+
+    def _body(self, name: str, body: str, link: Element) -> Body:
+        """Return the body of a link, with the identifier `body`."""
+        meshes = link_meshes(name, link, self._shapes, self.findings)
+        inertia = self._inertia(name, link)
+        return Body(body, tuple(meshes), inertia, shows_all(link, len(meshes)))
+
+    def _frames(self, marks: dict[str, Element], body_names: Names) -> list[Frame]:
+        """Return the frames of the model. Frames that only mark a merged model are hidden, so they are left out."""
+        shown = [name for name, element in marks.items() if not element.get("hidden")]
+        frames: list[Frame] = []
+        for mark, name in Names("frame", shown, self.findings).items():
+            link = self._attached(mark)
+            T_link_mark = spatial.inverse(self._at(link)) @ self._at(mark)
+            frames.append(Frame(name, body_names[link], T_link_mark))
+        return frames
 
     def _placed(self) -> Array:
         """Return T_world_model (4, 4), the pose of the model in the world."""
         where = f"model '{self.model.get('name')}'"
         pose = self.model.find("pose")
-        relative = (pose.get("relative_to") or "") if pose is not None else ""
+        relative = ""
+        if pose is not None:
+            relative = pose.get("relative_to") or ""
         if relative not in ("", "world"):
             text = f"{where}: its pose relative to '{relative}' is not read; the model is placed at the origin."
             self.findings.warn("pose", text, where)
@@ -143,24 +171,27 @@ class _Sdf:
         text = self.xml.root.findtext("world/gravity")
         return stated_gravity(self.xml.numbers("world", "gravity", text, 3, EARTH), self.findings)
 
-    def _mount(self, root: str, names: Names, taken: set[str]) -> list[Joint]:
+    def _mount(self, root: str, names: Names, taken: set[str]) -> Joint | None:
         """Return the joint from the world to the link `root`, in a model without a joint to the world.
 
-        The model floats, unless it is static. The list is empty for a static model whose link `root` is at the origin
-        of the world. `taken` are the names of the other joints.
+        The model floats, unless it is static. None for a static model whose link `root` is at the origin of the
+        world. `taken` are the names of the other joints.
         """
-        link = next(n for n in self.links if names[n] == root)
-        T_world_link = self.T_world_model @ self._at(link)
+        link_of = {names[link]: link for link in self.links}
+        T_world_link = self.T_world_model @ self._at(link_of[root])
         static = (self.model.findtext("static") or "").strip() in ("true", "1")
+        # A product of poses has rounding errors of about 1e-16.
         if static and np.allclose(T_world_link, np.eye(4), rtol=0.0, atol=1e-12):
-            return []
-        name = f"{root}_mount" if static else f"{root}_free"
+            return None
+        kind: JointType = "fixed" if static else "free"
+        suffix = "mount" if static else "free"
+        name = f"{root}_{suffix}"
         while name in taken:
             name += "_1"
         if not static:
             text = f"no joint fixes link '{root}' to the world: the robot floats, by joint '{name}'."
             self.findings.warn("free", text, root)
-        return [Joint(name, "fixed" if static else "free", WORLD, root, T_world_link)]
+        return Joint(name, kind, WORLD, root, T_world_link)
 
     def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
         """Return the joints, with `active` set to True for the driven joints.
@@ -168,52 +199,76 @@ class _Sdf:
         If plug-ins name driven joints, only these joints are driven. Otherwise, all joints are driven except followers
         (`mimic`) and joints that close a loop.
         """
-        told = {t for p in self.model.iter("plugin") for e in p.iter("joint_name") if (t := (e.text or "").strip())}
-        told = {names[t] for t in told if t in names}
-        bare = [replace(j, active=False) for j in joints]
-        bodies = dict.fromkeys([base, *(b for j in joints for b in (j.parent, j.child))])
+        plugged = self._plugged(names)
+        closing = self._closing(joints, base)
+        driven = plugged
+        if not plugged:
+            driven = {joint.name for joint in joints} - closing
+        drives: list[Joint] = []
+        for joint in joints:
+            active = joint.active and joint.name in driven and joint.name not in followers
+            if active and joint.name in closing:
+                fault = "the joint is driven, but closes a loop: list it before the passive joints"
+                self.xml.fail(f"joint '{joint.name}'", fault)
+            drives.append(replace(joint, active=active))
+        if closing and not plugged:
+            listed = ", ".join(sorted(closing))
+            text = f"no plug-in names a driven joint: all joints are driven except {listed}, which close loops."
+            self.findings.warn("driven", text, base)
+        return drives
+
+    def _plugged(self, names: Names) -> set[str]:
+        """Return the joints that plug-ins of the model drive."""
+        plugged: set[str] = set()
+        for plugin in self.model.iter("plugin"):
+            for element in plugin.iter("joint_name"):
+                joint = (element.text or "").strip()
+                if joint and joint in names:
+                    plugged.add(names[joint])
+        return plugged
+
+    def _closing(self, joints: list[Joint], base: str) -> set[str]:
+        """Return the joints that close loops of the mechanism made of these joints, if none of them is driven."""
+        # A dictionary keeps the order in which bodies occur first: the order decides which joints close the loops.
+        bodies = {base: Body(base)}
+        passive: list[Joint] = []
+        for joint in joints:
+            bodies.setdefault(joint.parent, Body(joint.parent))
+            bodies.setdefault(joint.child, Body(joint.child))
+            passive.append(replace(joint, active=False))
         try:
-            closing = {j.name for j in Mechanism("m", base, tuple(map(Body, bodies)), tuple(bare)).loops}
+            mechanism = Mechanism("m", base, tuple(bodies.values()), tuple(passive))
+            return {joint.name for joint in mechanism.loops}
         except MechanismError as error:
             raise SourceError(f"{self.path}: {error}") from error
-        out = []
-        for j in joints:
-            active = j.active and j.name not in followers and j.name in (told or {k.name for k in joints} - closing)
-            if active and j.name in closing:
-                self.xml.fail(
-                    f"joint '{j.name}'", "the joint is driven, but closes a loop: list it before the passive joints"
-                )
-            out.append(replace(j, active=active))
-        if not told and closing:
-            text = (
-                f"no plug-in names a driven joint: all joints are driven except {', '.join(sorted(closing))}, which "
-                "close loops."
-            )
-            self.findings.warn("driven", text, base)
-        return out
 
-    def _mimic(self, name: str, joint: Element, names: Names) -> Iterator[Coupling]:
-        """Yield the coupling of a joint that follows another: q = multiplier (leader - reference) + offset."""
-        where, element = f"joint '{name}', mimic", joint.find("axis/mimic")
+    def _mimic(self, name: str, joint: Element, names: Names) -> Coupling | None:
+        """Return the coupling of a joint that follows another: q = multiplier (leader - reference) + offset."""
+        where = f"joint '{name}', mimic"
+        element = joint.find("axis/mimic")
         if element is None:
-            return
+            return None
         leader = element.get("joint") or ""
         if leader not in names:
             self.xml.fail(where, unknown("joint", leader, [e for e in self.elements if e in names]))
         if element.get("axis", "axis") != "axis":
             self.xml.fail(where, "the joint mimics a second axis, which is not supported")
-        ratio, offset, reference = (
-            self.xml.number(where, key, element.findtext(key), default)
-            for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
-        )
+        ratio = self.xml.number(where, "multiplier", element.findtext("multiplier"), 1.0)
+        offset = self.xml.number(where, "offset", element.findtext("offset"), 0.0)
+        reference = self.xml.number(where, "reference", element.findtext("reference"), 0.0)
         if ratio == 0:
             self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
         total = offset - ratio * reference
-        yield Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
+        follower = names[name]
+        return Coupling(f"{follower}_mimic", (follower, names[leader]), (1.0, -ratio), total)
 
     def _base(self, joints: list[Joint], names: Names) -> str:
-        children = {j.child for j in joints}
-        roots = [names[n] for n in self.links if names[n] not in children]
+        children = {joint.child for joint in joints}
+        roots: list[str] = []
+        for link in self.links:
+            body = names[link]
+            if body not in children:
+                roots.append(body)
         if len(roots) != 1:
             found = ", ".join(roots) or "none: the joints form a cycle"
             raise SourceError(f"{self.path}: expected one base link, found {found}")
@@ -227,9 +282,11 @@ class _Sdf:
             return np.eye(4)
         if pose.get("rotation_format", "euler_rpy") != "euler_rpy":
             self.xml.fail(where, "pose: only rotation_format euler_rpy is supported")
-        v = self.xml.numbers(where, "pose", pose.text, 6, None)
-        turn = v[3:] * (np.pi / 180 if pose.get("degrees") in ("true", "1") else 1.0)
-        return spatial.pose(rpy(turn), v[:3])
+        values = self.xml.numbers(where, "pose", pose.text, 6, None)
+        angles = values[3:]
+        if pose.get("degrees") in ("true", "1"):
+            angles = angles * (np.pi / 180)
+        return spatial.pose(rpy(angles), values[:3])
 
     def _at(self, name: str, seen: tuple[str, ...] = ()) -> Array:
         """Return T_model_x (4, 4) for x, the link, joint or frame with the given name."""
@@ -244,99 +301,117 @@ class _Sdf:
         if name in seen:
             self.xml.fail(f"'{name}'", f"the pose is relative to itself: {' -> '.join((*seen, name))}")
         element = self.elements[name]
-        pose = element.find("pose")
-        relative = (pose.get("relative_to") if pose is not None else None) or ""
-        if not relative and element.tag == "joint":
-            relative = (element.findtext("child") or "").strip()
-        if not relative and element.tag == "frame":
-            relative = element.get("attached_to") or ""
-        out = self._at(relative, (*seen, name)) @ self._pose(element, f"{element.tag} '{name}'")
-        self.poses[name] = out
-        return out
+        T_model_relative = self._at(_relative_to(element), (*seen, name))
+        T_relative_x = self._pose(element, f"{element.tag} '{name}'")
+        self.poses[name] = T_model_relative @ T_relative_x
+        return self.poses[name]
 
     def _attached(self, name: str, seen: tuple[str, ...] = ()) -> str:
+        """Return the link that carries the link, joint or frame with the given name."""
         if name in self.links:
             return name
+        if name in seen:
+            raise SourceError(f"{self.path}: frame '{name}' is attached to itself")
         element = self.elements.get(name)
-        if element is None or name in seen:
-            why = "is attached to itself" if name in seen else "does not exist"
-            raise SourceError(f"{self.path}: frame '{name}' {why}")
-        on = element.findtext("child") if element.tag == "joint" else element.get("attached_to")
-        return self._attached((on or "").strip() or next(iter(self.links)), (*seen, name))
+        if element is None:
+            raise SourceError(f"{self.path}: frame '{name}' does not exist")
+        if element.tag == "joint":
+            carrier = element.findtext("child")
+        else:
+            carrier = element.get("attached_to")
+        carrier = (carrier or "").strip()
+        if not carrier:
+            # A frame without `attached_to` belongs to the model, whose canonical link is its first one.
+            carrier = next(iter(self.links))
+        return self._attached(carrier, (*seen, name))
 
     # -- parts ----------------------------------------------------------------------------------------
 
     def _joint(self, name: str, new: str, joint: Element, names: Names) -> Joint:
-        where, kind = f"joint '{name}'", joint.get("type")
+        where = f"joint '{name}'"
+        kind = joint.get("type")
         if kind not in TYPES:
             self.xml.fail(where, unknown("joint type", str(kind), TYPES))
-        ends = []
-        for end in ("parent", "child"):
-            link = (joint.findtext(end) or "").strip()
-            if link != "world" and link not in self.elements:
-                self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
-            ends.append(link if link == "world" else self._attached(link))
-        if ends[1] == "world":
+        parent = self._end(where, joint, "parent")
+        child = self._end(where, joint, "child")
+        if child == "world":
             self.xml.fail(where, "the child of the joint is the world: exchange parent and child")
-        T = self._at(name)
+        T_model_joint = self._at(name)
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):
-            T, values = self._axis(name, where, kind, joint, T)
-        T_parent = self._at(ends[0])
-        return Joint(
-            new,
-            TYPES[kind],
-            "world" if ends[0] == "world" else names[ends[0]],
-            names[ends[1]],
-            spatial.inverse(T_parent) @ T,
-            spatial.inverse(self._at(ends[1])) @ T,
-            **values,
-        )
+            T_model_joint, values = self._axis(name, where, kind, joint, T_model_joint)
+        T_parent_joint = spatial.inverse(self._at(parent)) @ T_model_joint
+        T_child_joint = spatial.inverse(self._at(child)) @ T_model_joint
+        parent_body = parent if parent == "world" else names[parent]
+        return Joint(new, TYPES[kind], parent_body, names[child], T_parent_joint, T_child_joint, **values)
+
+    def _end(self, where: str, joint: Element, end: str) -> str:
+        """Return the link at an end of a joint, `parent` or `child`; "world" is the world."""
+        link = (joint.findtext(end) or "").strip()
+        if link == "world":
+            return link
+        if link not in self.elements:
+            self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
+        return self._attached(link)
 
     def _axis(self, name: str, where: str, kind: str, joint: Element, T: Array) -> tuple[Array, dict]:
         axis = joint.find("axis")
-        axis = Element("axis") if axis is None else axis
+        if axis is None:
+            axis = Element("axis")
         xyz = axis.find("xyz")
-        direction = self.xml.axis(where, "axis xyz", None if xyz is None else xyz.text, (0, 0, 1))
-        if xyz is not None and (expressed := xyz.get("expressed_in")):
-            direction = T[:3, :3].T @ self._at(expressed)[:3, :3] @ direction
+        components = None
+        expressed = None
+        if xyz is not None:
+            # Not `findtext`: for an element without text it returns "", and the default would not be used.
+            components = xyz.text
+            expressed = xyz.get("expressed_in")
+        direction = self.xml.axis(where, "axis xyz", components, (0, 0, 1))
+        if expressed:
+            R_joint_model = T[:3, :3].T
+            direction = R_joint_model @ self._at(expressed)[:3, :3] @ direction
         values: dict = {"active": True}
-        bounds = []
-        for key in ("lower", "upper"):
-            text = axis.findtext(f"limit/{key}") if kind != "continuous" else None
-            value = None
-            if text is not None and text.strip().lstrip("-+").lower() not in ("inf", "infinity"):
-                value = self.xml.number(where, key, text)
-            bounds.append(None if value is None or abs(value) >= _ENDLESS else value)
-        values["limits"] = limits(self.path, bounds[0], bounds[1], name, self.findings)
-        most = {key: self.xml.number(where, key, axis.findtext(f"limit/{key}"), 0.0) for key in ("velocity", "effort")}
-        if 0 < most["velocity"] < _ENDLESS:
-            values["max_speed"] = most["velocity"]
-        if 0 < most["effort"] < _ENDLESS:
-            self.efforts[name] = most["effort"]
+        low = None
+        high = None
+        if kind != "continuous":
+            low = self._bound(where, axis, "lower")
+            high = self._bound(where, axis, "upper")
+        values["limits"] = limits(self.path, low, high, name, self.findings)
+        speed = self.xml.number(where, "velocity", axis.findtext("limit/velocity"), 0.0)
+        effort = self.xml.number(where, "effort", axis.findtext("limit/effort"), 0.0)
+        if 0 < speed < _ENDLESS:
+            values["max_speed"] = speed
+        if 0 < effort < _ENDLESS:
+            self.efforts[name] = effort
         return T @ along(direction), values
 
+    def _bound(self, where: str, axis: Element, key: str) -> float | None:
+        """Return the limit `lower` or `upper` of an axis in rad or m; None if the axis is unlimited on this side."""
+        text = axis.findtext(f"limit/{key}")
+        if text is None:
+            return None
+        magnitude = text.strip().lstrip("-+").lower()
+        # `Xml.number` refuses numbers that are not finite.
+        if magnitude in ("inf", "infinity"):
+            return None
+        value = self.xml.number(where, key, text)
+        return value if abs(value) < _ENDLESS else None
+
     def _inertia(self, name: str, link: Element) -> Inertia | None:
-        element, where = link.find("inertial"), f"link '{name}'"
+        where = f"link '{name}'"
+        element = link.find("inertial")
         if element is None:
             return None
-        T = self._pose(element, where)
+        T_link_com = self._pose(element, where)
         tensor = self.xml.tensor(where, lambda key: element.findtext(f"inertia/{key}"), np.eye(3))
         mass = self.xml.number(where, "mass", element.findtext("mass"), 1.0)
-        return possible(Inertia(mass, T[:3, 3], T[:3, :3] @ tensor @ T[:3, :3].T), name, self.findings)
-
-    def _meshes(self, name: str, link: Element) -> list[Mesh]:
-        """Return the visual shapes of a link; if there are none, or none can be read, its collision shapes."""
-        visuals, collisions = link.findall("visual"), link.findall("collision")
-        out = self._shapes(name, visuals or collisions)
-        if visuals and collisions and not out:
-            out = self._shapes(name, collisions)
-            served(out, name, self.findings)
-        return out
+        R = T_link_com[:3, :3]
+        inertia = Inertia(mass, T_link_com[:3, 3], R @ tensor @ R.T)
+        return possible(inertia, name, self.findings)
 
     def _shapes(self, name: str, elements: list[Element]) -> list[Mesh]:
         """Return the shapes that can be read of the <visual> or <collision> elements of a link."""
-        where, out = f"link '{name}'", []
+        where = f"link '{name}'"
+        meshes: list[Mesh] = []
         for element in elements:
             geometry = element.find("geometry")
             if geometry is None or not len(geometry):
@@ -345,26 +420,54 @@ class _Sdf:
             solid = None
             if shape.tag == "mesh":
                 scale = self.xml.numbers(where, "mesh scale", shape.findtext("scale"), 3, (1, 1, 1))
-                solid = mesh_file((shape.findtext("uri") or "").strip(), self.path.parent, scale, name, self.findings)
+                uri = (shape.findtext("uri") or "").strip()
+                solid = mesh_file(uri, self.path.parent, scale, name, self.findings)
             elif shape.tag in SIZES:
                 solid = sized(self.xml, where, shape.tag, shape.findtext, self.findings)
             else:
                 self.findings.warn("shape", f"{where}: a <{shape.tag}> is not shown.", name)
-            if solid is not None:
-                r, g, b, a = stated_color(element.findtext("material/diffuse"), where, self.findings)
-                a *= 1.0 - self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
-                color: Color = (r, g, b, min(max(a, 0.0), 1.0))
-                label = identifier(f"{name}_shape") + (f"_{len(out) + 1}" if out else "")
-                out.append(placed(label, *solid, self._pose(element, where), color))
-        return out
+            if solid is None:
+                continue
+            vertices, triangles = solid
+            label = identifier(f"{name}_shape")
+            if meshes:
+                label += f"_{len(meshes) + 1}"
+            color = self._color(element, where)
+            meshes.append(placed(label, vertices, triangles, self._pose(element, where), color))
+        return meshes
+
+    def _color(self, element: Element, where: str) -> Color:
+        """Return the colour of a <visual>; its transparency reduces the alpha."""
+        r, g, b, alpha = stated_color(element.findtext("material/diffuse"), where, self.findings)
+        transparency = self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
+        alpha *= 1.0 - transparency
+        return (r, g, b, min(max(alpha, 0.0), 1.0))
+
+
+def _relative_to(element: Element) -> str:
+    """Return the name of the frame in which a link, joint or frame states its pose; "" for that of the model."""
+    relative = ""
+    pose = element.find("pose")
+    if pose is not None:
+        relative = pose.get("relative_to") or ""
+    # Without `relative_to`, a joint is relative to its child link, and a frame to the link that carries it.
+    if not relative and element.tag == "joint":
+        relative = (element.findtext("child") or "").strip()
+    if not relative and element.tag == "frame":
+        relative = element.get("attached_to") or ""
+    return relative
 
 
 def _left_out(model: Element, xml: Xml) -> Findings:
     found = Findings()
     if xml.root.find("world") is not None:
-        others = sorted({str(e.tag) for w in xml.root.findall("world") for e in w} - {"model", "gravity"})
+        others: set[str] = set()
+        for world in xml.root.findall("world"):
+            others.update(str(element.tag) for element in world)
+        others -= {"model", "gravity"}
         if others:
-            found.note("unread", f"the elements {', '.join(others)} of the world are not read.", "world")
+            listed = ", ".join(sorted(others))
+            found.note("unread", f"the elements {listed} of the world are not read.", "world")
     _walk(model, "model", f"model '{model.get('name')}'", found)
     return found
 
@@ -384,9 +487,14 @@ def _walk(element: Element, kind: str, where: str, found: Findings) -> None:
 
 def _tell(child: Element, tag: str, where: str, found: Findings) -> None:
     if tag in ("dynamics", "stiffness", "dissipation"):
-        values = [f"{e.tag} {(e.text or '').strip()}" for e in (child.iter() if len(child) else [child]) if _says(e)]
+        values: list[str] = []
+        for element in child.iter():  # begins with `child` itself, which may have a value or children
+            text = (element.text or "").strip()
+            if len(element) == 0 and text not in _EMPTY:
+                values.append(f"{element.tag} {text}")
         if values:
-            found.warn("friction", f"{where}: {', '.join(values)} is not imported.", where)
+            listed = ", ".join(values)
+            found.warn("friction", f"{where}: {listed} is not imported.", where)
     elif tag == "plugin" and child.find(".//joint_name") is not None:
         text = f"{where}: of <plugin> '{child.get('name', '')}', only the names of the driven joints are read."
         found.note("unread", text, where)
@@ -394,10 +502,6 @@ def _tell(child: Element, tag: str, where: str, found: Findings) -> None:
         found.note("unread", f"{where}: <{tag}> is not imported.", where)
     else:
         found.warn("unread", f"{where}: <{tag}> is not read.", where)
-
-
-def _says(element: Element) -> bool:
-    return not len(element) and (element.text or "").strip() not in _EMPTY
 
 
 def read(path: Path, options: Options) -> Imported:

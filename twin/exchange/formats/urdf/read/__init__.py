@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.formats.urdf.read.closures import Closures, read_closures
-from twin.exchange.read.shapes import GREY, SIZES, Color, mesh_file, placed, served, shows_all, sized, stated_color
+from twin.exchange.read.shapes import GREY, SIZES, Color, link_meshes, mesh_file, placed, shows_all, sized, stated_color
 from twin.exchange.read.source import (
     Findings,
     Imported,
@@ -687,15 +687,8 @@ class _Visuals:
 
     def meshes(self, name: str, link: Element) -> list[Mesh]:
         """Return the visual shapes of a link; if there are none, or none can be read, its collision shapes."""
-        visuals, collisions = link.findall("visual"), link.findall("collision")
-        out = self._shapes(name, visuals or collisions)
-        if visuals and collisions and out:
-            text = f"link '{name}': its <collision> shapes are not imported; the visual meshes are used for collision."
-            self.findings.note("collision", text, name)
-        elif visuals and collisions:
-            out = self._shapes(name, collisions)
-            served(out, name, self.findings)
-        return out
+        ignored = f"link '{name}': its <collision> shapes are not imported; the visual meshes are used for collision."
+        return link_meshes(name, link, self._shapes, self.findings, ignored)
 
     def _shapes(self, name: str, elements: list[Element]) -> list[Mesh]:
         """Return the shapes that can be read of the <visual> or <collision> elements of a link."""
