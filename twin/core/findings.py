@@ -75,9 +75,18 @@ def finding(
         raise ValueError(f"finding {code}: size in {size.unit!r}, limit in {limit.unit!r}; give both in one unit")
     message = what
     if size is not None and word:
-        message += f": {size}" + (f" ({word} {limit})" if limit is not None else "")
-    value, bound = (None if q is None else float(q.value) for q in (size, limit))
-    unit = next((q.unit for q in (size, limit) if q is not None), "")
+        message += f": {size}"
+        if limit is not None:
+            message += f" ({word} {limit})"
+    unit = ""
+    value = None
+    bound = None
+    if limit is not None:
+        unit = limit.unit
+        bound = float(limit.value)
+    if size is not None:
+        unit = size.unit
+        value = float(size.value)
     return Finding(code, severity, message, where, when, value, unit, bound, suggestion, cause)
 
 
@@ -118,10 +127,12 @@ error = partial(finding, "error")
 
 def verdict(findings: Iterable[Finding]) -> Verdict:
     """Return "unchecked" if any finding is an error, else "disagree" if any is a disagreement, else "agree"."""
-    severities = {f.severity for f in findings}
+    severities = {finding.severity for finding in findings}
     if "error" in severities:
         return "unchecked"
-    return "disagree" if "disagreement" in severities else "agree"
+    if "disagreement" in severities:
+        return "disagree"
+    return "agree"
 
 
 EXIT_CODES: dict[Verdict, int] = {"agree": 0, "disagree": 1, "unchecked": 2}

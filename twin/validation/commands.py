@@ -24,23 +24,30 @@ def commands(
     `kin`: the equations in the judged variants; None: the robot has no equations. `tolerances`: None means the
     tolerances of the CAD.
     """
-    chosen = []
+    options: list[str] = []
     if kin is not None:
-        default = {e.name: e.default for e in kin.formula.equations}
-        chosen = [w for n, v in kin.variants.items() if v != default[n] for w in ("--variant", f"{n}={v}")]
+        default = {equation.name: equation.default for equation in kin.formula.equations}
+        changed = {name: variant for name, variant in kin.variants.items() if variant != default[name]}
+        options += _variant_options(changed)
     if tolerances is not None:
-        chosen += ["--tolerance-um", f"{tolerances.position / UM:g}"]
-    name = [_word(files)]
-    out = {"validate": shlex.join(["twin", "validate", *name, "--protocol", str(protocol), *chosen])}
+        options += ["--tolerance-um", f"{tolerances.position / UM:g}"]
+    robot = _word(files)
+    out = {"validate": shlex.join(["twin", "validate", robot, "--protocol", str(protocol), *options])}
     if kin is not None:
-        out["explain"] = shlex.join(["twin", "explain", *name, *chosen, "--seconds", str(SECONDS)])
+        out["explain"] = shlex.join(["twin", "explain", robot, *options, "--seconds", str(SECONDS)])
     return out
 
 
 def again(robot: str, protocol: str, variants: Mapping[str, str]) -> str:
     """Return the command that repeats a validation, from the names of robot, protocol and variants."""
-    chosen = [w for n, v in variants.items() for w in ("--variant", f"{n}={v}")]
-    return shlex.join(["twin", "validate", robot, "--protocol", protocol, *chosen])
+    return shlex.join(["twin", "validate", robot, "--protocol", protocol, *_variant_options(variants)])
+
+
+def _variant_options(variants: Mapping[str, str]) -> list[str]:
+    options: list[str] = []
+    for name, variant in variants.items():
+        options += ["--variant", f"{name}={variant}"]
+    return options
 
 
 def _word(files: assets.RobotFiles) -> str:
@@ -48,4 +55,6 @@ def _word(files: assets.RobotFiles) -> str:
     if files.cad == assets.data_folder() / "cad" / files.name:
         return files.name
     folder = files.cad.parent
-    return os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else str(folder)
+    if folder.is_relative_to(Path.cwd()):
+        return os.path.relpath(folder)
+    return str(folder)

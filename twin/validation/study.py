@@ -82,8 +82,14 @@ class StudyRow:
 
     def test(self) -> str:
         """Return the test whose p-value is nearest to the printed value; "" if no test agrees within rounding."""
-        near = [n for n, p in self.tests.items() if abs(p - self.printed_p) <= 2 * _HALF_DIGIT]
-        return min(near, key=lambda n: abs(self.tests[n] - self.printed_p)) if near else ""
+        nearest = ""
+        smallest = np.inf
+        for name, p in self.tests.items():
+            difference = abs(p - self.printed_p)
+            if difference <= 2 * _HALF_DIGIT and difference < smallest:
+                nearest = name
+                smallest = difference
+        return nearest
 
     def as_dict(self) -> JsonObject:
         """Return the row as plain data."""
@@ -112,63 +118,88 @@ def _p_value(result: Any) -> float:
 
 def recompute(tables: Tables) -> tuple[list[StudyRow], list[Finding]]:
     """Return (recomputed rows, findings on the printed values)."""
+    rows: list[StudyRow] = []
+    findings: list[Finding] = []
+    for measure in tables.measure:
+        row = _measure(measure)
+        rows.append(row)
+        findings += _means(measure, row)
+        findings += _unreproduced(row)
+    for rating in tables.rating:
+        row = _rating(rating, tables.users)
+        rows.append(row)
+        findings += _unreproduced(row)
+    for claim in tables.claim:
+        findings += _claim(claim, tables)
+    return rows, findings
+
+
+def _measure(measure: StudyMeasure) -> StudyRow:
     from scipy import stats
 
-    rows: list[StudyRow] = []
-    found: list[Finding] = []
-    for m in tables.measure:
-        a, b = np.array(m.physical), np.array(m.simulation)
-        tests = {
-            "paired t": _p_value(stats.ttest_rel(a, b)),
-            "Student t": _p_value(stats.ttest_ind(a, b)),
-            "Welch t": _p_value(stats.ttest_ind(a, b, equal_var=False)),
-            "Mann-Whitney": _p_value(stats.mannwhitneyu(a, b, method="asymptotic")),
-        }
-        if (a != b).all():  # the exact test requires differences other than zero
-            tests["Wilcoxon"] = _p_value(stats.wilcoxon(a, b, method="exact"))
-        means = (float(a.mean()), float(b.mean()))
-        row = StudyRow(m.name, m.printed_p, tests, {"printed": m.printed_mean, "of the rows": means})
-        rows.append(row)
-        for where, printed, mean in zip(("physical", "simulation"), m.printed_mean, means, strict=True):
-            if abs(printed - mean) > 2 * _HALF_DIGIT:  # both the cells and their mean are rounded
-                found.append(
-                    disagreement(
-                        "study.mean",
-                        m.name,
-                        f"{m.name}, {where}: the paper prints a mean of {printed:.2f} {m.unit}; the printed rows "
-                        f"of the users give {mean:.2f}; difference",
-                        Quantity(abs(printed - mean), m.unit),
-                        2 * _HALF_DIGIT,
-                        word="rounding",
-                    )
+    physical = np.array(measure.physical)
+    simulation = np.array(measure.simulation)
+    tests = {
+        "paired t": _p_value(stats.ttest_rel(physical, simulation)),
+        "Student t": _p_value(stats.ttest_ind(physical, simulation)),
+        "Welch t": _p_value(stats.ttest_ind(physical, simulation, equal_var=False)),
+        "Mann-Whitney": _p_value(stats.mannwhitneyu(physical, simulation, method="asymptotic")),
+    }
+    if (physical != simulation).all():  # the exact test requires differences other than zero
+        tests["Wilcoxon"] = _p_value(stats.wilcoxon(physical, simulation, method="exact"))
+    means = (float(physical.mean()), float(simulation.mean()))
+    return StudyRow(measure.name, measure.printed_p, tests, {"printed": measure.printed_mean, "of the rows": means})
+
+
+def _means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
+    """Return a finding for each printed mean that is not the mean of the printed rows."""
+    findings: list[Finding] = []
+    means = row.means["of the rows"]
+    for where, printed, mean in zip(("physical", "simulation"), measure.printed_mean, means, strict=True):
+        difference = abs(printed - mean)
+        if difference > 2 * _HALF_DIGIT:  # both the cells and their mean are rounded
+            findings.append(
+                disagreement(
+                    "study.mean",
+                    measure.name,
+                    f"{measure.name}, {where}: the paper prints a mean of {printed:.2f} {measure.unit}; the printed "
+                    f"rows of the users give {mean:.2f}; difference",
+                    Quantity(difference, measure.unit),
+                    2 * _HALF_DIGIT,
+                    word="rounding",
                 )
-        found += _unreproduced(row)
-    for r in tables.rating:
-        tests = {}
-        for reading, inflate in (("population", np.sqrt(tables.users / (tables.users - 1))), ("sample", 1.0)):
-            (m1, s1), (m2, s2) = r.physical, r.simulation
-            for name, equal in (("Student t", True), ("Welch t", False)):
-                value = stats.ttest_ind_from_stats(
-                    m1, s1 * inflate, tables.users, m2, s2 * inflate, tables.users, equal_var=equal
-                ).pvalue
-                tests[f"{name}, +- as {reading} std"] = float(value)
-        rows.append(StudyRow(r.name, r.printed_p, tests, {"printed": (r.physical[0], r.simulation[0])}))
-        found += _unreproduced(rows[-1])
-    for claim in tables.claim:
-        found += _claim(claim, tables)
-    return rows, found
+            )
+    return findings
+
+
+def _rating(rating: Rating, users: int) -> StudyRow:
+    from scipy import stats
+
+    mean_1, std_1 = rating.physical
+    mean_2, std_2 = rating.simulation
+    tests: dict[str, float] = {}
+    # the printed standard deviation may have the divisor n (population) or n - 1 (sample)
+    for reading, factor in (("population", np.sqrt(users / (users - 1))), ("sample", 1.0)):
+        for name, equal in (("Student t", True), ("Welch t", False)):
+            result = stats.ttest_ind_from_stats(
+                mean_1, std_1 * factor, users, mean_2, std_2 * factor, users, equal_var=equal
+            )
+            tests[f"{name}, +- as {reading} std"] = _p_value(result)
+    return StudyRow(rating.name, rating.printed_p, tests, {"printed": (mean_1, mean_2)})
 
 
 def _unreproduced(row: StudyRow) -> list[Finding]:
     if row.test():
         return []
-    made = ", ".join(f"{n} {p:.3f}" for n, p in row.tests.items())
+    recomputed = ", ".join(f"{test} {p:.3f}" for test, p in row.tests.items())
+    nearest = min(abs(p - row.printed_p) for p in row.tests.values())
     return [
         disagreement(
             "study.p",
             row.name,
-            f"{row.name}: p = {row.printed_p:.2f} is printed; no test gives this value from the printed rows ({made})",
-            Quantity(min(abs(p - row.printed_p) for p in row.tests.values()), "1"),
+            f"{row.name}: p = {row.printed_p:.2f} is printed; no test gives this value from the printed rows "
+            f"({recomputed})",
+            Quantity(nearest, "1"),
             2 * _HALF_DIGIT,
             "single trials are not published; a test of the single trials may give the printed value",
             word="",
@@ -177,13 +208,20 @@ def _unreproduced(row: StudyRow) -> list[Finding]:
 
 
 def _claim(claim: Claim, tables: Tables) -> list[Finding]:
+    exceptions: list[str] = []
     if claim.holds == "simulation_above_physical":
-        against = [r.name for r in tables.rating if r.simulation[0] <= r.physical[0]]
-        text = f"the statement '{claim.text}' is false for {', '.join(against)}"
+        for rating in tables.rating:
+            if rating.simulation[0] <= rating.physical[0]:
+                exceptions.append(rating.name)
+        text = f"the statement '{claim.text}' is false for {', '.join(exceptions)}"
     else:
-        against = [f"{r.name} {r.printed_p:.2f}" for r in tables.rating if r.printed_p >= 0.05]
+        for rating in tables.rating:
+            if rating.printed_p >= 0.05:
+                exceptions.append(f"{rating.name} {rating.printed_p:.2f}")
         text = (
-            f"'{claim.text}': these p-values are printed as 0.05 or more ({', '.join(against)}), so the sign should be "
-            f">=. With {tables.users} users, such values do not prove equality"
+            f"'{claim.text}': these p-values are printed as 0.05 or more ({', '.join(exceptions)}), so the sign should "
+            f"be >=. With {tables.users} users, such values do not prove equality"
         )
-    return [warning("study.claim", "prose", text)] if against else []
+    if not exceptions:
+        return []
+    return [warning("study.claim", "prose", text)]

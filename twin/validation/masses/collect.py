@@ -36,25 +36,27 @@ class MassSource:
     @property
     def all_findings(self) -> list[Finding]:
         """Findings on single bodies, followed by findings on all bodies together."""
-        return [*(f for b in self.bodies for f in b.findings), *self.findings]
+        findings: list[Finding] = []
+        for body in self.bodies:
+            findings += body.findings
+        findings += self.findings
+        return findings
 
 
 def of_mechanism(mechanism: Mechanism, title: str) -> MassSource:
     """Judge all bodies with a mass in a mechanism; the masses come from the CAD or from a file."""
-    bodies, without = [], []
+    bodies: list[JudgedInertia] = []
+    without: list[str] = []
     for body in mechanism.bodies:
-        if body.inertia is None:
-            without += [body.name] if body.meshes and body.name != mechanism.base else []
-            continue
-        bodies.append(judged(stated(body.name, title, body.inertia, body.meshes)))
-    found = []
+        if body.inertia is not None:
+            bodies.append(judged(stated(body.name, title, body.inertia, body.meshes)))
+        elif body.meshes and body.name != mechanism.base:
+            without.append(body.name)
+    findings: list[Finding] = []
     if without:
-        found.append(
-            warning(
-                "inertia.missing", without[0], f"these bodies have shapes but no mass: {', '.join(without)}", when=title
-            )
-        )
-    return MassSource(title, tuple(bodies), tuple(found))
+        text = f"these bodies have shapes but no mass: {', '.join(without)}"
+        findings.append(warning("inertia.missing", without[0], text, when=title))
+    return MassSource(title, tuple(bodies), tuple(findings))
 
 
 def of_table(folder: Path, mechanism: Mechanism) -> MassSource:
@@ -66,14 +68,15 @@ def of_table(folder: Path, mechanism: Mechanism) -> MassSource:
     """
     table = inertia.of_robot(folder)
     stating = inertia.weighed(table, mechanism, instrument=False)
-    moved = {j.name: stating.body(j.child) for j in stating.tree}
-    links = ((link.joint, moved[link.joint]) for link in table.link)
-    bodies = tuple(
-        judged(stated(f"link of {name}", "inertia.toml", body.inertia, body.meshes, own_shapes=False))
-        for name, body in links
-        if body.inertia is not None
-    )
-    return MassSource(f"{table.title} (inertia.toml)", bodies)
+    moved = {joint.name: stating.body(joint.child) for joint in stating.tree}
+    bodies: list[JudgedInertia] = []
+    for link in table.link:
+        body = moved[link.joint]
+        if body.inertia is None:
+            continue
+        name = f"link of {link.joint}"
+        bodies.append(judged(stated(name, "inertia.toml", body.inertia, body.meshes, own_shapes=False)))
+    return MassSource(f"{table.title} (inertia.toml)", tuple(bodies))
 
 
 def of_exhibit(path: Path) -> MassSource:
@@ -83,7 +86,11 @@ def of_exhibit(path: Path) -> MassSource:
         DescriptionError: the file is invalid.
     """
     exhibit = audit.load(path)
-    return of_moments(exhibit.title, [(f"row {b.name}", *audit.moments(b)) for b in exhibit.body])
+    rows: list[tuple[str, Array, Array]] = []
+    for body in exhibit.body:
+        first, tensor = audit.moments(body)
+        rows.append((f"row {body.name}", first, tensor))
+    return of_moments(exhibit.title, rows)
 
 
 def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
@@ -92,38 +99,43 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
     Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The
     products of all rows are negated if this reduces the sum of the minimum masses by more than the factor `PLAIN`.
     """
-    read = {1: rows, -1: [(name, h, audit.negated(J)) for name, h, J in rows]}
-    least = {sign: [least_mass(J, h) for _, h, J in some] for sign, some in read.items()}
-    total = {sign: sum(values) for sign, values in least.items()}
-    sign = -1 if total[-1] * PLAIN < total[1] else 1
-    bodies = tuple(judged(StatedInertia(name, title, None, h, J)) for name, h, J in read[sign])
-    found = []
-    if sign < 0:
-        worst = int(np.argmax([a / b if b else 0.0 for a, b in zip(least[1], least[-1], strict=True)]))
-        found.append(
+    negated = [(name, first, audit.negated(tensor)) for name, first, tensor in rows]
+    masses = [least_mass(tensor, first) for _, first, tensor in rows]
+    masses_negated = [least_mass(tensor, first) for _, first, tensor in negated]
+    total = sum(masses)
+    total_negated = sum(masses_negated)
+    findings: list[Finding] = []
+    chosen = rows
+    if total_negated * PLAIN < total:
+        chosen = negated
+        ratios = [a / b if b else 0.0 for a, b in zip(masses, masses_negated, strict=True)]
+        worst = int(np.argmax(ratios))
+        name = rows[worst][0]
+        findings.append(
             disagreement(
                 "inertia.sign",
-                rows[worst][0],
+                name,
                 "the products of inertia are printed as +integral(x y dm): as printed, the rows require a mass of "
-                f"at least {total[1]:.2f} kg, {rows[worst][0]} alone {least[1][worst]:.3f} kg; with negated "
-                f"products, {total[-1]:.2f} kg and {least[-1][worst]:.3f} kg",
-                Quantity(total[1], "kg"),
-                total[-1],
+                f"at least {total:.2f} kg, {name} alone {masses[worst]:.3f} kg; with negated "
+                f"products, {total_negated:.2f} kg and {masses_negated[worst]:.3f} kg",
+                Quantity(total, "kg"),
+                total_negated,
                 "negate the products to build the tensor",
                 when=title,
                 word="",
             )
         )
-    elif total[1] * PLAIN >= total[-1]:
-        found.append(
+    elif total * PLAIN >= total_negated:
+        findings.append(
             info(
                 "inertia.sign_open",
                 "",
                 "the sign of the products is undetermined: both signs require about the same mass",
-                Quantity(total[1], "kg"),
-                total[-1],
+                Quantity(total, "kg"),
+                total_negated,
                 when=title,
                 word="negated",
             )
         )
-    return MassSource(title, bodies, tuple(found))
+    bodies = [judged(StatedInertia(name, title, None, first, tensor)) for name, first, tensor in chosen]
+    return MassSource(title, tuple(bodies), tuple(findings))
