@@ -25,7 +25,7 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Expression, Site
 from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.shifts import DIFFERENCE, Shift, shifted, solution
+from twin.validation.explain.shifts import DIFFERENCE, FEWEST, Shift, shifted, solution
 from twin.validation.explain.source import Edit
 
 _NAMES = ("_required_one_", "_required_two_")
@@ -171,7 +171,8 @@ class Double:
         return out
 
     def _can_repair(self, cut: _Cut, row: Key) -> bool:
-        if self._base[row].shape[1] == 1 or not np.isfinite(self._base[row]).all():
+        r = self._base[row]
+        if r.shape[1] == 1 or np.isfinite(r).all(axis=1).sum() < FEWEST:
             return True
         binding = self._binding
         self._binding = [row]

@@ -78,6 +78,9 @@ _DOUBLE_PART = 0.7
 _REFUTE_PART = 0.25
 """Maximum part of the remaining time to find expressions in which no single edit can repair a row."""
 
+_LATE = 3
+"""Maximum number of repairs that are confirmed, if the time is over."""
+
 _SHARED = 3
 """Number of edits of each repaired group that are also tried in pairs, to fix the remaining rows."""
 
@@ -250,8 +253,8 @@ class Search:
             refuted |= set(closed)
             open_ |= {cut.place for cut in double.cuts} - set(closed)
             open_ |= set(double.unsure)
-            if until.passed:
-                return  # other equations might use the same expressions
+            if until.passed:  # other equations might use the same expressions; these edits are tried after the pairs
+                break
         self._refuted = []
         for path, start, end in refuted:
             if not any(p == path and a <= start and end <= b for p, a, b in open_):
@@ -509,14 +512,22 @@ class Search:
         Of these, repairs that hold only for the present values of equal or assumed parameters are left out, also if no
         other repair is left.
         """
-        after = {id(c): self._after(c) for way in cures for c in way[:_WHOLE]}
+        after: dict[int, _After | None] = {}
+        confirmed = []
+        for way in cures:
+            if self.deadline.passed and len(confirmed) >= _LATE:  # the others are not confirmed, so not proposed
+                break
+            confirmed.append(way)
+            for c in way[:_WHOLE]:
+                if c is way[0] or not self.deadline.passed:
+                    after[id(c)] = self._after(c)
         least = min((a.wrong for a in after.values() if a is not None), default=None)
 
         def keeps(c: Candidate) -> bool:
             a = after.get(id(c))
             return a is None or a.wrong == least
 
-        kept = [way for way in ([c for c in way if keeps(c)] for way in cures) if way]
+        kept = [way for way in ([c for c in way if keeps(c)] for way in confirmed) if way]
         general = []
         for way in kept:
             a = after.get(id(way[0]))
@@ -557,7 +568,7 @@ class Search:
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
         joints = [(j.name, j.kind == "revolute") for j in formula.joints]
-        if self.deadline.passed or any(e.path != path or e.kind == "left side" for e in change):
+        if any(e.path != path or e.kind == "left side" for e in change):
             return None
         with Scratch() as folder:
             file = Path(folder) / "formula.py"

@@ -31,7 +31,7 @@ _TIGHT = 1e-3
 _STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0)
 """Further shifts from which Gauss-Newton starts where a row has no value, as multiples of the expression's value."""
 
-_FEWEST = 6
+FEWEST = 6
 """Minimum number of poses at which a row must have a value."""
 
 _SINGULAR = 1e-9
@@ -116,7 +116,7 @@ def solution(
         better = (_cost(there) < _cost(r))[:, None]
         values, r = np.where(better, tried, values), np.where(better, there, r)
     known = np.asarray(np.isfinite(r).all(axis=1))
-    if known.sum() < _FEWEST:
+    if known.sum() < FEWEST:
         return None
     for _ in range(STEPS):
         if deadline.passed:
