@@ -30,7 +30,9 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 def data_folder() -> Path:
     """Return the folder that contains cad/, usd/ and trajectories/."""
     installed = _PACKAGE / "_data"
-    return installed if installed.is_dir() else _PACKAGE.parent
+    if installed.is_dir():
+        return installed
+    return _PACKAGE.parent
 
 
 def is_checkout() -> bool:
@@ -115,8 +117,11 @@ def scene_file(scene: str | Path) -> Path | None:
     if str(scene) in scenes():
         return data_folder() / "cad" / str(scene) / "scene.toml"
     path = Path(scene)
-    path = path / "scene.toml" if path.is_dir() else path
-    return path if path.name == "scene.toml" and path.is_file() else None
+    if path.is_dir():
+        path = path / "scene.toml"
+    if path.name == "scene.toml" and path.is_file():
+        return path
+    return None
 
 
 def studies(name: str) -> list[Path]:
@@ -162,8 +167,9 @@ def files(robot: str | Path) -> RobotFiles:
 
 def hidden(robot: str | Path) -> Path | None:
     """Return the robot folder in the working directory if a built-in robot has precedence over it; else None."""
-    there = str(robot) in names() and _descriptions(Path(robot))
-    return Path(robot).resolve() if there else None
+    if str(robot) in names() and _descriptions(Path(robot)):
+        return Path(robot).resolve()
+    return None
 
 
 def _descriptions(folder: Path) -> list[Path]:

@@ -119,11 +119,16 @@ def _free_angles(kin: Kinematics, model: ReferenceModel) -> list[Parameter]:
         return []
     read: dict[str, set[str]] = {"inverse": set(), "forward": set(), "helper": set()}
     for equation in kin.formula.equations:
-        required, optional = arguments(equation.variants[kin.variants.get(equation.name, equation.default)])
+        variant = kin.variants.get(equation.name, equation.default)
+        required, optional = arguments(equation.variants[variant])
         read[equation.stage].update(required, optional)
-    free = read["inverse"] - read["forward"]
-    angles = [p for p in kin.formula.parameters if p.unit in ("deg", "rad") and p.provenance == "ASSUMED"]
-    return [p for p in angles if p.name in free]
+    only_inverse = read["inverse"] - read["forward"]
+    free: list[Parameter] = []
+    for parameter in kin.formula.parameters:
+        is_angle = parameter.unit in ("deg", "rad")
+        if is_angle and parameter.provenance == "ASSUMED" and parameter.name in only_inverse:
+            free.append(parameter)
+    return free
 
 
 def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: Comparison) -> None:
@@ -135,7 +140,11 @@ def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, 
     if not inside.any():
         return
     out.facts[HEADING] = _facts(found.drawn, inside, found.beyond, model.mechanism)
-    wrong_before = next((r.name for r in out.residuals if r.pair == "A-B" and not r.agrees), "")
+    wrong_before = ""
+    for residual in out.residuals:
+        if residual.pair == "A-B" and not residual.agrees:
+            wrong_before = residual.name
+            break
     judge = _Judge(found.drawn, inside, model.mechanism, tolerances, wrong_before, out)
     for name, (offset, turn) in found.errors.items():
         judge.rows(name, offset, turn)
@@ -146,12 +155,14 @@ def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, 
 def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
     """Return {name of a row of reach: (k,) bool, whether a state is beyond it} for rows that exclude any state."""
     run = drawn.run
-    rows = dict(kin.reach(Ts=run.Ts_base_tool)) if kin.closed_inverse else {}
-    out = {name: ~(margin >= 0) for name, margin in rows.items()}
+    beyond: dict[str, np.ndarray] = {}
+    if kin.closed_inverse:
+        for name, margin in kin.reach(Ts=run.Ts_base_tool).items():
+            beyond[name] = ~(margin >= 0)  # also where the margin is NaN
     if kin.closed_forward:
         for name, margin in kin.reach(qs=run.q).items():
-            out[name] = out.get(name, margin < 0) | (margin < 0)
-    return {name: beyond for name, beyond in out.items() if beyond.any()}
+            beyond[name] = beyond.get(name, margin < 0) | (margin < 0)
+    return {name: states for name, states in beyond.items() if states.any()}
 
 
 def _of_inverse(
@@ -272,19 +283,31 @@ class _Judge:
         judged = self.inside & ~np.isnan(offset)
         if not judged.any():
             return
-        position = self._row(name, "m", offset, judged, _SLACK * self.tolerances.position)
-        rotation = self._row(name, "rad", turn, judged, _SLACK * self.tolerances.rotation)
+        position_limit = _SLACK * self.tolerances.position
+        rotation_limit = _SLACK * self.tolerances.rotation
+        position = self._row(name, "m", offset, judged, position_limit)
+        rotation = self._row(name, "rad", turn, judged, rotation_limit)
         self.out.residuals += [position, rotation]
-        wrong = judged & ((offset > _SLACK * self.tolerances.position) | (turn > _SLACK * self.tolerances.rotation))
-        if wrong.any():
-            row = rotation if position.agrees else position
-            kind = _FOLLOWS if self.wrong_before else _DIFFERS
-            worst = int(np.argmax(np.where(wrong, turn if position.agrees else offset, -1.0)))
-            stage, _, value = name.partition(", ")
-            equations = f"{stage} equations with {value}" if value else f"{stage} equations"
-            text = f"over the joint range, the {equations} are wrong at {_share(wrong, self.inside)}"
-            way = _VANISHES if value and not self.wrong_before else ""
-            self.out.findings.append(row.finding(kind, text, suggestion=way, when=self._state(worst), cause=stage))
+        wrong = judged & ((offset > position_limit) | (turn > rotation_limit))
+        if not wrong.any():
+            return
+        shown = position
+        errors = offset
+        if position.agrees:
+            shown = rotation
+            errors = turn
+        worst = int(np.argmax(np.where(wrong, errors, -1.0)))
+        stage, _, value = name.partition(", ")  # "inverse, theta = 23 deg": another value of a free angle
+        equations = f"{stage} equations"
+        if value:
+            equations += f" with {value}"
+        kind = _FOLLOWS if self.wrong_before else _DIFFERS
+        suggestion = ""
+        if value and not self.wrong_before:
+            suggestion = _VANISHES
+        text = f"over the joint range, the {equations} are wrong at {_share(wrong, self.inside)}"
+        found = shown.finding(kind, text, suggestion=suggestion, when=self._state(worst), cause=stage)
+        self.out.findings.append(found)
 
     def _no_answer(self, name: str, missing: np.ndarray) -> None:
         kind = _NO_ANSWER_FOLLOWS if self.wrong_before else _NO_ANSWER
@@ -292,18 +315,22 @@ class _Judge:
             f"over the joint range, the {name} equations give no result at {_share(missing, self.inside)} that the "
             "mechanism can take"
         )
-        self.out.findings.append(kind(name, text, when=self._state(int(np.argmax(missing))), cause=name))
+        first = int(np.argmax(missing))
+        self.out.findings.append(kind(name, text, when=self._state(first), cause=name))
 
     def _row(self, name: str, unit: str, error: Array, judged: np.ndarray, limit: float) -> Residual:
         worst = int(np.argmax(np.where(judged, error, -1.0)))
         finite = error[judged & np.isfinite(error)]
+        rms = float("nan")
+        if len(finite):
+            rms = float(np.sqrt(np.mean(finite**2)))
         return Residual(
             "A-B",
             "range",
             name,
             unit,
             float(error[worst]),
-            float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan"),
+            rms,
             limit,
             0.0,
             HEADING,
@@ -336,10 +363,12 @@ def _facts(
     values = drawn.run.q
     for i, joint in enumerate(mechanism.active):
         unit, scale = display_unit(joint.is_angle)
-        first, last = values[:, i].min() / scale, values[:, i].max() / scale
+        first = values[:, i].min() / scale
+        last = values[:, i].max() / scale
         text = f"{first:.1f} .. {last:.1f} {unit}"
         if drawn.share[i] < 0.98:
-            low, high = drawn.low[i] / scale, drawn.high[i] / scale
+            low = drawn.low[i] / scale
+            high = drawn.high[i] / scale
             text += f"; not reached: the rest of {low:.1f} .. {high:.1f} {unit}"
         if joint.limits is None:
             text += "; the joint has no limits"

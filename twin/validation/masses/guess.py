@@ -17,12 +17,11 @@ from twin.core.findings import Finding, warning
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 
-BAD, GOOD, GAIN = 0.35, 0.3, 0.35
-"""Limits of the misfit (see `misfit`) between the stated tensor and the tensor of the filled shapes.
-
-If the misfit exceeds BAD, the check searches for an explanation. With the explanation, the misfit must be below GOOD,
-and below GAIN times the original misfit. Bodies that are hollow or of mixed materials have a misfit of 0.1 to 0.3.
-"""
+# Limits of the misfit (see `misfit`) between the stated tensor and the tensor of the filled shapes. Bodies that are
+# hollow or of mixed materials have a misfit of 0.1 to 0.3.
+BAD = 0.35  # above it, the check searches for an explanation
+GOOD = 0.3  # with the explanation, the misfit must be below it
+GAIN = 0.35  # and below this part of the original misfit
 
 SIGN = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
@@ -30,6 +29,7 @@ SIGN = 0.04
 CLEAR = 2.0
 """If (misfit of second-best / misfit of best explanation) is smaller than this, the message names both."""
 
+_WRONG_SIGN = "the products of inertia seem to have the wrong sign (+integral of x y dm)"
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -52,29 +52,42 @@ def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, s
     """
     if shape is None:
         return []
-    now = misfit(tensor / mass, shape)
-    tried = sorted(_readings(tensor, centre, mass), key=lambda r: misfit(r[2] / mass, shape))
-    signs = [r for r in tried if r[0] == "sign"]
-    if now < BAD:
-        # Products are small compared with the moments: their sign has little effect on the misfit of the tensor.
-        products = np.array([shape[p] for p in _PLACES[3:]])
-        stated = np.array([tensor[p] / mass for p in _PLACES[3:]])
-        if np.linalg.norm(products) < SIGN * np.abs(shape).max():
-            return []
-        off = np.linalg.norm(stated - products)
-        turned = np.linalg.norm(-stated - products)
-        if not (signs and turned < GAIN * off and off > np.linalg.norm(products)):
-            return []
-        return [_finding("sign", signs[0][1], name, source, float(off), float(turned))]
-    kind, words, better = tried[0]
-    best = misfit(better / mass, shape)
-    if best > GOOD or best > GAIN * now:
+    stated_misfit = misfit(tensor / mass, shape)
+    if stated_misfit < BAD:
+        return _sign_of_products(name, source, tensor, mass, shape)
+    readings: list[tuple[float, str, str]] = []
+    for kind, words, corrected in _readings(tensor, centre, mass):
+        readings.append((misfit(corrected / mass, shape), kind, words))
+    best, kind, words = min(readings, key=lambda reading: reading[0])
+    if best > GOOD or best > GAIN * stated_misfit:
         return []
-    others = sorted({r[0] for r in tried[1:] if misfit(r[2] / mass, shape) < CLEAR * best and r[0] != kind})
-    found = _finding(kind, words, name, source, now, best)
+    others: set[str] = set()
+    for other_misfit, other, _ in readings:
+        if other != kind and other_misfit < CLEAR * best:
+            others.add(other)
+    found = _finding(kind, words, name, source, stated_misfit, best)
     if others:
-        return [replace(found, message=f"{found.message}; {', '.join(others)} would also explain it")]
+        listed = ", ".join(sorted(others))
+        return [replace(found, message=f"{found.message}; {listed} would also explain it")]
     return [found]
+
+
+def _sign_of_products(name: str, source: str, tensor: Array, mass: float, shape: Array) -> list[Finding]:
+    """Return a warning if the products of inertia fit the shapes only with the opposite sign.
+
+    Products are small compared with the moments: their sign has little effect on the misfit of the tensor.
+    """
+    rows, columns = zip(*_PLACES[3:], strict=True)
+    products = shape[rows, columns]
+    stated = tensor[rows, columns] / mass
+    size = np.linalg.norm(products)
+    if size < SIGN * np.abs(shape).max():
+        return []
+    difference = np.linalg.norm(stated - products)
+    difference_negated = np.linalg.norm(-stated - products)
+    if not (difference_negated < GAIN * difference and difference > size):
+        return []
+    return [_finding("sign", _WRONG_SIGN, name, source, float(difference), float(difference_negated))]
 
 
 def _finding(kind: str, words: str, name: str, source: str, now: float, best: float) -> Finding:
@@ -92,7 +105,7 @@ def _finding(kind: str, words: str, name: str, source: str, now: float, best: fl
 def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, str, Array]]:
     """Yield (kind of mistake, message, corrected tensor about the mass centre) for each possible mistake."""
     flipped = 2 * np.diag(np.diag(tensor)) - tensor
-    yield "sign", "the products of inertia seem to have the wrong sign (+integral of x y dm)", flipped
+    yield "sign", _WRONG_SIGN, flipped
     for order in permutations(range(3)):
         if order != (0, 1, 2):
             axes = "".join("xyz"[i] for i in order)

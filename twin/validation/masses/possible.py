@@ -85,7 +85,7 @@ class JudgedInertia:
 
     def as_dict(self) -> JsonObject:
         """Return the derived quantities and findings as plain data."""
-        return {**vars(self), "findings": [f.as_dict() for f in self.findings]}
+        return {**vars(self), "findings": [finding.as_dict() for finding in self.findings]}
 
 
 def stated(
@@ -174,34 +174,38 @@ def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
 
 def _shape_tensor(body: StatedInertia) -> Array | None:
     """Return the tensor per mass (3, 3) in m2 of the filled shapes about their centre; None if a mesh is open."""
-    m = solid.of_meshes(body.meshes)
-    if m is None:
+    moments = solid.of_meshes(body.meshes)
+    if moments is None:
         return None
-    return np.asarray(solid.tensor(m.second - np.outer(m.first, m.first) / m.volume) / m.volume, float)
+    about_centre = moments.second - np.outer(moments.first, moments.first) / moments.volume
+    return np.asarray(solid.tensor(about_centre) / moments.volume, float)
 
 
 def _against_shapes(body: StatedInertia, first: Array, mass: float | None, say) -> tuple[float, float]:
+    """Return (density, distance of the mass centre from the shapes), see `JudgedInertia`; `say` adds a finding."""
     if mass is None or not body.meshes:
         return float("nan"), float("nan")
     severity = "disagreement" if body.own_shapes else "warning"
     outside = hull_distance(first / mass, body.meshes)
     if outside > BESIDE:
-        text, way = (
-            "the mass centre lies outside the convex hull of the shapes",
-            "check its frame, its signs and its unit",
-        )
-        say("outside", text, mm(outside), mm(BESIDE), way, severity=severity)
-    m = solid.of_meshes(body.meshes)
-    if m is None:
+        text = "the mass centre lies outside the convex hull of the shapes"
+        advice = "check its frame, its signs and its unit"
+        say("outside", text, mm(outside), mm(BESIDE), advice, severity=severity)
+    moments = solid.of_meshes(body.meshes)
+    if moments is None:
         return float("nan"), outside
-    density = mass / m.volume
-    if not DENSITY[0] <= density <= DENSITY[1]:
-        power = int(np.round(np.log10(density / 2700.0)))
-        guess = f" (decimal mark probably shifted by {abs(power)} places)" if power else ""
-        way = f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3" if power else ""
-        limit = DENSITY[0] if density < DENSITY[0] else DENSITY[1]
-        text = f"{mass:g} kg in {1e6 * m.volume:.4g} cm3 of shapes{guess}: density"
-        say("density", text, Quantity(density, "kg/m3"), limit, way, severity=severity)
+    density = mass / moments.volume
+    lightest, heaviest = DENSITY
+    if not lightest <= density <= heaviest:
+        guess = ""
+        advice = ""
+        power = int(np.round(np.log10(density / 2700.0)))  # from the density of aluminium
+        if power:
+            guess = f" (decimal mark probably shifted by {abs(power)} places)"
+            advice = f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3"
+        limit = lightest if density < lightest else heaviest
+        text = f"{mass:g} kg in {1e6 * moments.volume:.4g} cm3 of shapes{guess}: density"
+        say("density", text, Quantity(density, "kg/m3"), limit, advice, severity=severity)
     return density, outside
 
 
