@@ -105,6 +105,7 @@ TWICE = {
     "variants": lambda r, T: r.variants,
     "unwritten": lambda r, T: r.unwritten,
     "frames": lambda r, T: r.frames,
+    "gaps": lambda r, T: r.gaps,
     "inverse": lambda r, T: r.inverse(T),
     "inverse of many": lambda r, T: r.inverse(np.array([T, T])),
     "inverse in a variant": lambda r, T: r.inverse(T, variant={"eq1": "printed"}),
