@@ -20,7 +20,7 @@ from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.read import inspect_stage, read_motion, read_stage
-from twin.usd.write import Motion, write_motion, write_stage
+from twin.usd.write import BakedMotion, write_motion, write_stage
 from twin.usd.write.geometry import corner_normals
 from twin.usd.write.spanning import spanning
 
@@ -28,11 +28,11 @@ FRAME_TOL = 6e-8
 """Joint frames are single precision: half a unit in the last place at 1 m."""
 
 
-def swing(k: int = 31, factor: float = 0.45) -> Motion:
+def swing(k: int = 31, factor: float = 0.45) -> BakedMotion:
     """Return a smooth motion of the four-bar at 60 Hz."""
     times = np.arange(k) / 60
     states = [made.four_bar_state(made.CRANK_AT_REST + factor * np.sin(3 * t)) for t in times]
-    return Motion(
+    return BakedMotion(
         "swing",
         times,
         {b: np.stack([s[0][b] for s in states]) for b in states[0][0]},
@@ -349,7 +349,7 @@ def test_signs_are_continuous_through_a_full_turn(tmp_path):
     turning = [made.four_bar_state(made.CRANK_AT_REST + 3.2 * np.pi * t / 4) for t in times]
     poses = {b: np.stack([s[0][b] for s in turning]) for b in turning[0][0]}
     free = tuple(replace(j, limits=None, soft_limits=None) for j in made.four_bar().joints)
-    files = write_four_bar(tmp_path, replace(made.four_bar(), joints=free), motion=Motion("turn", times, poses))
+    files = write_four_bar(tmp_path, replace(made.four_bar(), joints=free), motion=BakedMotion("turn", times, poses))
     assert "stage.quaternion_sign" not in {f.code for f in check_stage(files.motion.root)}
     _, read_back = read_motion(files.motion.root)
     assert np.allclose(read_back["crank"], poses["crank"], atol=3e-7)

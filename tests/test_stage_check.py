@@ -16,7 +16,7 @@ from twin.core.findings import verdict
 from twin.core.units import DEG, MM
 from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.read import read_stage
-from twin.usd.write import Motion, write_motion, write_stage
+from twin.usd.write import BakedMotion, write_motion, write_stage
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clean")
     times = np.arange(31) / 60
     states = [made.four_bar_state(made.CRANK_AT_REST + 0.45 * np.sin(3 * t)) for t in times]
-    motion = Motion(
+    motion = BakedMotion(
         "swing",
         times,
         {b: np.stack([s[0][b] for s in states]) for b in states[0][0]},

@@ -47,7 +47,7 @@ SCALE_TOL = 1e-5
 
 
 @dataclass(frozen=True)
-class End:
+class JointSide:
     """One side of a joint.
 
     Attributes:
@@ -80,7 +80,7 @@ class RawJoint:
 
     prim: Usd.Prim
     type: str
-    ends: tuple[End, End]
+    ends: tuple[JointSide, JointSide]
     instance: str = ""
     limits: tuple[float, float] | None = None
     unit: float = 1.0
@@ -116,7 +116,7 @@ class RawJoint:
         return self.type == "revolute"
 
 
-class Scene:
+class RawStage:
     """An opened stage.
 
     Attributes:
@@ -280,7 +280,7 @@ class Scene:
             problem,
         )
 
-    def _end(self, body: Usd.Relationship, position: Usd.Attribute, rotation: Usd.Attribute, turn: Array) -> End:
+    def _end(self, body: Usd.Relationship, position: Usd.Attribute, rotation: Usd.Attribute, turn: Array) -> JointSide:
         targets = body.GetForwardedTargets() if body else []
         p = np.zeros(3)
         if position and position.Get() is not None:
@@ -289,23 +289,23 @@ class Scene:
         try:
             R = np.eye(3) if q is None else gf.rotation(q)
         except ValueError as error:
-            return End("", np.eye(4), f"{rotation.GetName()}: {error}")
+            return JointSide("", np.eye(4), f"{rotation.GetName()}: {error}")
         R_turned = R @ turn
         if not targets:
-            return End("", spatial.pose(self.R_world_stage) @ spatial.pose(R_turned, p * self.meters))
+            return JointSide("", spatial.pose(self.R_world_stage) @ spatial.pose(R_turned, p * self.meters))
         target = self.stage.GetPrimAtPath(targets[0])
         if len(targets) > 1 or not target:
             listed = ", ".join(map(str, targets))
-            return End("", np.eye(4), f"{body.GetName()} points to {listed}, but must point to one prim")
+            return JointSide("", np.eye(4), f"{body.GetName()} points to {listed}, but must point to one prim")
         owner = self.owner(target)
         T_target_joint = spatial.pose(R_turned, p * self.meters * self.size(target))
         if owner is None:  # a prim without a rigid body is fixed to the world
-            return End("", self.poses([target])[0, 0] @ T_target_joint)
+            return JointSide("", self.poses([target])[0, 0] @ T_target_joint)
         if owner == target:
-            return End(str(owner.GetPath()), T_target_joint)
+            return JointSide(str(owner.GetPath()), T_target_joint)
         T_owner_target = rigid(self.relative(target, owner))
         T_owner_target[:3, 3] *= self.meters * self.size(owner)
-        return End(str(owner.GetPath()), T_owner_target @ T_target_joint)
+        return JointSide(str(owner.GetPath()), T_owner_target @ T_target_joint)
 
 
 def rigid(M: Array) -> Array:

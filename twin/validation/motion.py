@@ -24,7 +24,7 @@ from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, clearance
 from twin.reference.mating import Mate, mates
 from twin.usd.read import read_motion
-from twin.usd.write import Motion, write_motion, write_stage
+from twin.usd.write import BakedMotion, write_motion, write_stage
 from twin.validation.result import PhaseSummary, Residual
 from twin.validation.rows import SampleClock, Tolerances, rotation_vectors, row
 
@@ -164,7 +164,7 @@ def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None =
         bare = replace(mechanism, bodies=bodies)
         write_stage(bare, Path(folder), home.link_poses, home.q_full)
         baked = links if samples.links is None else samples.links
-        files = write_motion(bare, Path(folder), Motion(samples.name, samples.keys, baked))
+        files = write_motion(bare, Path(folder), BakedMotion(samples.name, samples.keys, baked))
         times, back = read_motion(files.root)
     position = np.zeros(len(samples.keys))
     rotation = np.zeros(len(samples.keys))

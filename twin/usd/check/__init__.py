@@ -26,7 +26,7 @@ from twin.usd.check.samples import check_samples
 from twin.usd.check.structure import check_structure
 from twin.usd.check.timeline import timeline
 from twin.usd.check.validators import run_usd_validators
-from twin.usd.scan import Scene
+from twin.usd.scan import RawStage
 
 __all__ = ["check_stage", "run_usd_validators"]
 
@@ -43,7 +43,7 @@ def check_stage(path: str | Path) -> list[Finding]:
     Raises:
         StageError: the file is missing or not USD, or one of its layers cannot be found.
     """
-    scene = Scene(path)
+    scene = RawStage(path)
     findings = [*check_units(scene), *check_ops(scene), *check_names(scene), *check_samples(scene)]
     try:
         findings += [

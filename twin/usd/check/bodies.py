@@ -16,7 +16,7 @@ from twin.core.units import MM
 from twin.model.inertia import Inertia
 from twin.usd import gf
 from twin.usd.read.bodies import below, mesh_points, mesh_triangles, shows_all
-from twin.usd.scan import Scene, quaternion_attributes
+from twin.usd.scan import RawStage, quaternion_attributes
 
 QUATERNION_TOL = 1e-4
 """Maximum difference of a quaternion's length from 1 that is taken as a rounding error of single precision."""
@@ -65,7 +65,7 @@ _WINDING = Kind("stage.winding", "disagreement", "reverse the faces of the mesh,
 _MASS = Kind("stage.mass", "disagreement", "author a positive physics:mass")
 
 
-def check_bodies(scene: Scene) -> Iterator[Finding]:
+def check_bodies(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on masses, inertias and nesting of each rigid body."""
     weighed = any(_has_mass(prim) for prim in scene.bodies.values())
     for path, prim in scene.bodies.items():
@@ -77,7 +77,7 @@ def check_bodies(scene: Scene) -> Iterator[Finding]:
         yield from _check_quaternions(prim)
 
 
-def _check_nesting(scene: Scene, path: str, prim: Usd.Prim) -> Iterator[Finding]:
+def _check_nesting(scene: RawStage, path: str, prim: Usd.Prim) -> Iterator[Finding]:
     outer = scene.owner(prim.GetParent())
     if not outer:
         return
@@ -88,7 +88,7 @@ def _check_nesting(scene: Scene, path: str, prim: Usd.Prim) -> Iterator[Finding]
     )
 
 
-def _bounds(scene: Scene, body: Usd.Prim) -> tuple[Array, Array] | None:
+def _bounds(scene: RawStage, body: Usd.Prim) -> tuple[Array, Array] | None:
     """Return (low (3,), high (3,)) in m of the meshes' bounding box in the body's frame; None without meshes."""
     corners: list[Array] = []
     for prim in below(scene, body):
@@ -121,7 +121,7 @@ def _has_mass(prim: Usd.Prim) -> bool:
 
 
 def _check_mass(
-    scene: Scene, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None, weighed: bool
+    scene: RawStage, path: str, prim: Usd.Prim, box: tuple[Array, Array] | None, weighed: bool
 ) -> Iterator[Finding]:
     api = UsdPhysics.MassAPI(prim)
     mass = 0.0
@@ -151,7 +151,7 @@ def _check_mass(
         yield from _check_inertia(path, mass, moments, box, whole)
 
 
-def _missing_mass(scene: Scene, path: str, weighed: bool) -> Finding:
+def _missing_mass(scene: RawStage, path: str, weighed: bool) -> Finding:
     """Return the finding on a body without a mass; `weighed`: another body of the stage has a mass."""
     code = "stage.mass_missing"
     if scene.is_stated_base(path):
@@ -209,7 +209,7 @@ def non_unit(path: str, name: str, length: float, when: str = "") -> Finding:
     return _QUATERNION(path, f"{path}: the length of quaternion {name} is not 1", Quantity(length), 1.0, when=when)
 
 
-def check_meshes(scene: Scene) -> Iterator[Finding]:
+def check_meshes(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on indices, extent, winding and subdivision of each mesh."""
     for prim in scene.prims:
         if not prim.IsA(UsdGeom.Mesh):
@@ -231,7 +231,7 @@ def check_meshes(scene: Scene) -> Iterator[Finding]:
             yield from _check_winding(scene, path, points, triangles)
 
 
-def _check_extent(scene: Scene, path: str, mesh: UsdGeom.Mesh, points: Array) -> Iterator[Finding]:
+def _check_extent(scene: RawStage, path: str, mesh: UsdGeom.Mesh, points: Array) -> Iterator[Finding]:
     extent = np.array(mesh.GetExtentAttr().Get() or []).reshape(-1, 3)
     if len(extent) != 2:
         return
@@ -243,7 +243,7 @@ def _check_extent(scene: Scene, path: str, mesh: UsdGeom.Mesh, points: Array) ->
         yield _EXTENT(path, text, mm(difference * scene.meters), mm(slack * scene.meters))
 
 
-def _check_winding(scene: Scene, path: str, points: Array, triangles: np.ndarray) -> Iterator[Finding]:
+def _check_winding(scene: RawStage, path: str, points: Array, triangles: np.ndarray) -> Iterator[Finding]:
     low = points.min(axis=0)
     high = points.max(axis=0)
     centered = points - np.array([low, high]).mean(axis=0)  # far from the origin, the sum of volumes loses digits

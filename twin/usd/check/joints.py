@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 from twin.usd.check.coordinates import check_coordinate, coordinate
 from twin.usd.check.timeline import Timeline
-from twin.usd.scan import RawJoint, Scene
+from twin.usd.scan import RawJoint, RawStage
 
 ANCHOR_TOL = 10 * UM
 """Maximum gap in m between the two frames of a joint; single precision causes less than 1 um on a robot of 2 m."""
@@ -73,7 +73,7 @@ def deviation(kind: str, A: Array) -> tuple[Array, Array]:
     }.get(kind, (none, none))
 
 
-def check_joints(scene: Scene, line: Timeline) -> Iterator[Finding]:
+def check_joints(scene: RawStage, line: Timeline) -> Iterator[Finding]:
     """Yield findings on each enabled joint."""
     for joint in scene.joints:
         if not joint.enabled:

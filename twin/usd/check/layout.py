@@ -9,7 +9,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
 from twin.core.findings import Finding, Kind, Severity, disagreement, finding, warning
 from twin.core.quantity import Quantity
-from twin.usd.scan import Scene
+from twin.usd.scan import RawStage
 
 _VECTORS = ("double3", "float3", "half3")
 _SCALARS = ("double", "float", "half")
@@ -55,7 +55,7 @@ _SCALE = Kind(
 _XFORM_TYPE = Kind("stage.xform_type", "disagreement", "author the op in the correct type")
 
 
-def check_units(scene: Scene) -> Iterator[Finding]:
+def check_units(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on the default prim, up axis, units and frame rates of the stage and its layers."""
     stage = scene.stage
     if not stage.GetDefaultPrim():
@@ -123,7 +123,7 @@ def _check_unit(code: str, name: str, authored: bool, value: float, default: str
     )
 
 
-def _check_layers(scene: Scene) -> Iterator[Finding]:
+def _check_layers(scene: RawStage) -> Iterator[Finding]:
     """Compare the metadata of each used layer with the root layer: USD converts time, but not units, between layers."""
     root_layer = scene.stage.GetRootLayer()
     layers = []
@@ -147,14 +147,14 @@ def _check_layers(scene: Scene) -> Iterator[Finding]:
                 )
 
 
-def check_ops(scene: Scene) -> Iterator[Finding]:
+def check_ops(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on types and order of transform ops; with wrong ops, poses cannot be computed."""
     for prim in scene.prims:
         if prim.IsA(UsdGeom.Xformable):
             yield from _check_prim_ops(prim, str(prim.GetPath()) in scene.bodies)
 
 
-def check_transforms(scene: Scene) -> Iterator[Finding]:
+def check_transforms(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on transforms that ignore their parents (resetXformStack), are mirrored, or are scaled."""
     for prim in scene.prims:
         if not prim.IsA(UsdGeom.Xformable):
@@ -173,7 +173,7 @@ def check_transforms(scene: Scene) -> Iterator[Finding]:
             yield _SCALE(path, f"rigid body {path} is scaled", Quantity(worst), 1.0)
 
 
-def _check_reset(scene: Scene, prim: Usd.Prim) -> Iterator[Finding]:
+def _check_reset(scene: RawStage, prim: Usd.Prim) -> Iterator[Finding]:
     path = str(prim.GetPath())
     reset = UsdGeom.Xformable(prim).GetResetXformStack()
     if reset and prim.GetParent() and not prim.GetParent().IsPseudoRoot():
@@ -236,7 +236,7 @@ def _rank(name: str) -> int:
     return 1
 
 
-def check_names(scene: Scene) -> Iterator[Finding]:
+def check_names(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on bodies and meshes with equal leaf names, which Blender and Unity clips confuse."""
     seen: dict[str, Sdf.Path] = {}
     for prim in scene.prims:

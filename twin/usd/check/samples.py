@@ -12,7 +12,7 @@ from twin.core.quantity import Quantity, deg
 from twin.core.units import DEG
 from twin.usd import gf
 from twin.usd.check.bodies import QUATERNION_TOL, non_unit
-from twin.usd.scan import Scene
+from twin.usd.scan import RawStage
 
 MAX_STEP = 90 * DEG
 """Maximum rotation in rad between two samples. Players use the shorter rotation, which is wrong above 180 deg."""
@@ -26,7 +26,7 @@ _QUATERNION_SIGN = Kind(
 _SAMPLE_STEP = Kind("stage.sample_step", "disagreement", "bake more samples")
 
 
-def check_samples(scene: Scene) -> Iterator[Finding]:
+def check_samples(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on all attributes with time samples."""
     told = False
     for prim in scene.prims:
@@ -49,7 +49,7 @@ def check_samples(scene: Scene) -> Iterator[Finding]:
                 yield from _check_quaternions(attribute, codes)
 
 
-def _check_range(scene: Scene, path: str, codes: list[float]) -> Iterator[Finding]:
+def _check_range(scene: RawStage, path: str, codes: list[float]) -> Iterator[Finding]:
     start = scene.stage.GetStartTimeCode()
     end = scene.stage.GetEndTimeCode()
     outside = [code for code in codes if not start <= code <= end]

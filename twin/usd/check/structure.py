@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pxr import UsdPhysics
 
 from twin.core.findings import Finding, Kind, disagreement, warning
-from twin.usd.scan import RawJoint, Scene
+from twin.usd.scan import RawJoint, RawStage
 
 _EMPTY = Kind("stage.empty", "error", "apply PhysicsRigidBodyAPI to the links, and connect the links by joints")
 _FLOATING = Kind("stage.floating", "info", "fix the base with a PhysicsFixedJoint, unless the robot walks or flies")
@@ -26,7 +26,7 @@ _FOLDER = "; if the stage was made from a robot folder, add a [[drive]] to the r
 """End of the suggestion on missing drives: what to do if the stage was made from a robot folder."""
 
 
-def check_structure(scene: Scene) -> Iterator[Finding]:
+def check_structure(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on loops, unconnected bodies, articulation roots, missing drives and a base that is not fixed."""
     joints: list[RawJoint] = []
     for joint in scene.joints:
@@ -71,7 +71,7 @@ def _is_active(joint: RawJoint) -> bool:
     return bool(joint.instance and active and active.Get())
 
 
-def _check_tree(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
+def _check_tree(scene: RawStage, joints: list[RawJoint]) -> Iterator[Finding]:
     """Yield findings on loops, unconnected bodies and a base that is not fixed.
 
     The tree is built one joint at a time; a joint between two bodies that are already connected closes a loop.
@@ -136,7 +136,7 @@ def _path(previous: dict[str, tuple[str, str]], start: str, end: str) -> list[st
     return names
 
 
-def _check_articulation(scene: Scene, joints: list[RawJoint]) -> Iterator[Finding]:
+def _check_articulation(scene: RawStage, joints: list[RawJoint]) -> Iterator[Finding]:
     roots = [p for p in scene.prims if p.HasAPI(UsdPhysics.ArticulationRootAPI)]
     if not roots:
         first_body = next(iter(scene.bodies.values()))

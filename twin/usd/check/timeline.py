@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.usd.scan import End, RawJoint, Scene
+from twin.usd.scan import JointSide, RawJoint, RawStage
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Timeline:
         T_world_joint1 = self._frames(joint.ends[1])
         return spatial.inverse(T_world_joint0) @ T_world_joint1
 
-    def _frames(self, end: End) -> Array:
+    def _frames(self, end: JointSide) -> Array:
         """Return the pose (k + 1, 4, 4) of a joint's frame in the world."""
         if end.body:
             return self.poses[end.body] @ end.T_body_joint
         return np.broadcast_to(end.T_body_joint, (len(self.labels), 4, 4))
 
 
-def timeline(scene: Scene) -> Timeline:
+def timeline(scene: RawStage) -> Timeline:
     """Return the poses of all bodies at rest (default time) and at every time sample."""
     prims = list(scene.bodies.values())
     codes = scene.sample_codes

@@ -7,7 +7,7 @@ from pathlib import Path
 from pxr import Tf, UsdValidation
 
 from twin.core.findings import Finding, Severity, error, finding
-from twin.usd.scan import Scene
+from twin.usd.scan import RawStage
 
 _SEVERITY: dict[str, Severity] = {"Error": "disagreement", "Warn": "warning", "Info": "info"}
 
@@ -18,7 +18,7 @@ def run_usd_validators(path: str | Path) -> list[Finding]:
     Raises:
         StageError: if the stage cannot be opened.
     """
-    stage = Scene(path).stage
+    stage = RawStage(path).stage
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     try:
         errors = UsdValidation.ValidationContext(validators).Validate(stage)

@@ -32,7 +32,7 @@ from twin.usd.read.joints import Selection, convert, select
 from twin.usd.read.motors import read_motors, sorted_rows
 from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
-from twin.usd.scan import Scene, said
+from twin.usd.scan import RawStage, said
 
 __all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool"]
 
@@ -45,7 +45,7 @@ _ROUNDED = 1e-5
 
 def made_from(path: str | Path) -> str:
     """Return the attribute twin:source of the default prim of a stage; "" if it is missing."""
-    scene = Scene(path)  # keep a reference, because a prim is invalid without its stage
+    scene = RawStage(path)  # keep a reference, because a prim is invalid without its stage
     prim = scene.stage.GetDefaultPrim()
     if not prim:
         return ""
@@ -77,7 +77,7 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
             a body is mirrored or sheared, or an ancestor of a body is scaled non-uniformly; a joint is invalid or
             cannot be expressed; or a mesh uses vertices that do not exist.
     """
-    scene = Scene(path)
+    scene = RawStage(path)
     _refuse_unknown_types(scene)
     try:
         return _inspect(scene, root)
@@ -98,7 +98,7 @@ def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
     Raises:
         StageError: the file cannot be read or no body moves.
     """
-    scene = Scene(path)
+    scene = RawStage(path)
     codes = scene.sample_codes
     if not len(codes):
         raise StageError(f"{scene.path}: no transform of a rigid body has time samples")
@@ -108,7 +108,7 @@ def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
     return times, dict(zip(names.values(), T_world_body, strict=True))
 
 
-def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
+def _inspect(scene: RawStage, root: str | None) -> tuple[Mechanism, list[Finding]]:
     notes: list[Finding] = []
     chosen = select(scene, root, notes)
     prims = [scene.bodies[p] for p in chosen.bodies]
@@ -161,7 +161,7 @@ def _inspect(scene: Scene, root: str | None) -> tuple[Mechanism, list[Finding]]:
     return mechanism, notes
 
 
-def _body_names(scene: Scene, chosen: Selection, base: str) -> dict[str, str]:
+def _body_names(scene: RawStage, chosen: Selection, base: str) -> dict[str, str]:
     """Return {prim path: name} of the bodies; the added body "world" has the path "".
 
     Only the base can have the name "world": in an MJCF, a body of this name is the world itself.
@@ -181,7 +181,7 @@ def _joint_names(chosen: Selection) -> dict[str, str]:
     return unique(wanted)
 
 
-def _mesh_names(scene: Scene, bodies: list[Usd.Prim]) -> dict[str, str]:
+def _mesh_names(scene: RawStage, bodies: list[Usd.Prim]) -> dict[str, str]:
     """Return {prim path: name} of the meshes of the bodies."""
     wanted: list[tuple[str, str]] = []
     for body in bodies:
@@ -192,7 +192,7 @@ def _mesh_names(scene: Scene, bodies: list[Usd.Prim]) -> dict[str, str]:
 
 
 def _joints(
-    scene: Scene,
+    scene: RawStage,
     chosen: Selection,
     base: str,
     names: dict[str, str],
@@ -235,7 +235,7 @@ def _mount_name(chosen: Selection) -> str:
 
 
 def _mount(
-    scene: Scene, chosen: Selection, name: str, names: dict[str, str], T_world_body: Array, notes: list[Finding]
+    scene: RawStage, chosen: Selection, name: str, names: dict[str, str], T_world_body: Array, notes: list[Finding]
 ) -> Joint:
     """Return the joint from the world to the first body, which has the pose `T_world_body` (4, 4).
 
@@ -254,7 +254,7 @@ def _mount(
     return stated
 
 
-def _gravity(scene: Scene, robot: Usd.Prim) -> tuple[float, float, float]:
+def _gravity(scene: RawStage, robot: Usd.Prim) -> tuple[float, float, float]:
     """Return the gravitational acceleration in m/s2 in the world, z up: of the robot, else of the physics scene."""
     own = robot.GetAttribute("twin:gravity").Get()
     if own is not None:
@@ -274,7 +274,7 @@ def _gravity(scene: Scene, robot: Usd.Prim) -> tuple[float, float, float]:
     return _from_single(x), _from_single(y), _from_single(z)
 
 
-def _physics_scene(scene: Scene) -> UsdPhysics.Scene | None:
+def _physics_scene(scene: RawStage) -> UsdPhysics.Scene | None:
     """Return the first physics scene of a stage, or None."""
     for prim in scene.prims:
         if prim.IsA(UsdPhysics.Scene):
@@ -300,7 +300,7 @@ def _shape(name: Sdf.ValueTypeName) -> tuple:
         return name.isArray, 0
 
 
-def _refuse_unknown_types(scene: Scene) -> None:
+def _refuse_unknown_types(scene: RawStage) -> None:
     """Raise `StageError` if an attribute has an unknown type, or not that of its schema; USD would misread values."""
     layers = scene.stage.GetUsedLayers()  # in the order of their addresses in memory
     for layer in sorted(layers, key=lambda layer: layer.identifier):
@@ -313,7 +313,7 @@ def _refuse_unknown_types(scene: Scene) -> None:
         layer.Traverse(Sdf.Path.absoluteRootPath, check)
 
 
-def _refuse_unknown_type(scene: Scene, path: Sdf.Path, spec: Sdf.AttributeSpec) -> None:
+def _refuse_unknown_type(scene: RawStage, path: Sdf.Path, spec: Sdf.AttributeSpec) -> None:
     kind = spec.GetInfo("typeName")
     if spec.typeName.type.isUnknown:
         raise StageError(f"{scene.path}: {path} has type '{kind}', which USD does not define")
@@ -341,7 +341,7 @@ def _note_names(notes: list[Finding], names: dict[str, str]) -> None:
             notes.append(info("stage.read.renamed", path, f"{path} is renamed to '{name}'"))
 
 
-def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
+def _robot_name(scene: RawStage, chosen: Selection, root: str | None) -> str:
     if root:
         return root.rpartition("/")[2]
     default = scene.stage.GetDefaultPrim()
@@ -350,7 +350,7 @@ def _robot_name(scene: Scene, chosen: Selection, root: str | None) -> str:
     return chosen.bodies[0].split("/")[1]
 
 
-def _authored(scene: Scene, chosen: Selection) -> dict[str, Any]:
+def _authored(scene: RawStage, chosen: Selection) -> dict[str, Any]:
     """Return the fields of `Mechanism` that only twin writes; empty fields for a stage from other software."""
     robot = scene.bodies[chosen.bodies[0]].GetParent()
     actuators, transmissions = read_motors(scene, robot)

@@ -13,10 +13,10 @@ from twin.core.spatial import Array
 from twin.model.body import Finish, Mesh
 from twin.model.inertia import Inertia
 from twin.usd import gf
-from twin.usd.scan import SCALE_TOL, Scene, rigid
+from twin.usd.scan import SCALE_TOL, RawStage, rigid
 
 
-def bake_scale(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> None:
+def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
     """Add a note to `notes` if a body is scaled; the lengths of the body are read at the scaled size.
 
     The scale of the body may differ along its axes, as in UsdPhysics: it applies to shapes, joints and centre of mass,
@@ -83,7 +83,7 @@ def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
     return body, np.linalg.norm(world[:3, :3], axis=0)
 
 
-def below(scene: Scene, body: Usd.Prim) -> Iterator[Usd.Prim]:
+def below(scene: RawStage, body: Usd.Prim) -> Iterator[Usd.Prim]:
     """Yield the prims that move with a body, except prims of nested bodies."""
     prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
     for prim in prims:
@@ -101,7 +101,7 @@ def original_name(prim: Usd.Prim) -> str:
     return prim.GetName()
 
 
-def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
+def read_meshes(scene: RawStage, body: Usd.Prim, names: dict[str, str], notes: list[Finding]) -> tuple[Mesh, ...]:
     """Return the visible meshes of a body, triangulated; vertices are in m, relative to the body's frame.
 
     `names` has identifiers by prim path; `notes` receives findings on omitted shapes.
@@ -125,7 +125,7 @@ def read_meshes(scene: Scene, body: Usd.Prim, names: dict[str, str], notes: list
     return tuple(out)
 
 
-def shows_all(scene: Scene, body: Usd.Prim) -> bool:
+def shows_all(scene: RawStage, body: Usd.Prim) -> bool:
     """Return whether the meshes of a body show the whole body, so that its mass can be judged by them.
 
     If twin did not write the stage: the body has colliders, and `read_meshes` omits none of its shapes.
@@ -186,7 +186,7 @@ def _integers(attribute: Usd.Attribute) -> np.ndarray:
     return np.array(attribute.Get() or []).astype(int).ravel()
 
 
-def _mesh(scene: Scene, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh | None:
+def _mesh(scene: RawStage, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mesh | None:
     triangles = mesh_triangles(mesh)
     if not len(triangles):
         return None
@@ -234,7 +234,7 @@ def _shader_value(shader: UsdShade.Shader, name: str, default: float) -> float:
     return round(float(value), 6)  # single precision: 0.35 is 0.3499999
 
 
-def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia | None:
+def read_inertia(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> Inertia | None:
     """Return mass, centre of mass and inertia of a body in SI units; None if mass or inertia is missing.
 
     Raises:
@@ -269,7 +269,7 @@ def read_inertia(scene: Scene, body: Usd.Prim, notes: list[Finding]) -> Inertia 
     )
 
 
-def read_marks(scene: Scene, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
+def read_marks(scene: RawStage, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
     """Yield (kind, name, T_body_mark (4, 4) in m) for each named frame and named point of a body."""
     for prim in below(scene, body):
         kind = prim.GetAttribute("twin:kind")

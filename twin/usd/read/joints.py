@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.joint import Drive, Joint
 from twin.usd import gf
-from twin.usd.scan import End, RawJoint, Scene
+from twin.usd.scan import JointSide, RawJoint, RawStage
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Selection:
     floats: bool = False
 
 
-def select(scene: Scene, root: str | None, notes: list[Finding]) -> Selection:
+def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection:
     """Select the robot of a stage and find its base.
 
     All prims below the prim path `root` form one robot, and other prims are ignored; None: the whole stage. `notes`
@@ -90,7 +90,7 @@ def _below_root(path: str, root: str | None) -> bool:
     return not root or path == root or path.startswith(f"{root}/")
 
 
-def _enabled_joints(scene: Scene, root: str | None, notes: list[Finding]) -> list[RawJoint]:
+def _enabled_joints(scene: RawStage, root: str | None, notes: list[Finding]) -> list[RawJoint]:
     """Return the enabled joints below `root`; `notes` receives a finding on each disabled joint.
 
     Raises:
@@ -130,7 +130,7 @@ def _is_grounded(group: list[str], joints: list[RawJoint]) -> bool:
 
 
 def convert(
-    scene: Scene,
+    scene: RawStage,
     joint: RawJoint,
     name: str,
     names: Mapping[str, str],
@@ -144,7 +144,7 @@ def convert(
     `T_world_base` (4, 4).
     """
 
-    def side(end: End) -> tuple[str, Array]:
+    def side(end: JointSide) -> tuple[str, Array]:
         if end.body:
             return names[end.body], end.T_body_joint
         return names[base], spatial.inverse(T_world_base) @ end.T_body_joint
@@ -225,7 +225,7 @@ def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
 
 
 def _base(
-    scene: Scene, place: str, bodies: list[str], joints: list[RawJoint], notes: list[Finding]
+    scene: RawStage, place: str, bodies: list[str], joints: list[RawJoint], notes: list[Finding]
 ) -> tuple[str, RawJoint | None]:
     """Return (prim path of the base, or "" for the world; joint that only fixes the base, or None).
 
@@ -284,7 +284,7 @@ def _cone(joint: RawJoint) -> float | None:
     return min(limited) * DEG
 
 
-def _drive(scene: Scene, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:
+def _drive(scene: RawStage, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:
     """Return (position drive in SI units or None, whether the joint is driven).
 
     A drive without gains is ignored, because converters add such a drive to every joint. The gains of an acceleration

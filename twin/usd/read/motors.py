@@ -9,10 +9,10 @@ from pxr import Usd
 
 from twin.core.errors import StageError
 from twin.model.transmission import Actuator, Transmission
-from twin.usd.scan import Scene
+from twin.usd.scan import RawStage
 
 
-def read_motors(scene: Scene, prim: Usd.Prim) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
+def read_motors(scene: RawStage, prim: Usd.Prim) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
     """Return (actuators, transmissions) in their original order; both are empty for a stage from other software.
 
     Raises:

@@ -20,10 +20,10 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.usd.write.geometry import RESERVED, write_geometry
 from twin.usd.write.layers import root_layer
-from twin.usd.write.motion import Motion, MotionFiles, write_motion
+from twin.usd.write.motion import BakedMotion, MotionFiles, write_motion
 from twin.usd.write.physics import write_physics
 
-__all__ = ["Motion", "MotionFiles", "StageFiles", "write_motion", "write_stage"]
+__all__ = ["BakedMotion", "MotionFiles", "StageFiles", "write_motion", "write_stage"]
 
 
 @dataclass(frozen=True)

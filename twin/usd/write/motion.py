@@ -23,7 +23,7 @@ MAX_STEP = 90 * DEG
 
 
 @dataclass(frozen=True)
-class Motion:
+class BakedMotion:
     """A motion to bake, usually sampled at 60 Hz.
 
     Attributes:
@@ -53,7 +53,7 @@ class MotionFiles:
     root: Path
 
 
-def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFiles:
+def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> MotionFiles:
     """Write a baked motion to the folder of the robot's layers.
 
     Raises:
@@ -97,7 +97,7 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: Motion) -> MotionFi
     return MotionFiles(layer_path, root)
 
 
-def _time_codes(motion: Motion) -> Array:
+def _time_codes(motion: BakedMotion) -> Array:
     times = np.asarray(motion.times_s, float)
     if times.ndim != 1 or not len(times) or times[0] < 0 or not np.all(np.diff(times) > 0):
         raise StageError(f"motion '{motion.name}': times (k,) in s must increase, and the first must not be negative")
@@ -106,7 +106,7 @@ def _time_codes(motion: Motion) -> Array:
     return np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)
 
 
-def _pose_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
+def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
     names = [b.name for b in mechanism.bodies]
     for name, link_poses in motion.link_poses.items():
         if name not in names:
@@ -131,7 +131,7 @@ def _pose_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
         yield orient, gf.quatd_array(wxyz)
 
 
-def _state_samples(mechanism: Mechanism, motion: Motion, layer: Sdf.Layer):
+def _state_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
     for name, values in motion.joint_values.items():
         joint = mechanism.joint(name)
         values = np.asarray(values, float)

@@ -52,7 +52,7 @@ class Second(Table):
     yz: float
 
 
-class Repair(Table):
+class RepairedCell(Table):
     """A repaired table cell: name of the cell, printed number (without decimal mark), and printed label."""
 
     cell: Cell
@@ -60,16 +60,16 @@ class Repair(Table):
     label: str = ""
 
 
-class Body(Table):
+class BodyMoments(Table):
     """One table row: a body's first and second moments, and its misprinted cells."""
 
     name: str
     first: First
     second: Second
-    repaired: list[Repair] = Field(default_factory=list)
+    repaired: list[RepairedCell] = Field(default_factory=list)
 
     @model_validator(mode="after")
-    def _repaired_by_rule(self) -> Body:
+    def _repaired_by_rule(self) -> BodyMoments:
         for repair in self.repaired:
             moments_of = self.first if repair.cell.startswith("m") else self.second
             value = getattr(moments_of, repair.cell)
@@ -84,7 +84,7 @@ class Exhibit(Table):
 
     title: str
     source: str
-    body: list[Body] = Field(min_length=1)
+    body: list[BodyMoments] = Field(min_length=1)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def reread(printed: str) -> float:
     return float(text)
 
 
-def moments(body: Body) -> tuple[Array, Array]:
+def moments(body: BodyMoments) -> tuple[Array, Array]:
     """Return (first moments (3,) in kg m, inertia tensor J (3, 3) in kg m2 with the products as printed)."""
     first = body.first
     second = body.second

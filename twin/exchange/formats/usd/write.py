@@ -53,7 +53,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
         AssemblyError: the loops of the mechanism cannot be closed.
     """
     from twin.reference import ReferenceModel
-    from twin.usd.write import Motion, write_motion, write_stage
+    from twin.usd.write import BakedMotion, write_motion, write_stage
 
     model = ReferenceModel(mechanism)
     home = model.home()
@@ -64,7 +64,7 @@ def write_usd(mechanism: Mechanism, clips: Sequence[Clip], folder: Path) -> list
     files = write_stage(mechanism, folder, rounded(home.link_poses), home.q_full, efforts=efforts)
     out = [files.root, files.physics, files.geometry, write_simulated(mechanism.name, folder, mechanism.gravity)]
     for clip in clips:
-        motion = Motion(clip.name, clip.times, rounded(clip.links), clip.joints, clip.trocars)
+        motion = BakedMotion(clip.name, clip.times, rounded(clip.links), clip.joints, clip.trocars)
         baked = write_motion(mechanism, folder, motion)
         out += [baked.root, baked.layer]
     return out
@@ -75,9 +75,9 @@ def bake(mechanism: Mechanism, bound: Mechanism, protocol: str, motion: LinkMoti
 
     `bound` is the mechanism with the trocar positions of the protocol.
     """
-    from twin.usd.write import Motion, write_motion
+    from twin.usd.write import BakedMotion, write_motion
 
-    baked = Motion(protocol, motion.times, rounded(motion.links), rounded(motion.joints), bound.trocar_places)
+    baked = BakedMotion(protocol, motion.times, rounded(motion.links), rounded(motion.joints), bound.trocar_places)
     write_motion(mechanism, folder, baked)
 
 

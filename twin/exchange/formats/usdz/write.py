@@ -20,7 +20,7 @@ from twin.core.spatial import Array
 from twin.exchange.write.clip import home_poses, rounded
 from twin.exchange.write.order import Order
 from twin.model.mechanism import Mechanism
-from twin.usd.write import Motion, write_motion
+from twin.usd.write import BakedMotion, write_motion
 from twin.usd.write.geometry import write_geometry
 from twin.usd.write.layers import TIME_CODES_PER_SECOND, save
 
@@ -55,7 +55,7 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
         end = 0.0
         if clip is not None:
             moving = {n: Ts for n, Ts in rounded(clip.links).items() if np.abs(Ts - Ts[0]).max() > STILL}
-            layers.insert(0, str(write_motion(mechanism, folder, Motion(clip.name, clip.times, moving)).layer))
+            layers.insert(0, str(write_motion(mechanism, folder, BakedMotion(clip.name, clip.times, moving)).layer))
             returns = all(np.abs(Ts[-1] - Ts[0]).max() < STILL for Ts in moving.values())
             end = (float(clip.times[-1]) + (0.0 if returns else HOLD)) * TIME_CODES_PER_SECOND
         flat = _flattened(mechanism, layers, end)

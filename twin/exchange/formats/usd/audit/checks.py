@@ -13,7 +13,7 @@ from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.check.bodies import check_meshes
 from twin.usd.check.layout import check_names, check_ops, check_transforms, check_units
 from twin.usd.check.samples import check_samples
-from twin.usd.scan import Scene
+from twin.usd.scan import RawStage
 
 
 def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
@@ -54,7 +54,7 @@ def version() -> str:
 
 def _bare(path: Path) -> list[Finding]:
     """Return the findings of the checks that apply to stages without rigid bodies."""
-    scene = Scene(path)
+    scene = RawStage(path)
     found = [*check_units(scene), *check_ops(scene), *check_names(scene), *check_samples(scene)]
     return [*found, *check_transforms(scene), *check_meshes(scene)]
 
