@@ -40,12 +40,17 @@ class Inertia:
         when a length changes slightly, and the axes of aligned parts are easy to read.
         """
         moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
-        best = max(permutations(range(3)), key=lambda p: np.sum(np.abs(np.diag(axes[:, p]))))
-        moments, axes = moments[list(best)], axes[:, best]
-        axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
-        if np.linalg.det(axes) < 0:
-            axes[:, np.argmin(np.diag(axes))] *= -1
-        return moments, axes
+
+        def alignment(order: tuple[int, ...]) -> float:
+            return np.sum(np.abs(np.diag(axes[:, order])))
+
+        best = list(max(permutations(range(3)), key=alignment))
+        moments = moments[best]
+        ordered = axes[:, best]
+        ordered = ordered * np.where(np.diag(ordered) < 0, -1.0, 1.0)
+        if np.linalg.det(ordered) < 0:  # right-handed with the smallest change
+            ordered[:, np.argmin(np.diag(ordered))] *= -1
+        return moments, ordered
 
     def pseudo(self) -> Array:
         """Return the pseudo-inertia (4, 4) about the origin of the frame: [[Sigma, h], [h^T, m]].
@@ -57,23 +62,26 @@ class Inertia:
         parameter identification, IEEE Robotics and Automation Letters 3 (2018) 60-67.
         """
         p = self.p_body_com
-        out = np.zeros((4, 4))
-        out[:3, :3] = 0.5 * np.trace(self.I_com) * np.eye(3) - self.I_com + self.mass * np.outer(p, p)
-        out[:3, 3] = out[3, :3] = self.mass * p
-        out[3, 3] = self.mass
-        return out
+        moments_at_com = 0.5 * np.trace(self.I_com) * np.eye(3) - self.I_com
+        pseudo = np.zeros((4, 4))
+        pseudo[:3, :3] = moments_at_com + self.mass * np.outer(p, p)
+        pseudo[:3, 3] = self.mass * p
+        pseudo[3, :3] = pseudo[:3, 3]
+        pseudo[3, 3] = self.mass
+        return pseudo
 
     def violations(self) -> list[str]:
         """Return the reasons why no rigid body can have this mass and tensor; empty if a rigid body can have them."""
-        bad = []
+        reasons = []
         if not (np.isfinite(self.mass) and self.mass > 0):
-            bad.append(f"mass {self.mass:g} kg is not positive")
-        moments = np.linalg.eigvalsh(0.5 * (self.I_com + self.I_com.T))
-        if moments[0] <= 0:
-            bad.append(f"smallest principal moment {moments[0]:.3g} kg m2 is not positive")
-        if moments[2] > (moments[0] + moments[1]) * (1 + 1e-6):
-            bad.append(
-                f"principal moments {moments[0]:.3g}, {moments[1]:.3g}, {moments[2]:.3g} kg m2 violate the "
+            reasons.append(f"mass {self.mass:g} kg is not positive")
+        low, middle, high = np.linalg.eigvalsh(0.5 * (self.I_com + self.I_com.T))
+        if low <= 0:
+            reasons.append(f"smallest principal moment {low:.3g} kg m2 is not positive")
+        # 1e-6: the tensor of a flat plate is at the limit, and its numbers are rounded
+        if high > (low + middle) * (1 + 1e-6):
+            reasons.append(
+                f"principal moments {low:.3g}, {middle:.3g}, {high:.3g} kg m2 violate the "
                 "triangle inequality: no mass distribution has such moments"
             )
-        return bad
+        return reasons

@@ -21,40 +21,62 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
     Args:
         arms: {name of the arm: (its mechanism, T_world_base (4, 4))}.
     """
-    bodies, joints, couplings, frames, rest = [Body(WORLD)], [], [], (), {WORLD: np.eye(4)}
-    for name, (mechanism, T_world_base) in arms.items():
-
-        def own(inner: str, name: str = name) -> str:
-            return f"{name}_{inner}"
-
+    bodies = [Body(WORLD)]
+    joints = []
+    couplings = []
+    rest = {WORLD: np.eye(4)}
+    home: dict[str, float] = {}
+    have_homes = True
+    for arm, (mechanism, T_world_base) in arms.items():
         for body in mechanism.bodies:
-            meshes = tuple(replace(m, name=own(m.name)) for m in body.meshes)
-            bodies.append(replace(body, name=own(body.name), meshes=meshes))
-        joints.append(Joint(own("stand"), "fixed", WORLD, own(mechanism.base), T_world_base))
+            meshes = [replace(mesh, name=_own(arm, mesh.name)) for mesh in body.meshes]
+            bodies.append(replace(body, name=_own(arm, body.name), meshes=tuple(meshes)))
+        joints.append(Joint(_own(arm, "stand"), "fixed", WORLD, _own(arm, mechanism.base), T_world_base))
         for joint in mechanism.joints:
-            ends = {"parent": own(joint.parent), "child": own(joint.child)}
-            mating = tuple(own(m) for m in joint.mating)
-            joints.append(replace(joint, name=own(joint.name), **ends, mating=mating))
-        couplings += [replace(c, name=own(c.name), joints=tuple(map(own, c.joints))) for c in mechanism.couplings]
-        rest |= {own(body): T_world_base @ T for body, T in mechanism.rest.items()}
-        tool = mechanism.frame(mechanism.tool)
-        frames = (Frame(mechanism.tool, own(tool.body), tool.T_body_frame),)
-    homes = [(n, m, m.home) for n, (m, _) in arms.items() if m.home is not None]
-    home = {f"{n}_{j.name}": x for n, m, q in homes for j, x in zip(m.active, q, strict=True)}
-    last = next(reversed(list(arms.values())))[0]
+            mating = [_own(arm, name) for name in joint.mating]
+            renamed = replace(
+                joint,
+                name=_own(arm, joint.name),
+                parent=_own(arm, joint.parent),
+                child=_own(arm, joint.child),
+                mating=tuple(mating),
+            )
+            joints.append(renamed)
+        for coupling in mechanism.couplings:
+            coupled = [_own(arm, name) for name in coupling.joints]
+            couplings.append(replace(coupling, name=_own(arm, coupling.name), joints=tuple(coupled)))
+        for body_name, T_base_body in mechanism.rest.items():
+            rest[_own(arm, body_name)] = T_world_base @ T_base_body
+        q = mechanism.home
+        if q is None:
+            have_homes = False
+        else:
+            for joint, value in zip(mechanism.active, q, strict=True):
+                home[_own(arm, joint.name)] = value
+    last_arm, (last, _) = list(arms.items())[-1]
+    tool = last.frame(last.tool)
     return Mechanism(
         "_".join(arms),
         WORLD,
         tuple(bodies),
         tuple(joints),
-        frames,
+        (Frame(last.tool, _own(last_arm, tool.body), tool.T_body_frame),),
         rest=rest,
-        postures={"home": home} if len(homes) == len(arms) else {},
+        postures={"home": home} if have_homes else {},
         tool=last.tool,
         couplings=tuple(couplings),
     )
 
 
+def _own(arm: str, name: str) -> str:
+    """Return the name, in the joined mechanism, of a part of an arm."""
+    return f"{arm}_{name}"
+
+
 def owners(arms: Mapping[str, tuple[Mechanism, Array]]) -> dict[str, str]:
     """Return {name of a body in `joined(arms)`: name of the arm to which the body belongs}."""
-    return {f"{name}_{body.name}": name for name, (mechanism, _) in arms.items() for body in mechanism.bodies}
+    arm_of_body = {}
+    for arm, (mechanism, _) in arms.items():
+        for body in mechanism.bodies:
+            arm_of_body[_own(arm, body.name)] = arm
+    return arm_of_body

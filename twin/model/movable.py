@@ -17,8 +17,14 @@ from twin.model.mechanism import Mechanism
 
 ShapeName = Literal["ring", "box", "ball"]
 
-_AROUND, _ACROSS = 48, 16
-"""Numbers of facets. `_AROUND`: around the axis of a ring or ball. `_ACROSS`: around the wire, or from pole to pole."""
+_AROUND = 48
+"""Number of facets around the axis of a ring or ball."""
+
+_ACROSS = 16
+"""Number of facets around the wire of a ring, or from pole to pole of a ball."""
+
+_BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Corners of the faces of a box, counter-clockwise seen from outside; z changes fastest from corner to corner."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +53,15 @@ class Movable:
     def mesh(self) -> Mesh:
         """Return the surface in the frame of the object."""
         if self.shape == "box":
-            vertices = np.array(list(product((-1.0, 1.0), repeat=3))) * self.size
-            quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-            triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+            corners = list(product((-1.0, 1.0), repeat=3))
+            vertices = np.array(corners) * self.size
+            a, b, c, d = np.array(_BOX_FACES).T
+            triangles = _halves(a, b, c, d).reshape(-1, 3)
+        elif self.shape == "ring":
+            radius, wire = self.size
+            vertices, triangles = _ring(radius, wire)
         else:
-            radius, wire = self.size if self.shape == "ring" else (0.0, self.size[0])
-            vertices, triangles = _turned(radius, wire)
+            vertices, triangles = _ball(self.size[0])
         return Mesh(self.name, vertices, triangles.astype(np.int32), self.color_rgba, Finish(roughness=0.4))
 
     def inertia(self) -> Inertia:
@@ -71,26 +80,53 @@ class Movable:
 
 def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
     """Return the objects as free bodies of one mechanism; its base is the World and has no shape."""
-    bodies = [Body(name), *(Body(o.name, (o.mesh(),), o.inertia()) for o in objects)]
-    joints = [Joint(f"free_{o.name}", "free", name, o.name, T_parent_joint=o.T_world_object) for o in objects]
-    rest = {name: np.eye(4)} | {o.name: o.T_world_object for o in objects}
+    bodies = [Body(name)]
+    joints = []
+    rest = {name: np.eye(4)}
+    for movable in objects:
+        bodies.append(Body(movable.name, (movable.mesh(),), movable.inertia()))
+        T_world_object = movable.T_world_object
+        joints.append(Joint(f"free_{movable.name}", "free", name, movable.name, T_parent_joint=T_world_object))
+        rest[movable.name] = T_world_object
     frames = (Frame(TOOL, name, np.eye(4)),)  # the solvers of loops require a tool frame
     return Mechanism(name, name, tuple(bodies), tuple(joints), frames, rest=rest)
 
 
-def _turned(radius: float, wire: float) -> tuple[Array, np.ndarray]:
-    """Return vertices and triangles of a torus about z or, if `radius` is 0, of a ball with the radius `wire`."""
-    ball = radius == 0.0
-    rows = _ACROSS + 1 if ball else _ACROSS
-    v = np.linspace(-np.pi / 2, np.pi / 2, rows) if ball else np.arange(rows) * (2 * np.pi / rows)
-    u = np.arange(_AROUND) * (2 * np.pi / _AROUND)
-    r, z = radius + wire * np.cos(v), wire * np.sin(v)
-    grid = np.stack([np.outer(np.cos(u), r), np.outer(np.sin(u), r), np.broadcast_to(z, (_AROUND, rows))], axis=-1)
-    i, j = np.meshgrid(np.arange(_AROUND), np.arange(rows - 1 if ball else rows), indexing="ij")
-    k, n = (i + 1) % _AROUND, (j + 1) % rows
-    a, b, c, d = (x * rows + y for x, y in ((i, j), (k, j), (k, n), (i, n)))
-    low, high = np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)
-    if not ball:
-        return grid.reshape(-1, 3), np.concatenate([low.reshape(-1, 3), high.reshape(-1, 3)])
+def _ring(radius: float, wire: float) -> tuple[Array, np.ndarray]:
+    """Return vertices and triangles of a torus about z, with the radius of the wire's centre line and of the wire."""
+    angles = np.arange(_ACROSS) * (2 * np.pi / _ACROSS)
+    vertices = _turned(radius + wire * np.cos(angles), wire * np.sin(angles))
+    halves = _cells(_ACROSS, _ACROSS)
+    return vertices, np.concatenate([halves[:, :, 0].reshape(-1, 3), halves[:, :, 1].reshape(-1, 3)])
+
+
+def _ball(radius: float) -> tuple[Array, np.ndarray]:
+    """Return vertices and triangles of a ball with the poles on z."""
+    latitudes = np.linspace(-np.pi / 2, np.pi / 2, _ACROSS + 1)
+    vertices = _turned(0.0 + radius * np.cos(latitudes), radius * np.sin(latitudes))
+    halves = _cells(_ACROSS + 1, _ACROSS)
     # at a pole all vertices of a row coincide: one triangle per column there
-    return grid.reshape(-1, 3), np.concatenate([low[:, 1:].reshape(-1, 3), high[:, :-1].reshape(-1, 3)])
+    low = halves[:, 1:, 0]
+    high = halves[:, :-1, 1]
+    return vertices, np.concatenate([low.reshape(-1, 3), high.reshape(-1, 3)])
+
+
+def _turned(r: Array, z: Array) -> Array:
+    """Return the vertices (`_AROUND` * n, 3) of a profile r, z (n,) in m turned about z; it changes fastest."""
+    angles = np.arange(_AROUND) * (2 * np.pi / _AROUND)
+    x = np.outer(np.cos(angles), r)
+    y = np.outer(np.sin(angles), r)
+    return np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1).reshape(-1, 3)
+
+
+def _cells(rows: int, cells: int) -> np.ndarray:
+    """Return the triangles (`_AROUND`, cells, 2, 3) of a turned profile with `rows` vertices; both directions close."""
+    i, j = np.meshgrid(np.arange(_AROUND), np.arange(cells), indexing="ij")
+    next_i = (i + 1) % _AROUND
+    next_j = (j + 1) % rows
+    return _halves(i * rows + j, next_i * rows + j, next_i * rows + next_j, i * rows + next_j)
+
+
+def _halves(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Return the two triangles (..., 2, 3) of quadrilaterals with the corners a, b, c, d (...)."""
+    return np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)], axis=-2)

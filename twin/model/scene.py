@@ -105,7 +105,9 @@ class Place:
     @property
     def protocol_name(self) -> str:
         """Name of the protocol; for a file, its name without suffix."""
-        return Path(self.protocol).stem if self.protocol.endswith(".toml") else self.protocol
+        if self.protocol.endswith(".toml"):
+            return Path(self.protocol).stem
+        return self.protocol
 
     @property
     def port(self) -> str:
@@ -146,13 +148,21 @@ class Scene:
     @property
     def plays(self) -> bool:
         """Whether every robot has a protocol."""
-        return all(p.protocol for p in self.places)
+        return not self._without_protocol()
+
+    def _without_protocol(self) -> list[str]:
+        return [place.name for place in self.places if not place.protocol]
 
     @property
     def models(self) -> tuple[Place, ...]:
         """The `Place` of the model of each machine: the machine's `Place` with `MODEL` added to its name."""
-        machines = [] if self.trainer is None else self.trainer.robots
-        return tuple(replace(p, name=p.name + MODEL) for p in self.places if p.name in machines)
+        if self.trainer is None:
+            return ()
+        models = []
+        for place in self.places:
+            if place.name in self.trainer.robots:
+                models.append(replace(place, name=place.name + MODEL))
+        return tuple(models)
 
     def require_protocols(self) -> None:
         """Raise if a robot has no protocol to play.
@@ -160,10 +170,10 @@ class Scene:
         Raises:
             TwinError: a robot has no protocol; the message names it and the command that opens the console.
         """
-        if not self.plays:
-            lacking = ", ".join(p.name for p in self.places if not p.protocol)
+        lacking = self._without_protocol()
+        if lacking:
             raise TwinError(
-                f"scene '{self.name}' cannot be played: {self.file.name} has no protocol for {lacking}. "
+                f"scene '{self.name}' cannot be played: {self.file.name} has no protocol for {', '.join(lacking)}. "
                 f"Operate it from its console: `twin serve {self.name}` or `twin view {self.name}`"
             )
 
@@ -175,22 +185,8 @@ def load_scene(path: Path) -> Scene:
         DescriptionError: the file is malformed; the message gives file, line, key, value and allowed values.
     """
     table = load_toml(path, SceneTable)
-    names = [r.name for r in table.robot]
-    for k, robot in enumerate(table.robot):
-        if robot.protocol is None and table.console is None:
-            raise error_at(
-                path,
-                ("robot", k),
-                "this robot has no protocol: add the key protocol, or a section [console]",
-            )
-        if (given := robot.protocol or "").endswith(".toml") and not (path.parent / given).is_file():
-            raise error_at(path, ("robot", k, "protocol"), f"there is no file {given} in the folder of the scene")
-        for trocar, port in _ports(robot).items():
-            if port not in table.port:
-                keys = ("robot", k, "ports", trocar) if trocar else ("robot", k, "port")
-                raise error_at(path, keys, unknown("port", port, table.port))
-        if names.count(robot.name) > 1:
-            raise error_at(path, ("robot", k, "name"), f"'{robot.name}' is listed twice; give each robot its own name")
+    names = [robot.name for robot in table.robot]
+    _robots(path, table, names)
     for k, pair in enumerate(table.touching):
         _check_pair(path, k, pair, names)
     for name, camera in table.camera.items():
@@ -208,37 +204,63 @@ def load_scene(path: Path) -> Scene:
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
     _organs(path, table, names)
     _tools(path, table, names)
+    places = [_place(robot, table, path.parent) for robot in table.robot]
+    touching = [frozenset(pair) for pair in table.touching]
+    objects = [contact.movable(name, item) for name, item in table.object.items()]
+    vessels = [_vessel(path, name, item) for name, item in table.vessel.items()]
     return Scene(
         table.name,
         table.title,
         table.source,
         path,
         props,
-        tuple(_place(r, table, path.parent) for r in table.robot),
+        tuple(places),
         table.clearance_mm * MM,
-        frozenset(frozenset(p) for p in table.touching),
+        frozenset(touching),
         dict(table.camera),
         table.console,
         table.trainer,
-        tuple(contact.movable(name, o) for name, o in table.object.items()),
+        tuple(objects),
         table.contact,
         table.haptics,
         table.anatomy,
         dict(table.tissue),
-        tuple(_vessel(path, name, v) for name, v in table.vessel.items()),
+        tuple(vessels),
         dict(table.tool),
-        {name: task.task_of(name, t) for name, t in table.task.items()},
+        {name: task.task_of(name, item) for name, item in table.task.items()},
         tuple(_parameters(table)),
     )
 
 
-def _place(r: RobotTable, table: SceneTable, folder: Path) -> Place:
-    T = spatial.pose(spatial.rotation_z(r.yaw_deg * DEG), np.array(r.position_mm) * MM)
-    ports = _ports(r)
-    at = {t: np.array(table.port[p].position_mm) * MM for t, p in ports.items()}
-    protocol = r.protocol or ""
-    protocol = str(folder / protocol) if protocol.endswith(".toml") else protocol
-    return Place(r.name, r.robot or r.name, protocol, T, ports, at, dict(r.start))
+def _robots(path: Path, table: SceneTable, names: list[str]) -> None:
+    """Raise an error if a robot has no protocol, an unknown file or port, or the name of another robot."""
+    for k, robot in enumerate(table.robot):
+        if robot.protocol is None and table.console is None:
+            message = "this robot has no protocol: add the key protocol, or a section [console]"
+            raise error_at(path, ("robot", k), message)
+        protocol = robot.protocol or ""
+        if protocol.endswith(".toml") and not (path.parent / protocol).is_file():
+            raise error_at(path, ("robot", k, "protocol"), f"there is no file {protocol} in the folder of the scene")
+        for trocar, port in _ports(robot).items():
+            if port not in table.port:
+                keys = ("robot", k, "ports", trocar) if trocar else ("robot", k, "port")
+                raise error_at(path, keys, unknown("port", port, table.port))
+        if names.count(robot.name) > 1:
+            raise error_at(path, ("robot", k, "name"), f"'{robot.name}' is listed twice; give each robot its own name")
+
+
+def _place(robot: RobotTable, table: SceneTable, folder: Path) -> Place:
+    R = spatial.rotation_z(robot.yaw_deg * DEG)
+    T_world_base = spatial.pose(R, np.array(robot.position_mm) * MM)
+    ports = _ports(robot)
+    positions = {}
+    for trocar, port in ports.items():
+        positions[trocar] = np.array(table.port[port].position_mm) * MM
+    protocol = robot.protocol or ""
+    if protocol.endswith(".toml"):
+        protocol = str(folder / protocol)
+    model = robot.robot or robot.name
+    return Place(robot.name, model, protocol, T_world_base, ports, positions, dict(robot.start))
 
 
 def _check_pair(path: Path, k: int, pair: tuple[str, str], names: list[str]) -> None:
@@ -248,9 +270,10 @@ def _check_pair(path: Path, k: int, pair: tuple[str, str], names: list[str]) -> 
             raise error_at(path, ("touching", k), f"'{full}' is not a body; write \"owner/body\"")
     if pair[0] == pair[1]:
         raise error_at(path, ("touching", k), f"give two different bodies; both are '{pair[0]}'")
-    owners = [full.split("/")[0] for full in pair]
-    if not set(owners) & {*names}:
-        raise error_at(path, ("touching", k), unknown("robot", owners[0], names))
+    first = pair[0].split("/")[0]
+    second = pair[1].split("/")[0]
+    if first not in names and second not in names:
+        raise error_at(path, ("touching", k), unknown("robot", first, names))
 
 
 def _vessel(path: Path, name: str, table: VesselTable) -> Vessel:
@@ -274,8 +297,9 @@ def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
     if not (path.parent / table.anatomy.file).is_file():
         raise error_at(path, ("anatomy", "file"), f"there is no file {table.anatomy.file}")
     for name in table.anatomy.touching:
-        if name.split("/")[0] not in names:
-            raise error_at(path, ("anatomy", "touching"), unknown("robot", name.split("/")[0], names))
+        robot = name.split("/")[0]
+        if robot not in names:
+            raise error_at(path, ("anatomy", "touching"), unknown("robot", robot, names))
 
 
 def _tools(path: Path, table: SceneTable, names: list[str]) -> None:

@@ -15,7 +15,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.deformable import Deformable
-from twin.schema import Identifier, Sourced, Vector
+from twin.schema import Identifier, Row, Sourced, Vector
 
 SEGMENTS = 60
 """Maximum number of segments of a vessel; more segments increase the computing time of a step."""
@@ -94,42 +94,50 @@ class Vessel:
         u = across - z * (z @ across)[:, None]
         parallel = np.linalg.norm(u, axis=1) < 1e-3
         other = np.eye(3)[np.argmin(np.abs(z), axis=1)]
-        u = np.where(parallel[:, None], other - z * np.einsum("ij,ij->i", z, other)[:, None], u)
+        # the axis that is farthest from the segment stands in for a direction parallel to the segment
+        other_u = other - z * np.einsum("ij,ij->i", z, other)[:, None]
+        u = np.where(parallel[:, None], other_u, u)
         u /= np.linalg.norm(u, axis=1)[:, None]
-        v = np.column_stack([z[:, k - 2] * u[:, k - 1] - z[:, k - 1] * u[:, k - 2] for k in range(3)])  # z x u
-        thin = 1.0 - 0.95 * flat
-        out = np.zeros((self.segments, 2, 3, 3))
-        for side, p, t in ((0, points[:-1], thin[:-1]), (1, points[1:], thin[1:])):
-            t = t[:, None]
-            out[:, side] = np.stack([p, p + self.radius * t * u, p + self.radius * np.sqrt(2 - t) * v], axis=1)
-        gone = cut > 0
-        out[gone] = points[:-1][gone][:, None, None, :]
-        return out.reshape(-1, 3)
+        v = np.cross(z, u)
+        thickness = 1.0 - 0.95 * flat
+        nodes = np.zeros((self.segments, 2, 3, 3))
+        for side in (0, 1):
+            p = points[side : side + self.segments]
+            thin = thickness[side : side + self.segments, None]
+            nodes[:, side, 0] = p
+            nodes[:, side, 1] = p + self.radius * thin * u
+            # A flattened vessel becomes wider.
+            nodes[:, side, 2] = p + self.radius * np.sqrt(2 - thin) * v
+        is_cut = cut > 0
+        nodes[is_cut] = points[:-1][is_cut][:, None, None, :]
+        return nodes.reshape(-1, 3)
 
     @cached_property
     def deformable(self) -> Deformable:
         """The vessel as a `Deformable` fixed to the World, one closed prism per segment. The signal: `<name>.nodes`."""
-        turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
-        c, s = np.cos(turn), np.sin(turn)
+        n = self.segments
+        angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        c = np.cos(angles)
+        s = np.sin(angles)
         ring = np.column_stack([1 - c - s, c, s])  # weights of the centre and of the ends of the two radii
-        ring = np.vstack([ring, [1.0, 0.0, 0.0]])
-        n, m = self.segments, _SIDES + 1
+        ring = np.vstack([ring, [1.0, 0.0, 0.0]])  # the centre itself, for the closed end
+        m = _SIDES + 1
         weights = np.zeros((2 * n * m, 6 * n))
-        for k in range(2 * n):
-            weights[k * m : (k + 1) * m, 3 * k : 3 * k + 3] = ring
-        i, j = np.arange(_SIDES), (np.arange(_SIDES) + 1) % _SIDES
-        first, last = np.full(_SIDES, _SIDES), np.full(_SIDES, m + _SIDES)
-        prism = np.concatenate(
-            [
-                np.column_stack([i, j, m + j]),
-                np.column_stack([i, m + j, m + i]),
-                np.column_stack([first, j, i]),
-                np.column_stack([last, m + i, m + j]),
-            ]
-        )
-        triangles = np.concatenate([prism + 2 * m * k for k in range(n)]).astype(np.int32)
-        nodes = self.rings(self.points, np.zeros(n, int), np.zeros(n + 1), np.array([0.0, 0.0, 1.0]))
-        return Deformable(self.name, Mesh(self.name, weights @ nodes, triangles, self.color_rgba), weights=weights)
+        for end in range(2 * n):
+            weights[end * m : (end + 1) * m, 3 * end : 3 * end + 3] = ring
+        i = np.arange(_SIDES)
+        j = (i + 1) % _SIDES
+        first_centre = np.full(_SIDES, _SIDES)
+        last_centre = m + first_centre
+        sides = [np.column_stack([i, j, m + j]), np.column_stack([i, m + j, m + i])]
+        ends = [np.column_stack([first_centre, j, i]), np.column_stack([last_centre, m + i, m + j])]
+        prism = np.concatenate([*sides, *ends])
+        triangles = prism + 2 * m * np.arange(n)[:, None, None]  # (n, triangles of a prism, 3)
+        uncut = np.zeros(n, int)
+        round_ends = np.zeros(n + 1)
+        nodes = self.rings(self.points, uncut, round_ends, np.array([0.0, 0.0, 1.0]))
+        mesh = Mesh(self.name, weights @ nodes, triangles.reshape(-1, 3).astype(np.int32), self.color_rgba)
+        return Deformable(self.name, mesh, weights=weights)
 
 
 def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -> Vessel:
@@ -139,25 +147,34 @@ def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -
         TwinError: the vessel would have too many segments, or two successive points of its line are equal, or a
             coordinate is too large.
     """
-    if abs(far := max((x for point in t.line_mm for x in point), key=abs)) > _FAR:
-        raise TwinError(f"vessel '{name}': a point of line_mm is at {far:g} mm; the limit is ±{_FAR:g} mm")
-    line = np.array(t.line_mm) * MM
-    ways = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    if not ways.min() > 0:
+    coordinates = np.array(t.line_mm)
+    farthest = coordinates.flat[np.argmax(np.abs(coordinates))]
+    if abs(farthest) > _FAR:
+        raise TwinError(f"vessel '{name}': a point of line_mm is at {farthest:g} mm; the limit is ±{_FAR:g} mm")
+    line = coordinates * MM
+    lengths = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    if not lengths.min() > 0:
         raise TwinError(f"vessel '{name}': two points of line_mm are equal; remove one")
-    arc = np.concatenate([[0.0], np.cumsum(ways)])
+    arc = np.concatenate([[0.0], np.cumsum(lengths)])
     count = max(4, round(float(arc[-1]) / (t.segment_mm * MM)))
     if count > SEGMENTS:
         raise TwinError(
             f"vessel '{name}' has {count} segments; the limit is {SEGMENTS}: increase segment_mm ({t.segment_mm:g} mm)"
         )
-    at = np.linspace(0, arc[-1], count + 1)
-    points = np.column_stack([np.interp(at, arc, line[:, k]) for k in range(3)])
+    even = np.linspace(0, arc[-1], count + 1)
+    points = np.zeros((count + 1, 3))
+    for axis in range(3):
+        points[:, axis] = np.interp(even, arc, line[:, axis])
     return Vessel(name, points, t.organ or "", t.radius_mm * MM, t.young_kpa * 1e3, rgba)
 
 
 def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
     """Yield the numbers of a vessel as parameters with provenance."""
-    rows = (("radius", t.radius_mm, "mm"), ("segment", t.segment_mm, "mm"), ("Young's modulus", t.young_kpa, "kPa"))
-    points = ((str(k), point, "mm") for k, point in enumerate(t.line_mm, 1))
-    return t.parameters(f"vessel {name}", (*rows, *points))
+    rows: list[Row] = [
+        ("radius", t.radius_mm, "mm"),
+        ("segment", t.segment_mm, "mm"),
+        ("Young's modulus", t.young_kpa, "kPa"),
+    ]
+    for k, point in enumerate(t.line_mm, 1):
+        rows.append((str(k), point, "mm"))
+    return t.parameters(f"vessel {name}", rows)
