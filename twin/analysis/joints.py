@@ -65,17 +65,9 @@ def by_joints(
             f"{robot.name}: the mechanism cannot be assembled at any of {first_count} samples of its joints"
         )
     extent = np.ptp(p, axis=0)
-    step = step or float(max(extent.max(), 1e-6)) / 64
-    # one layer of cells, because positions of a plane or a line differ by rounding
     flat = extent <= _FLAT * extent.max()
-    margin = np.where(flat, 0, 0.05 * extent + 2 * step)
-    low = p.min(axis=0) - margin
-    shape = np.where(flat, 1, np.ceil((extent + 2 * margin) / step).astype(int) + 1)
-    if shape.prod() > _CELLS:
-        text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
-        raise TwinError(text)
-    nx, ny, nz = shape.tolist()
-    grid = Grid(low, step, (nx, ny, nz), np.eye(3))
+    grid = _grid(p.min(axis=0), extent, flat, step)
+    nx, ny, _ = grid.shape
     cells = grid.positions
     hits = np.zeros(cells)
     inverse = np.zeros(cells)
@@ -88,8 +80,8 @@ def by_joints(
         values, p = sample(first, last)
         assembled = _assembled(values, p)
         reached += int(assembled.sum())
-        index = np.where(flat, 0, np.round((p[assembled] - low) / step)).astype(np.int64)
-        inside = ((index >= 0) & (index < shape)).all(axis=1)
+        index = np.where(flat, 0, np.round((p[assembled] - grid.low) / grid.step)).astype(np.int64)
+        inside = ((index >= 0) & (index < np.array(grid.shape))).all(axis=1)
         outside += int((~inside).sum())
         cell = index[inside] @ np.array([1, nx, nx * ny])
         counted = values[assembled][inside]
@@ -116,6 +108,26 @@ def by_joints(
         **limit_facts(robot, passive),
     }
     return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
+
+
+def _grid(low: Array, extent: Array, flat: np.ndarray, step: float | None) -> Grid:
+    """Return a grid around positions with the lower corner (3,) and the extent (3,) in m.
+
+    Along a `flat` axis (3,), the grid has one layer of cells, because positions of a plane or a line differ by
+    rounding.
+
+    Raises:
+        TwinError: there are too many cells.
+    """
+    step = step or float(max(extent.max(), 1e-6)) / 64
+    # The first samples do not reach the border of the workspace.
+    margin = np.where(flat, 0, 0.05 * extent + 2 * step)
+    shape = np.where(flat, 1, np.ceil((extent + 2 * margin) / step).astype(int) + 1)
+    if shape.prod() > _CELLS:
+        text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
+        raise TwinError(text)
+    nx, ny, nz = shape.tolist()
+    return Grid(low - margin, step, (nx, ny, nz), np.eye(3))
 
 
 def _dimension(robot: Robot, ranges: Array, most: int) -> int:
