@@ -13,6 +13,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
@@ -107,19 +108,28 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
 
 def pass_together(paths: Sequence[Path]) -> bool:
     """Return whether OpenUSD can read all stages in one process; OpenUSD is then imported only once."""
-    each = [limits(path, "USD") for path in paths]
-    seconds, memory = sum(s for s, _ in each), max(m for _, m in each)
-    return _limited("USD", seconds, memory, *(path.resolve() for path in paths))[:2] == (0, False)
+    seconds = 0.0
+    memory = 0
+    for path in paths:
+        seconds_of_file, memory_of_file = limits(path, "USD")
+        seconds += seconds_of_file
+        memory = max(memory, memory_of_file)
+    code, idle, _ = _limited("USD", seconds, memory, *(path.resolve() for path in paths))
+    return code == 0 and not idle
 
 
 def limits(path: Path, kind: str) -> tuple[float, int]:
     """Return the limits of a file's parser: processor time in s, memory in bytes."""
-    budget, size = BUDGETS[kind], path.stat().st_size
+    budget = BUDGETS[kind]
+    size = path.stat().st_size
     if kind in _BESIDE:
-        beside = (p for i, p in zip(range(_MOST_BESIDE), path.parent.rglob("*"), strict=False))
-        size += sum(p.stat().st_size for p in beside if p != path and p.suffix.lower() in _BESIDE[kind] and p.is_file())
-    seconds = min(budget.seconds + budget.seconds_per_mb * size / MB, _MOST_SECONDS)
-    return seconds, int(min(budget.memory + budget.memory_per_byte * size, _MOST_MEMORY))
+        # a folder may contain any number of files: only the first ones are searched
+        for beside in islice(path.parent.rglob("*"), _MOST_BESIDE):
+            if beside != path and beside.suffix.lower() in _BESIDE[kind] and beside.is_file():
+                size += beside.stat().st_size
+    seconds = budget.seconds + budget.seconds_per_mb * size / MB
+    memory = budget.memory + budget.memory_per_byte * size
+    return min(seconds, _MOST_SECONDS), int(min(memory, _MOST_MEMORY))
 
 
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
@@ -135,14 +145,17 @@ def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tupl
 
 def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
     """Return the exit code of a process, and whether it was killed because it waited too long."""
-    before, since, pause = "", time.monotonic(), 0.005
+    used_before = ""
+    since = time.monotonic()
+    pause = 0.005
     try:
         while process.poll() is None:
             time.sleep(pause)
             pause = min(1.5 * pause, 0.02)
-            now = _asleep(process.pid)
-            if not now or now != before:
-                before, since = now, time.monotonic()
+            used = _asleep(process.pid)
+            if not used or used != used_before:
+                used_before = used
+                since = time.monotonic()
             elif time.monotonic() - since > _IDLE:
                 process.kill()
                 process.wait()
@@ -157,8 +170,12 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
 def _asleep(pid: int) -> str:
     """Return the processor time used by a sleeping process, as text; "" if the process is running or ready to run."""
     try:
-        state, *fields = Path(f"/proc/{pid}/stat").read_text("ascii", "replace").rpartition(")")[2].split()
-        return f"{fields[10]} {fields[11]}" if state == "S" else ""
+        stat = Path(f"/proc/{pid}/stat").read_text("ascii", "replace")
+        # the name of the program, in parentheses, may contain spaces
+        state, *fields = stat.rpartition(")")[2].split()
+        if state != "S":
+            return ""
+        return f"{fields[10]} {fields[11]}"
     except (OSError, IndexError, ValueError):
         return ""
 
