@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
@@ -19,49 +21,80 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     """
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
-    if robot := stage.GetDefaultPrim():
-        out.motors, out.all_motors = _motors(robot), bool(robot.GetAttribute("twin:base"))
-        out.marks = frozenset({"frame", "point"} if out.all_motors else ())
+    robot = stage.GetDefaultPrim()
+    if robot:
+        out.motors = _motors(robot)
+        out.all_motors = bool(robot.GetAttribute("twin:base"))
+        if out.all_motors:
+            out.marks = frozenset({"frame", "point"})
+        _add_tool(out, robot)
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
+    paths = set(names)
+    held: set[str] = set()
+    floats: dict[str, float] = {}
     for prim in bodies:
-        if (mass := _mass(prim, meters, kilograms)) is not None:
-            out.masses[prim.GetName()] = mass
-        if not _shows_all(prim, set(names)):
-            out.partly |= {prim.GetName()}
-    out.floats = {p.GetName(): float(bool(p.GetAttribute("physxRigidBody:disableGravity").Get())) for p in bodies}
-    held = {p.GetName() for p in bodies if UsdPhysics.RigidBodyAPI(p).GetKinematicEnabledAttr().Get()}
+        name = prim.GetName()
+        mass = _mass(prim, meters, kilograms)
+        if mass is not None:
+            out.masses[name] = mass
+        if not _shows_all(prim, paths):
+            out.partly |= {name}
+        weightless = prim.GetAttribute("physxRigidBody:disableGravity").Get()
+        floats[name] = float(bool(weightless))
+        # Physics does not move a kinematic body, as if it were fixed to the world.
+        if UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get():
+            held.add(name)
+    out.floats = floats
+    links = set(names.values())
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and is_stated(prim):
             joint = _joint(prim, names, meters, kilograms)
             if joint is None:
                 continue
-            if joint.kind == "fixed" and (joint.parent in names.values()) != (joint.child in names.values()):
-                held.add(joint.child if joint.child in names.values() else joint.parent)
+            parent_moves = joint.parent in links
+            child_moves = joint.child in links
+            if joint.kind == "fixed" and parent_moves != child_moves:
+                held.add(joint.child if child_moves else joint.parent)
             out.joints.append(joint)
         elif prim.IsA(UsdPhysics.Scene):
             out.gravity = _gravity(UsdPhysics.Scene(prim), meters, up)
     out.held = frozenset(held)
     cache = UsdGeom.XformCache()
-    for prim in (p for b in bodies for p in Usd.PrimRange(b)):
-        kind = prim.GetAttribute("twin:kind").Get()
-        if kind in ("frame", "point"):
-            M = np.array(cache.GetLocalToWorldTransform(prim)).T
-            above = prim.GetParent()
-            while above and str(above.GetPath()) not in names:
-                above = above.GetParent()
-            T, _ = poses.split(np.linalg.inv(np.array(cache.GetLocalToWorldTransform(above)).T) @ M)
-            T[:3, 3] *= meters
-            name = str(prim.GetAttribute("twin:name").Get() or prim.GetName())
-            if kind == "point":
-                out.points[name] = Frame(above.GetName(), poses.pose(None, T[:3, 3]))
-            else:
-                out.frames[name] = Frame(above.GetName(), T)
-    root = stage.GetDefaultPrim()
-    if root:
-        out.tool, trocar = (str(root.GetAttribute(f"twin:{n}").Get() or "") for n in ("tool", "trocar"))
-        several = root.GetAttribute("twin:trocars").Get() or ()
-        out.trocars = frozenset((trocar, *map(str, several))) - {""}
+    for body in bodies:
+        for prim in Usd.PrimRange(body):
+            kind = prim.GetAttribute("twin:kind").Get()
+            if kind in ("frame", "point"):
+                _add_mark(out, prim, kind, paths, cache, meters)
     return out
+
+
+def _add_tool(physics: Physics, robot: Usd.Prim) -> None:
+    """Add the tool and the trocars that the prim of the robot states."""
+    physics.tool = str(robot.GetAttribute("twin:tool").Get() or "")
+    trocars = {str(robot.GetAttribute("twin:trocar").Get() or "")}
+    for trocar in robot.GetAttribute("twin:trocars").Get() or ():
+        trocars.add(str(trocar))
+    physics.trocars = frozenset(trocars) - {""}
+
+
+def _add_mark(
+    physics: Physics, prim: Usd.Prim, kind: str, bodies: set[str], cache: UsdGeom.XformCache, meters: float
+) -> None:
+    """Add a named frame or point, with its pose on the body above it. `bodies` are the prim paths of all bodies."""
+    body = prim.GetParent()
+    while body and str(body.GetPath()) not in bodies:
+        body = body.GetParent()
+    # OpenUSD multiplies row vectors by matrices, so its matrices are the transposes of ours.
+    M_world_mark = np.array(cache.GetLocalToWorldTransform(prim)).T
+    M_world_body = np.array(cache.GetLocalToWorldTransform(body)).T
+    T_body_mark, _ = poses.split(np.linalg.inv(M_world_body) @ M_world_mark)
+    T_body_mark[:3, 3] *= meters
+    name = str(prim.GetAttribute("twin:name").Get() or prim.GetName())
+    if kind == "point":
+        T_body_point = poses.pose(None, T_body_mark[:3, 3])
+        physics.points[name] = Frame(body.GetName(), T_body_point)
+    else:
+        physics.frames[name] = Frame(body.GetName(), T_body_mark)
 
 
 def _shows_all(body: Usd.Prim, bodies: set[str]) -> bool:
@@ -88,44 +121,67 @@ def _shows_all(body: Usd.Prim, bodies: set[str]) -> bool:
 
 
 def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:
+    """Return the mass of a body in kg, m and kg m2; None if the stage does not state both mass and inertia."""
+    if not prim.HasAPI(UsdPhysics.MassAPI):
+        return None
     api = UsdPhysics.MassAPI(prim)
-    mass, center = api.GetMassAttr().Get(), api.GetCenterOfMassAttr().Get()
-    moments, axes = api.GetDiagonalInertiaAttr().Get(), api.GetPrincipalAxesAttr().Get()
-    if not prim.HasAPI(UsdPhysics.MassAPI) or mass is None or not mass or moments is None or not any(moments):
+    # In UsdPhysics, a mass of 0 and moments of 0 mean "not stated".
+    mass = api.GetMassAttr().Get()
+    if not mass:
+        return None
+    moments = api.GetDiagonalInertiaAttr().Get()
+    if moments is None or not any(moments):
         return None
     R = np.eye(3)
+    axes = api.GetPrincipalAxesAttr().Get()
+    # The fallback of the principal axes is a quaternion of length 0.
     if axes is not None and axes.GetLength() > 0:
         R = poses.rotation([*axes.GetImaginary(), axes.GetReal()])
-    place = np.array(center if center is not None and np.all(np.isfinite(center)) else (0, 0, 0), float)
+    com = np.zeros(3)
+    center = api.GetCenterOfMassAttr().Get()
+    # The fallback of the centre of mass is -inf.
+    if center is not None and np.all(np.isfinite(center)):
+        com = np.array(center, float)
     inertia = R @ np.diag(np.array(moments, float)) @ R.T
-    return Mass(float(mass) * kilograms, place * meters, inertia * kilograms * meters**2)
+    return Mass(float(mass) * kilograms, com * meters, inertia * kilograms * meters**2)
 
 
 def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
     """Return gravity (3,) in m/s2, z up; if the scene states no gravity, 9.81 downwards."""
-    direction, size = scene.GetGravityDirectionAttr().Get(), scene.GetGravityMagnitudeAttr().Get()
     down = np.array([0.0, 0.0, -1.0])
-    given = np.array(direction if direction is not None else (0, 0, 0), float)
-    if np.linalg.norm(given) > 0:
-        down = given / np.linalg.norm(given)
-        down = poses.R_Z_UP_Y_UP @ down if up == "Y" else down
-    return down * (float(size) * meters if size is not None and np.isfinite(size) and size >= 0 else 9.81)
+    direction = scene.GetGravityDirectionAttr().Get()
+    if direction is not None and np.linalg.norm(np.array(direction, float)) > 0:
+        down = np.array(direction, float)
+        down = down / np.linalg.norm(down)
+        if up == "Y":
+            down = poses.R_Z_UP_Y_UP @ down
+    magnitude = 9.81
+    stated = scene.GetGravityMagnitudeAttr().Get()
+    # The fallback of the magnitude is -inf: gravity of the earth.
+    if stated is not None and np.isfinite(stated) and stated >= 0:
+        magnitude = float(stated) * meters
+    return down * magnitude
 
 
 def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: float) -> Joint | None:
-    ends = joint_ends(prim, meters)
-    (parent, T_parent), (child, T_child) = ((names.get(t[0], t[0]) if t else "", T) for t, T in ends)
+    """Return a joint; None if both of its ends are on the same body."""
+    (parent_paths, T_parent_joint), (child_paths, T_child_joint) = joint_ends(prim, meters)
+    parent = _end_name(parent_paths, names)
+    child = _end_name(child_paths, names)
     if parent == child:
         return None
     kind, axis = kind_and_axis(prim)
-    return Joint(
-        (prim.GetName(),),
-        parent,
-        child,
-        T_parent @ poses.inverse(T_child),
-        along(kind, T_parent, axis),
-        _drive(prim, kind, meters, kilograms),
-    )
+    T_parent_child = T_parent_joint @ poses.inverse(T_child_joint)
+    motions = along(kind, T_parent_joint, axis)
+    drive = _drive(prim, kind, meters, kilograms)
+    return Joint((prim.GetName(),), parent, child, T_parent_child, motions, drive)
+
+
+def _end_name(paths: Sequence[str], names: dict[str, str]) -> str:
+    """Return the name of the body at an end of a joint, or its prim path if it is no body; "" is the world."""
+    if not paths:
+        return ""
+    return names.get(paths[0], paths[0])
 
 
 def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
@@ -152,43 +208,75 @@ def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
 def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
     if kind not in ("revolute", "prismatic"):
         return Drive()
-    turns = kind == "revolute"
-    token, unit = ("angular", np.pi / 180) if turns else ("linear", meters)
-    force = kilograms * meters * (meters if turns else 1.0)  # unit of effort in N or N m
-    low, high = (prim.GetAttribute(f"physics:{n}Limit").Get() for n in ("lower", "upper"))
+    # `unit` is the stage's unit of the coordinate in rad or m, `effort_unit` that of the effort in N m or N.
+    if kind == "revolute":
+        token = "angular"
+        unit = np.pi / 180
+        effort_unit = kilograms * meters * meters
+    else:
+        token = "linear"
+        unit = meters
+        effort_unit = kilograms * meters
+    low = prim.GetAttribute("physics:lowerLimit").Get()
+    high = prim.GetAttribute("physics:upperLimit").Get()
+    lower = -np.inf if low is None else float(low) * unit
+    upper = np.inf if high is None else float(high) * unit
     drive = UsdPhysics.DriveAPI(prim, token)
-    there = prim.HasAPI(UsdPhysics.DriveAPI, token)
-    gains = (drive.GetStiffnessAttr().Get(), drive.GetDampingAttr().Get(), drive.GetMaxForceAttr().Get())
-    stiffness, damping, effort = (None if not there or g is None else float(g) * force for g in gains)
-    speed = prim.GetAttribute("physxJoint:maxJointVelocity").Get()
+    driven = prim.HasAPI(UsdPhysics.DriveAPI, token)
+    stiffness = None
+    damping = None
+    effort = None
+    law = None
+    if driven:
+        stiffness = _scaled(drive.GetStiffnessAttr().Get(), effort_unit, unit)
+        damping = _scaled(drive.GetDampingAttr().Get(), effort_unit, unit)
+        effort = _scaled(drive.GetMaxForceAttr().Get(), effort_unit, 1.0)
+        if effort is not None and not np.isfinite(effort):
+            effort = None
+        law = str(drive.GetTypeAttr().Get())
+    speed = _scaled(prim.GetAttribute("physxJoint:maxJointVelocity").Get(), unit, 1.0)
     marked = prim.GetAttribute("twin:active").Get()
-    return Drive(
-        (-np.inf if low is None else float(low) * unit, np.inf if high is None else float(high) * unit),
-        there if marked is None else bool(marked),
-        None if stiffness is None else stiffness / unit,
-        None if damping is None else damping / unit,
-        effort if effort is not None and np.isfinite(effort) else None,
-        None if speed is None else float(speed) * unit,
-        law=str(drive.GetTypeAttr().Get()) if there else None,
-        breaks=float(UsdPhysics.Joint(prim).GetBreakForceAttr().Get()),
-    )
+    active = driven if marked is None else bool(marked)
+    breaks = float(UsdPhysics.Joint(prim).GetBreakForceAttr().Get())
+    return Drive((lower, upper), active, stiffness, damping, effort, speed, law=law, breaks=breaks)
+
+
+def _scaled(value: float | None, unit: float, per: float) -> float | None:
+    """Return a value times `unit` / `per`; None if the stage does not state it."""
+    if value is None:
+        return None
+    return float(value) * unit / per
 
 
 def _motors(root: Usd.Prim) -> dict[str, Motor]:
     """Return {name: motor}, read from customData, because UsdPhysics cannot express transmissions."""
-    rows = {}
-    for told in (root.GetCustomDataByKey("twin:transmissions") or {}).values():
-        joints, names = list(told["joints"]), list(told["actuators"])
-        matrix = np.array(told["matrix"], float).reshape(len(joints), len(names))
-        for name, row in zip(names, np.linalg.inv(matrix), strict=True):
-            rows[name] = {j: float(c) for j, c in zip(joints, row, strict=True) if c}
-    out = {}
-    for name, told in (root.GetCustomDataByKey("twin:actuators") or {}).items():
-        low, high = told.get("limits", (-np.inf, np.inf))
-        effort, speed = (float(told.get(k, np.inf)) for k in ("max_effort", "max_speed"))
-        rest = (float(told.get(k, 0.0)) for k in ("rotor_inertia", "stiffness", "damping"))
-        out[name] = Motor(rows.get(name), str(told["kind"]), (float(low), float(high)), effort, speed, *rest)
-    return out
+    ratios: dict[str, dict[str, float]] = {}  # {motor: {joint: motor coordinate / joint coordinate}}
+    transmissions = root.GetCustomDataByKey("twin:transmissions") or {}
+    for transmission in transmissions.values():
+        joints = list(transmission["joints"])
+        actuators = list(transmission["actuators"])
+        matrix = np.array(transmission["matrix"], float).reshape(len(joints), len(actuators))
+        # The stage states joint coordinates by motor coordinates; `Motor` has the inverse.
+        for actuator, row in zip(actuators, np.linalg.inv(matrix), strict=True):
+            ratios[actuator] = {}
+            for joint, ratio in zip(joints, row, strict=True):
+                if ratio:
+                    ratios[actuator][joint] = float(ratio)
+    motors: dict[str, Motor] = {}
+    stated = root.GetCustomDataByKey("twin:actuators") or {}
+    for name, values in stated.items():
+        low, high = values.get("limits", (-np.inf, np.inf))
+        motors[name] = Motor(
+            ratios.get(name),
+            str(values["kind"]),
+            (float(low), float(high)),
+            float(values.get("max_effort", np.inf)),
+            float(values.get("max_speed", np.inf)),
+            float(values.get("rotor_inertia", 0.0)),
+            float(values.get("stiffness", 0.0)),
+            float(values.get("damping", 0.0)),
+        )
+    return motors
 
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
