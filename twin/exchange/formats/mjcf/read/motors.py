@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.exchange.read.source import Findings, named_apart
-from twin.model.transmission import CONDITION, Actuator, Transmission, condition
+from twin.model.transmission import CONDITION, Actuator, Coordinate, Transmission, condition
 from twin.usd.read.names import identifier
 
 Name = Callable[[str, int], str]
@@ -32,10 +32,13 @@ def fixed_tendon(m, tendon: int) -> dict[int, float]:
     """Return {MuJoCo's joint index: coefficient} of a fixed tendon, in file order; {} for a spatial tendon."""
     import mujoco
 
-    rows = range(m.tendon_adr[tendon], m.tendon_adr[tendon] + m.tendon_num[tendon])
-    if any(int(m.wrap_type[w]) != int(mujoco.mjtWrap.mjWRAP_JOINT) for w in rows):
-        return {}
-    return {int(m.wrap_objid[w]): float(m.wrap_prm[w]) for w in rows}
+    first = m.tendon_adr[tendon]
+    coefficients: dict[int, float] = {}
+    for wrap in range(first, first + m.tendon_num[tendon]):
+        if int(m.wrap_type[wrap]) != int(mujoco.mjtWrap.mjWRAP_JOINT):
+            return {}
+        coefficients[int(m.wrap_objid[wrap])] = float(m.wrap_prm[wrap])
+    return coefficients
 
 
 def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findings: Findings) -> Motors:
@@ -48,39 +51,67 @@ def read_motors(m, kept: Sequence[int], joints: Sequence[str], name: Name, findi
     """
     import mujoco
 
-    transmission, equality = mujoco.mjtTrn, mujoco.mjtEq
+    direct = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
     pulls: dict[int, int] = {}  # tendon -> actuator
     taken: set[int] = set()  # joints that an actuator drives directly, or whose tendon has two actuators
-    for a in range(m.nu):
-        kind, target = int(m.actuator_trntype[a]), int(m.actuator_trnid[a, 0])
-        if kind in (int(transmission.mjTRN_JOINT), int(transmission.mjTRN_JOINTINPARENT)):
+    for actuator in range(m.nu):
+        kind = int(m.actuator_trntype[actuator])
+        target = int(m.actuator_trnid[actuator, 0])
+        if kind in direct:
             taken.add(target)
-        elif kind == int(transmission.mjTRN_TENDON) and m.actuator_gear[a, 0]:
-            taken |= set(fixed_tendon(m, target)) if target in pulls else set()
-            pulls[target] = a
-    tied = {int(m.eq_obj1id[e]) for e in range(m.neq) if m.eq_type[e] == equality.mjEQ_TENDON}
-    slide, hinge = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
-    groups: list[tuple[list[int], list[int]]] = []  # (tendons, joints) of each group
-    for tendon in (t for t in sorted(pulls, key=pulls.__getitem__) if t not in tied):
-        over = fixed_tendon(m, tendon)
-        joined = [g for g in groups if set(g[1]) & set(over)]
-        groups = [g for g in groups if g not in joined]
-        tendons = [t for g in joined for t in g[0]]
-        groups.append(([*tendons, tendon], sorted({j for g in joined for j in g[1]} | set(over))))
-    found = []
-    for tendons, over in groups:
-        good = len(tendons) == len(over) and not taken & set(over)
-        good &= all(m.jnt_type[j] in (slide, hinge) and m.jnt_bodyid[j] in kept for j in over)
-        if good and condition(_rows(m, tendons, over, pulls)) <= CONDITION:
+        elif kind == int(mujoco.mjtTrn.mjTRN_TENDON) and m.actuator_gear[actuator, 0]:
+            if target in pulls:
+                taken.update(fixed_tendon(m, target))
+            pulls[target] = actuator
+    movable = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+    found: list[tuple[list[int], list[int]]] = []
+    for tendons, over in _groups(m, pulls):
+        driven = [j for j in over if m.jnt_type[j] in movable and m.jnt_bodyid[j] in kept and j not in taken]
+        if len(driven) != len(over) or len(tendons) != len(over):
+            continue
+        if condition(_rows(m, tendons, over, pulls)) <= CONDITION:
             found.append((tendons, over))
     return _built(m, found, pulls, joints, name, findings)
 
 
+def _groups(m, pulls: dict[int, int]) -> list[tuple[list[int], list[int]]]:
+    """Return (tendons, joints) of each group of tendons that share joints, without tendons that an equality constrains.
+
+    `pulls` is {tendon: actuator}.
+    """
+    import mujoco
+
+    constrained: set[int] = set()
+    for equality in range(m.neq):
+        if m.eq_type[equality] == mujoco.mjtEq.mjEQ_TENDON:
+            constrained.add(int(m.eq_obj1id[equality]))
+    groups: list[tuple[list[int], list[int]]] = []
+    for tendon in sorted(pulls, key=pulls.__getitem__):
+        if tendon in constrained:
+            continue
+        # The tendon joins all groups with which it shares a joint.
+        tendons: list[int] = []
+        over = set(fixed_tendon(m, tendon))
+        separate: list[tuple[list[int], list[int]]] = []
+        shared: set[int] = set()
+        for group in groups:
+            if over.isdisjoint(group[1]):
+                separate.append(group)
+            else:
+                tendons += group[0]
+                shared.update(group[1])
+        groups = [*separate, ([*tendons, tendon], sorted(over | shared))]
+    return groups
+
+
 def _rows(m, tendons: Sequence[int], over: Sequence[int], pulls: dict[int, int]) -> np.ndarray:
     """Return the matrix (n, n) from joint to motor coordinates. A motor coordinate is gear x tendon length."""
-    gears = [float(m.actuator_gear[pulls[t], 0]) for t in tendons]
-    lengths = [fixed_tendon(m, t) for t in tendons]
-    return np.array([[g * row.get(j, 0.0) for j in over] for g, row in zip(gears, lengths, strict=True)])
+    rows: list[list[float]] = []
+    for tendon in tendons:
+        gear = float(m.actuator_gear[pulls[tendon], 0])
+        coefficients = fixed_tendon(m, tendon)
+        rows.append([gear * coefficients.get(joint, 0.0) for joint in over])
+    return np.array(rows)
 
 
 def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, findings: Findings) -> Motors:
@@ -135,19 +166,37 @@ def _text(m, i: int) -> str:
 def _actuator(m, label: str, tendon: int, a: int, told: str | None, over: Sequence[int]) -> Actuator:
     import mujoco
 
+    kind: Coordinate = "angle"
+    if told == "length":
+        kind = "length"
+    elif told != "angle":
+        # Without a text about it, a motor of slides alone counts as one that pulls lengths.
+        slides = [joint for joint in over if m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE]
+        if len(slides) == len(over):
+            kind = "length"
     gear = float(m.actuator_gear[a, 0])
-    ends = sorted(float(v) * gear for v in m.tendon_range[tendon])
-    kp, bias = float(m.actuator_gainprm[a, 0]), m.actuator_biasprm[a]
-    servo = kp > 0 and bias[1] < 0 and bool(np.isclose(-bias[1], kp))
-    lengths = all(m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE for j in over)
-    forces = m.actuator_forcerange[a]
-    inertia = float(m.tendon_armature[tendon]) / gear**2
+    limits = None
+    if m.tendon_limited[tendon]:
+        low, high = sorted(float(length) * gear for length in m.tendon_range[tendon])
+        limits = (low, high)
+    max_effort = None
+    if m.actuator_forcelimited[a]:
+        max_effort = float(np.abs(m.actuator_forcerange[a]).max())
+    # An actuator is a position servo if its force is kp (control - length) - kv speed: its bias has -kp and -kv.
+    kp = float(m.actuator_gainprm[a, 0])
+    bias = m.actuator_biasprm[a]
+    stiffness = None
+    damping = 0.0
+    if kp > 0 and bias[1] < 0 and np.isclose(-bias[1], kp):
+        stiffness = kp
+        damping = max(0.0, float(-bias[2]))
+    rotor_inertia = float(m.tendon_armature[tendon]) / gear**2
     return Actuator(
         label,
-        "length" if told == "length" or (told != "angle" and lengths) else "angle",
-        (ends[0], ends[1]) if m.tendon_limited[tendon] else None,
-        max_effort=float(np.abs(forces).max()) if m.actuator_forcelimited[a] else None,
-        rotor_inertia=inertia or None,
-        stiffness=kp if servo else None,
-        damping=max(0.0, float(-bias[2])) if servo else 0.0,
+        kind,
+        limits,
+        max_effort=max_effort,
+        rotor_inertia=rotor_inertia or None,
+        stiffness=stiffness,
+        damping=damping,
     )
