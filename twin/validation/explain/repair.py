@@ -619,7 +619,7 @@ class Search:
         until = deadline.within(_DOUBLE_PART * deadline.left)
         out: list[Candidate] = []
         firsts = [c.edits[0] for c in singles if k in c.scores and c.edits[0].define is None]
-        firsts.sort(key=lambda e: e.kind not in TOKENS)
+        firsts.sort(key=lambda e: (e.kind not in _FORMS, e.kind not in TOKENS))  # few replacements come first
         searches = []
         for rows in dict.fromkeys((tuple(self.failing), (k,))):
             for step, sites in self._sites_of(rows):
