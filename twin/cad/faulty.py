@@ -14,10 +14,11 @@ import numpy as np
 
 from twin.cad import features, meeting
 from twin.cad.build import CadModel
-from twin.cad.description import Description
+from twin.cad.description import Description, FrameSpec
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, Faces, Given, drawn
 from twin.cad.lengths import measure, pair
+from twin.cad.step import Face
 from twin.core import spatial
 from twin.core.errors import CadError
 from twin.core.spatial import Array
@@ -80,21 +81,38 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fa
     `nominal` is {parameter name in the description: length in m from another source}; it may be incomplete.
     """
     d = cad.description
-    bad = _apart(d, drawn(d, cad.measured))
-    found = [s for c in _candidates(cad, bad) if (s := _suspect(cad, *c, bad)) is not None]
-    out, left = [], list(bad)
-    while left:
-        best = max((s.joints for s in found if set(s.joints) <= set(left)), key=len, default=(left[0],))
-        mine = _plainest([s for s in found if s.joints == best], _placed(d))
-        mine = [_weighed(cad, s, nominal or {}) for s in mine]
-        out.append(Fault(best, tuple(sorted(mine, key=lambda s: -s.score))))
-        left = [j for j in left if j not in best]
-    return out
+    open_joints = _open_joints(d, drawn(d, cad.measured))
+    found = []
+    for body, names, joint in _candidates(cad, open_joints):
+        suspect = _suspect(cad, body, names, joint, open_joints)
+        if suspect is not None:
+            found.append(suspect)
+    faults = []
+    unexplained = list(open_joints)
+    while unexplained:
+        # Without a suspect that explains them, each joint is a fault of its own.
+        joints = _most_explained(found, unexplained) or (unexplained[0],)
+        suspects = []
+        for suspect in _plainest([s for s in found if s.joints == joints], _placed(d)):
+            suspects.append(_weighed(cad, suspect, nominal or {}))
+        suspects.sort(key=lambda s: -s.score)
+        faults.append(Fault(joints, tuple(suspects)))
+        unexplained = [joint for joint in unexplained if joint not in joints]
+    return faults
 
 
-def _apart(d: Description, at: Drawn) -> list[str]:
+def _most_explained(suspects: list[Suspect], joints: list[str]) -> tuple[str, ...]:
+    """Return the largest set of `joints` that one suspect explains; () if no suspect explains any."""
+    most: tuple[str, ...] = ()
+    for suspect in suspects:
+        if set(suspect.joints) <= set(joints) and len(suspect.joints) > len(most):
+            most = suspect.joints
+    return most
+
+
+def _open_joints(d: Description, at: Drawn) -> list[str]:
     """Return the names of the joints whose two frames do not coincide."""
-    return list(dict.fromkeys(f.where for f in meeting.meetings(d, at)))
+    return list(dict.fromkeys(finding.where for finding in meeting.meetings(d, at)))
 
 
 def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
@@ -103,23 +121,41 @@ def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Sus
     A suspect with more features can be distinguished, by comparison with the equations, if one of the additional
     features defines a named frame or point.
     """
-    few = {s.body: min(len(o.features) or 99 for o in suspects if o.body == s.body) for s in suspects}
-    plain = [s for s in suspects if not s.features or len(s.features) == few[s.body]]
-    alone = {(s.body, n) for s in plain for n in s.features}
-    return plain + [s for s in suspects if s not in plain and ({(s.body, n) for n in s.features} - alone) & placed]
+    fewest: dict[str, int] = {}
+    for suspect in suspects:
+        if suspect.features:  # without features, the placement of the whole part is wrong
+            count = len(suspect.features)
+            fewest[suspect.body] = min(count, fewest.get(suspect.body, count))
+    plain = [s for s in suspects if not s.features or len(s.features) == fewest[s.body]]
+    plain_features: set[tuple[str, str]] = set()
+    for suspect in plain:
+        plain_features |= _features(suspect)
+    others = [s for s in suspects if s not in plain and (_features(s) - plain_features) & placed]
+    return plain + others
+
+
+def _features(suspect: Suspect) -> set[tuple[str, str]]:
+    """Return the features of a suspect as (body, name)."""
+    return {(suspect.body, name) for name in suspect.features}
 
 
 def _placed(d: Description) -> set[tuple[str, str]]:
     """Return the features that define named frames and points, each as (body, name)."""
-    frames = {(f.body, n) for f in d.frame.values() for n in f.at.features(*_ENTRIES)}
-    points = {(p.body, n) for p in d.point.values() for n in (p.origin, p.at) if n}
-    return frames | points
+    placed = set()
+    for frame in d.frame.values():
+        for name in frame.at.features(*_ENTRIES):
+            placed.add((frame.body, name))
+    for point in d.point.values():
+        for name in (point.origin, point.at):
+            if name:
+                placed.add((point.body, name))
+    return placed
 
 
 # -- candidates --------------------------------------------------------------------------------------------------
 
 
-def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
+def _candidates(cad: CadModel, open_joints: list[str]) -> Iterator[tuple[str, tuple[str, ...], str]]:
     """Yield candidates (part, features, joint).
 
     (part, features, ""): the features may be wrong together. (part, (), joint): the given frame of the joint may be
@@ -127,32 +163,42 @@ def _candidates(cad: CadModel, bad: list[str]) -> Iterator[tuple[str, tuple[str,
     """
     d = cad.description
     seen: set[tuple[str, tuple[str, ...]]] = set()
-    for joint in (j for j in d.joint if j.name in bad):
+    for joint in d.joint:
+        if joint.name not in open_joints:
+            continue
         for body, spec in joint.sides:
             if spec.position_mm is not None:
                 yield body, (), joint.name
             own = cad.measured.get(body, {})
-            every = spec.features(*_ENTRIES)
-            axes = (_on_axis(own, n) for n in every)
-            for names in (*((n,) for n in every), *axes, spec.features("origin", "at"), ()):
-                if (body, names) not in seen and not (names == () and body == d.base):
-                    seen.add((body, names))
-                    yield body, names, ""
+            names = spec.features(*_ENTRIES)
+            groups = [(name,) for name in names]
+            groups += [_on_axis(own, name) for name in names]
+            groups += [spec.features("origin", "at"), ()]
+            for group in groups:
+                # The base is the world of all other parts: its placement cannot be wrong.
+                if (body, group) not in seen and not (group == () and body == d.base):
+                    seen.add((body, group))
+                    yield body, group, ""
 
 
 def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
     """Return the cylinders of a part that are coaxial with the feature `name` and may be misplaced together with it."""
-    a = own[name].face
-    return tuple(
-        n
-        for n, m in own.items()
-        if m.face.kind == a.kind == "cylinder"
-        and np.linalg.norm(np.cross(m.face.direction, a.direction)) < _COAXIAL
-        and spatial.point_to_line(m.face.point, a.point, a.direction) < _COAXIAL
-    ) or (name,)
+    cylinder = own[name].face
+    coaxial = []
+    for other, measured in own.items():
+        if cylinder.kind == "cylinder" and measured.face.kind == "cylinder" and _coaxial(measured.face, cylinder):
+            coaxial.append(other)
+    return tuple(coaxial) or (name,)
 
 
-def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: list[str]) -> Suspect | None:
+def _coaxial(a: Face, b: Face) -> bool:
+    sine = np.linalg.norm(np.cross(a.direction, b.direction))
+    if not sine < _COAXIAL:
+        return False
+    return bool(spatial.point_to_line(a.point, b.point, b.direction) < _COAXIAL)
+
+
+def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_joints: list[str]) -> Suspect | None:
     """Return a part as a suspect, with features moved so that the frames of its joints coincide; None if impossible.
 
     Args:
@@ -160,35 +206,53 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: 
         body: the part.
         names: the features that may move; empty: all features of the part.
         typed: a joint whose frame on the part is given by numbers: this frame is moved instead of features; else "".
-        bad: joints whose two frames do not coincide.
+        open_joints: joints whose two frames do not coincide.
     """
-    d, still = cad.description, drawn(cad.description, cad.measured).on
+    d = cad.description
+    still = drawn(d, cad.measured).on
     own = cad.measured.get(body, {})
-    moving = () if typed else names or tuple(own)
-    sides = [(j, s) for j in d.joint for b, s in j.sides if b == body]
-    users = [
-        j for j, s in sides if (j.name == typed if typed else not names or set(names) & set(s.features(*_ENTRIES)))
-    ]
-    if not (moving or typed) or not any(j.name in bad for j in users):
+    moving = names or tuple(own)
+    if typed:
+        moving = ()
+    users = []
+    for joint in d.joint:
+        for side, spec in joint.sides:
+            if side == body and _uses(joint.name, spec, names, typed):
+                users.append(joint)
+    if not (moving or typed) or not any(joint.name in open_joints for joint in users):
         return None
-    given = still[typed][0 if users[0].parent == body else 1] if typed else np.eye(4)
-    centre = np.mean([own[n].face.point for n in moving], axis=0) if moving else given[:3, 3]
+    given = np.eye(4)
+    if typed:
+        on_parent, on_child = still[typed]
+        given = on_parent if users[0].parent == body else on_child
+    centre = given[:3, 3]
+    if moving:
+        centre = np.mean([own[name].face.point for name in moving], axis=0)
 
     def put(twist: Array) -> tuple[dict[str, Measured], dict[tuple[str, str], Array]]:
+        """Return the features and the given frames of the part, moved by a twist about the centre."""
         T = spatial.pose(spatial.exp_so3(twist[3:] / _LEVER), twist[:3])
         T[:3, 3] += centre - T[:3, :3] @ centre
-        faces = {n: _moved(m, T) if n in moving else m for n, m in own.items()}
-        return faces, {(typed, body): T @ given} if typed else {}
+        faces = dict(own)
+        for name in moving:
+            faces[name] = _moved(own[name], T)
+        frames = {(typed, body): T @ given} if typed else {}
+        return faces, frames
 
     def misfit(twist: Array) -> Array:
-        faces, other = put(twist)
+        """Return the offsets in m, and the angles times the lever, of the joints of the part."""
+        faces, frames = put(twist)
         parts = []
-        for j in users:
-            on = [
-                other.get((j.name, b), features.frame(s, faces)) if b == body else still[j.name][i]
-                for i, (b, s) in enumerate(j.sides)
-            ]
-            offset, turn = meeting.locked(spatial.inverse(on[0]) @ on[1], j.type)
+        for joint in users:
+            on = []
+            for i, (side, spec) in enumerate(joint.sides):
+                if side != body:
+                    on.append(still[joint.name][i])
+                elif (joint.name, side) in frames:
+                    on.append(frames[joint.name, side])
+                else:
+                    on.append(features.frame(spec, faces))
+            offset, turn = meeting.locked(spatial.inverse(on[0]) @ on[1], joint.type)
             parts += [offset, _LEVER * turn]
         return np.concatenate(parts)
 
@@ -196,18 +260,28 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, bad: 
     try:
         for _ in range(_STEPS):
             r = misfit(x)
-            J = np.stack([(misfit(x + h) - misfit(x - h)) / 2e-6 for h in 1e-6 * np.eye(6)], axis=1)
+            columns = [(misfit(x + step) - misfit(x - step)) / 2e-6 for step in 1e-6 * np.eye(6)]
+            J = np.stack(columns, axis=1)
             x = x - np.linalg.pinv(J, rcond=1e-5) @ r
-        faces, other = put(x)
-        right = {**cad.measured, body: faces}
-        apart = _apart(d, drawn(d, right, other))
+        faces, frames = put(x)
+        corrected = {**cad.measured, body: faces}
+        still_open = _open_joints(d, drawn(d, corrected, frames))
     except (CadError, np.linalg.LinAlgError):
         return None
-    if any(j.name in apart for j in users):
+    used = {joint.name for joint in users}
+    if used & set(still_open):
         return None
-    joints = tuple(j for j in bad if any(j == u.name for u in users))
-    offset, tilt = float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]) / _LEVER)
-    return Suspect(body, names, joints, offset, tilt, right, given=other)
+    joints = tuple(joint for joint in open_joints if joint in used)
+    offset = float(np.linalg.norm(x[:3]))
+    tilt = float(np.linalg.norm(x[3:]) / _LEVER)
+    return Suspect(body, names, joints, offset, tilt, corrected, given=frames)
+
+
+def _uses(joint: str, spec: FrameSpec, names: tuple[str, ...], typed: str) -> bool:
+    """Return whether the frame of a joint moves with the features `names`, or with the given frame of joint `typed`."""
+    if typed:
+        return joint == typed
+    return not names or bool(set(names) & set(spec.features(*_ENTRIES)))
 
 
 def _moved(m: Measured, T: Array) -> Measured:
@@ -220,12 +294,14 @@ def _moved(m: Measured, T: Array) -> Measured:
 
 
 def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect:
-    lengths = _lengths(cad, s, nominal)
-    alike = _alike(cad, s)
-    told = [*lengths, *alike]
-    return replace(
-        s, for_it=tuple(text for good, text in told if good), against_it=tuple(text for good, text in told if not good)
-    )
+    for_it = []
+    against_it = []
+    for equal, text in (*_lengths(cad, s, nominal), *_alike(cad, s)):
+        if equal:
+            for_it.append(text)
+        else:
+            against_it.append(text)
+    return replace(s, for_it=tuple(for_it), against_it=tuple(against_it))
 
 
 def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
@@ -235,48 +311,67 @@ def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterato
     """
     limit = cad.description.tolerance.meeting_um * UM
     try:
-        before, after = measure(cad), measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
+        before = measure(cad)
+        after = measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
     except CadError:  # the distance between tilted axes is undefined
         return
-    for i, (a, b) in enumerate(zip(before, after, strict=True)):
-        if a.body != s.body:
+    for i, (length, corrected) in enumerate(zip(before, after, strict=True)):
+        if length.body != s.body:
             continue
-        others = [o.value for k, o in enumerate(before) if o.parameter == a.parameter and k != i]
-        others += [nominal[a.parameter]] if a.parameter in nominal else []
+        others = [o.value for k, o in enumerate(before) if o.parameter == length.parameter and k != i]
+        if length.parameter in nominal:
+            others.append(nominal[length.parameter])
         if not others:
             continue
         true = float(np.median(others))
-        was, now = abs(a.value - true) <= limit, abs(b.value - true) <= limit
-        if was != now:
-            value = a.value if now else b.value
-            text = f"{a.parameter} on '{s.body}' {'measures' if now else 'would measure'} {_apart_mm(value, true)}"
-            yield now, text
+        equal_before = abs(length.value - true) <= limit
+        equal_after = abs(corrected.value - true) <= limit
+        if equal_before == equal_after:
+            continue
+        if equal_after:
+            text = f"{length.parameter} on '{s.body}' measures {_compared_mm(length.value, true)}"
+        else:
+            text = f"{length.parameter} on '{s.body}' would measure {_compared_mm(corrected.value, true)}"
+        yield equal_after, text
 
 
-def _apart_mm(value: float, true: float) -> str:
+def _compared_mm(value: float, true: float) -> str:
     n = decimals(abs(value - true) / MM)
     return f"{value / MM:.{n}f} mm; in other places, this length is {true / MM:.{n}f} mm"
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
     """Yield (equal, text) if the part equals one with the same features only before, or only after, the correction."""
-    kinds = {b: {n: (m.face.kind, round(m.face.radius, 6)) for n, m in f.items()} for b, f in cad.measured.items()}
-    twins = [b for b in kinds if b != s.body and kinds[b] == kinds[s.body]]
+    measured = cad.measured
+    kinds = _kinds(measured[s.body]) if s.body in measured else {}
+    twins = [body for body in measured if body != s.body and _kinds(measured[body]) == kinds]
     if not twins or not s.features:
         return
-    was = [b for b in twins if _same(cad, cad.measured[s.body], cad.measured[b], s.features)]
-    now = [b for b in twins if _same(cad, s.faces[s.body], cad.measured[b], s.features)]
-    if bool(was) != bool(now):
-        names = ", ".join(f"'{b}'" for b in was or now)
-        text = f"'{s.body}' {'differs from' if now else 'equals'} {names}"
-        yield bool(now), text
+    before = [body for body in twins if _same(cad, measured[s.body], measured[body], s.features)]
+    after = [body for body in twins if _same(cad, s.faces[s.body], measured[body], s.features)]
+    if after and not before:
+        yield True, f"'{s.body}' differs from {_quoted(after)}"
+    elif before and not after:
+        yield False, f"'{s.body}' equals {_quoted(before)}"
+
+
+def _kinds(measured: Mapping[str, Measured]) -> dict[str, tuple[str, float]]:
+    """Return {feature: (kind, radius in m)}."""
+    return {name: (m.face.kind, round(m.face.radius, 6)) for name, m in measured.items()}
+
+
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def _same(cad: CadModel, a: Mapping[str, Measured], b: Mapping[str, Measured], names: Iterable[str]) -> bool:
     limits = np.array([cad.description.tolerance.meeting_deg * DEG, cad.description.tolerance.meeting_um * UM])
-    for n in names:
+    for name in names:
         for other in a:
-            off = np.abs(np.array(pair(a[n], a[other])) - np.array(pair(b[n], b[other])))
-            if other != n and (off[np.isfinite(off)] > limits[np.isfinite(off)]).any():
+            if other == name:
+                continue
+            difference = np.abs(np.array(pair(a[name], a[other])) - np.array(pair(b[name], b[other])))
+            defined = np.isfinite(difference)  # parallel axes have no distance along them
+            if (difference[defined] > limits[defined]).any():
                 return False
     return True

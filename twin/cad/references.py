@@ -24,23 +24,32 @@ def check(path: Path, d: Description) -> None:
 def _bodies(d: Description) -> Iterator[tuple[Keys, str]]:
     named: list[tuple[Keys, str]] = [(("base",), d.base)]
     for i, joint in enumerate(d.joint):
-        named += [(("joint", i, "parent"), joint.parent), (("joint", i, "child"), joint.child)]
-    named += [(("feature", body), body) for body in d.feature]
-    named += [(("frame", n, "body"), f.body) for n, f in d.frame.items()]
-    named += [(("point", n, "body"), p.body) for n, p in d.point.items()]
-    named += [(("length", i, "body"), spec.body) for i, spec in enumerate(d.length)]
+        named.append((("joint", i, "parent"), joint.parent))
+        named.append((("joint", i, "child"), joint.child))
+    for body in d.feature:
+        named.append((("feature", body), body))
+    for name, frame in d.frame.items():
+        named.append((("frame", name, "body"), frame.body))
+    for name, point in d.point.items():
+        named.append((("point", name, "body"), point.body))
+    for i, length in enumerate(d.length):
+        named.append((("length", i, "body"), length.body))
     for keys, body in named:
         if body not in d.body:
             yield keys, unknown("body", body, d.body)
-    joints = [j.name for j in d.joint]
-    trocars = [(("trocars", i), name) for i, name in enumerate(d.trocars)]
-    for keys, name in [(("trocar",), d.trocar), *trocars] if d.trocar else trocars:
+    joints = [joint.name for joint in d.joint]
+    trocars: list[tuple[Keys, str]] = []
+    if d.trocar:
+        trocars.append((("trocar",), d.trocar))
+    for i, name in enumerate(d.trocars):
+        trocars.append((("trocars", i), name))
+    for keys, name in trocars:
         if name not in joints:
             yield keys, unknown("joint", name, joints)
     if d.tool not in d.frame:
         yield ("tool",), unknown("frame", d.tool, d.frame)
     for body, spec in d.body.items():
-        own = [n for n, f in d.frame.items() if f.body == body]
+        own = [name for name, frame in d.frame.items() if frame.body == body]
         if spec.frame is not None and spec.frame not in own:
             yield ("body", body, "frame"), f"body '{body}': {unknown('frame', spec.frame, own)}"
 
@@ -52,24 +61,25 @@ def _features(d: Description) -> Iterator[tuple[Keys, str]]:
 
     def names(keys: Keys, body: str, value: str | list[str] | None) -> Iterator[tuple[Keys, str]]:
         known: Iterable[str] = d.feature.get(body, {})
-        for name in [value] if isinstance(value, str) else value or []:
+        values = [value] if isinstance(value, str) else value
+        for name in values or []:
             if name not in known:
                 yield keys, f"body '{body}': {unknown('feature', name, known)}"
 
     for i, joint in enumerate(d.joint):
         yield from frame(("joint", i, "on_parent"), joint.parent, joint.on_parent)
         yield from frame(("joint", i, "on_child"), joint.child, joint.on_child)
-    for n, f in d.frame.items():
-        yield from frame(("frame", n, "at"), f.body, f.at)
-    for n, p in d.point.items():
-        yield from names(("point", n, "origin"), p.body, p.origin)
-        yield from names(("point", n, "at"), p.body, p.at)
+    for name, spec in d.frame.items():
+        yield from frame(("frame", name, "at"), spec.body, spec.at)
+    for name, point in d.point.items():
+        yield from names(("point", name, "origin"), point.body, point.origin)
+        yield from names(("point", name, "at"), point.body, point.at)
     for i, length in enumerate(d.length):
         yield from names(("length", i, "between"), length.body, list(length.between))
 
 
 def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
-    types = {j.name: j.type for j in d.joint}
+    types = {joint.name: joint.type for joint in d.joint}
     for kind, entries in (("limit", d.limit), ("drive", d.drive)):
         first: dict[str, int] = {}
         for i, entry in enumerate(entries):
@@ -80,25 +90,22 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                     yield (kind, i, "joints"), f"joint '{joint}' has another [[{kind}]] entry; keep only one"
                 first[joint] = i
     for i, limit in enumerate(d.limit):
+        keys = [key for key in type(limit).model_fields if getattr(limit, key) is not None]
         for joint in limit.joints:
-            for key in type(limit).model_fields:
-                if getattr(limit, key) is None or not ("_mm" in key or "_deg" in key):
-                    continue
-                kind, unit = types.get(joint, "fixed"), "mm" if "_mm" in key else "deg"
-                if key == "cone_deg":
-                    if kind != "spherical":
-                        yield ("limit", i, key), f"joint '{joint}' is {kind}; only a spherical joint has a cone"
-                elif kind not in UNITS:
-                    yield ("limit", i, key), f"joint '{joint}' is {kind}: it has no single coordinate to limit"
-                elif unit != UNITS[kind]:
-                    right = key.replace(f"_{unit}", f"_{UNITS[kind]}")
-                    yield ("limit", i, key), f"joint '{joint}' is {kind}; write {right}"
+            for key in keys:
+                text = _wrong_unit(joint, types.get(joint, "fixed"), key)
+                if text:
+                    yield ("limit", i, key), text
     for i, coupling in enumerate(d.coupling):
-        wrong, right = ("mm", "deg") if coupling.sum_deg is None else ("deg", "mm")
+        wrong = "deg"
+        right = "mm"
+        if coupling.sum_deg is None:
+            wrong = "mm"
+            right = "deg"
         # The sum has the unit of the first joint; the ratios of joints of the other kind are in m/rad or rad/m.
-        for joint in (n for n in coupling.joints[:1] if UNITS.get(types.get(n, "")) == right):
-            text = f"joint '{joint}' is {types[joint]}; write sum_{right}"
-            yield ("coupling", i, f"sum_{wrong}"), text
+        for joint in coupling.joints[:1]:
+            if UNITS.get(types.get(joint, "")) == right:
+                yield ("coupling", i, f"sum_{wrong}"), f"joint '{joint}' is {types[joint]}; write sum_{right}"
     for i, gap in enumerate(d.gap):
         for key in ("lower", "upper"):
             joint = getattr(gap, key)
@@ -108,28 +115,51 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                 yield ("gap", i, key), f"joint '{joint}' is {types[joint]}; a gap requires prismatic joints"
 
 
+def _wrong_unit(joint: str, kind: str, key: str) -> str:
+    """Return what is wrong with the entry `key` of the limits of a joint of some kind, by its unit; "" if nothing."""
+    if "_mm" in key:
+        unit = "mm"
+    elif "_deg" in key:
+        unit = "deg"
+    else:
+        return ""
+    if key == "cone_deg":
+        return "" if kind == "spherical" else f"joint '{joint}' is {kind}; only a spherical joint has a cone"
+    if kind not in UNITS:
+        return f"joint '{joint}' is {kind}: it has no single coordinate to limit"
+    if unit != UNITS[kind]:
+        right = key.replace(f"_{unit}", f"_{UNITS[kind]}")
+        return f"joint '{joint}' is {kind}; write {right}"
+    return ""
+
+
 def _motors(d: Description) -> Iterator[tuple[Keys, str]]:
-    active = [j.name for j in d.joint if j.active]
-    driven = {n for entry in d.drive for n in entry.joints}
-    for kind, name, key, text in faults(actuators(d), transmissions(d), active, [j.name for j in d.joint], driven):
+    active = [joint.name for joint in d.joint if joint.active]
+    names = [joint.name for joint in d.joint]
+    driven = set()
+    for drive in d.drive:
+        driven |= set(drive.joints)
+    for kind, name, key, text in faults(actuators(d), transmissions(d), active, names, driven):
         entries: list = getattr(d, kind)
-        yield (kind, next(i for i, e in enumerate(entries) if e.name == name), key), text
+        index = [entry.name for entry in entries].index(name)
+        yield (kind, index, key), text
 
 
 def _postures(d: Description) -> Iterator[tuple[Keys, str]]:
-    types = {j.name: j.type for j in d.joint if j.active}
+    types = {joint.name: joint.type for joint in d.joint if joint.active}
     for posture, values in d.posture.items():
+        stated = set()
         for key in values:
             joint, _, unit = key.rpartition("_")
+            stated.add(joint)
             if unit not in ("mm", "deg"):
                 yield ("posture", posture, key), f"the unit is missing; write {key}_mm or {key}_deg"
             elif joint not in types:
                 yield ("posture", posture, key), unknown("active joint", joint, types)
             elif unit != UNITS.get(types[joint], unit):
-                yield (
-                    ("posture", posture, key),
-                    f"joint '{joint}' is {types[joint]}; write {joint}_{UNITS[types[joint]]}",
-                )
+                right = f"{joint}_{UNITS[types[joint]]}"
+                yield ("posture", posture, key), f"joint '{joint}' is {types[joint]}; write {right}"
         for joint, kind in types.items():
-            if not any(key.rpartition("_")[0] == joint for key in values):
-                yield ("posture", posture), f"active joint '{joint}' is missing; write {joint}_{UNITS.get(kind, 'mm')}"
+            if joint not in stated:
+                right = f"{joint}_{UNITS.get(kind, 'mm')}"
+                yield ("posture", posture), f"active joint '{joint}' is missing; write {right}"
