@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.cad import features, meeting
 from twin.cad.build import CadModel
-from twin.cad.description import Description, FrameSpec
+from twin.cad.description import Description, FrameSpec, JointSpec
 from twin.cad.features import Measured
 from twin.cad.frames import Drawn, Faces, Given, drawn
 from twin.cad.lengths import measure, pair
@@ -214,11 +214,7 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
     moving = names or tuple(own)
     if typed:
         moving = ()
-    users = []
-    for joint in d.joint:
-        for side, spec in joint.sides:
-            if side == body and _uses(joint.name, spec, names, typed):
-                users.append(joint)
+    users = _users(d, body, names, typed)
     if not (moving or typed) or not any(joint.name in open_joints for joint in users):
         return None
     given = np.eye(4)
@@ -275,6 +271,16 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
     offset = float(np.linalg.norm(x[:3]))
     tilt = float(np.linalg.norm(x[3:]) / _LEVER)
     return Suspect(body, names, joints, offset, tilt, corrected, given=frames)
+
+
+def _users(d: Description, body: str, names: tuple[str, ...], typed: str) -> list[JointSpec]:
+    """Return the joints of a part whose frames move with the features `names`, or with the given frame of `typed`."""
+    users = []
+    for joint in d.joint:
+        for side, spec in joint.sides:
+            if side == body and _uses(joint.name, spec, names, typed):
+                users.append(joint)
+    return users
 
 
 def _uses(joint: str, spec: FrameSpec, names: tuple[str, ...], typed: str) -> bool:

@@ -88,19 +88,38 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
     fits: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
         fits.setdefault((pair.a.body, pair.b.body), []).append(pair)
-    reached, todo, out, left = [base], dict(fits), [], []
-    while todo:
-        # If no remaining pair of bodies is connected to the base, continue with the first remaining pair.
-        key = next((k for r in reached for k in todo if r in k), next(iter(todo)))
-        own = todo.pop(key)
-        parent = min(key, key=lambda b: reached.index(b) if b in reached else len(reached))
-        child = key[1] if parent == key[0] else key[0]
-        reached += [b for b in (parent, child) if b not in reached]
-        kinds, others = _kinds(own)
-        left += others
+    reached = [base]
+    proposals: list[Proposal] = []
+    unused: list[Pair] = []
+    while fits:
+        bodies = _next_bodies(fits, reached)
+        joining = fits.pop(bodies)
+        parent, child = bodies
+        if _order(child, reached) < _order(parent, reached):
+            parent, child = child, parent
+        for body in (parent, child):
+            if body not in reached:
+                reached.append(body)
+        kinds, others = _kinds(joining)
+        unused += others
         for kind, pair, why in kinds:
-            out.append(_joint(f"j{len(out) + 1}", kind, parent, child, pair, parts, why))
-    return out, left
+            name = f"j{len(proposals) + 1}"
+            proposals.append(_joint(name, kind, parent, child, pair, parts, why))
+    return proposals, unused
+
+
+def _next_bodies(fits: Mapping[tuple[str, str], list[Pair]], reached: Sequence[str]) -> tuple[str, str]:
+    """Return the first pair of bodies with the body that was reached first; if there is none, the first pair."""
+    for body in reached:
+        for bodies in fits:
+            if body in bodies:
+                return bodies
+    return next(iter(fits))
+
+
+def _order(body: str, reached: Sequence[str]) -> int:
+    """Return when a body was reached from the base; bodies that are not reached come last."""
+    return reached.index(body) if body in reached else len(reached)
 
 
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
@@ -109,27 +128,45 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
     The fit determines the position of the joint. The type of a single coaxial fit is None, because it depends on stops
     along the axis.
     """
-    balls = [p for p in pairs if p.kind == "concentric"]
-    axes = sorted((p for p in pairs if p.kind == "coaxial"), key=lambda p: (p.near, p.clearance, -p.overlap))
+    balls = [pair for pair in pairs if pair.kind == "concentric"]
+    axes = [pair for pair in pairs if pair.kind == "coaxial"]
+    axes.sort(key=lambda p: (p.near, p.clearance, -p.overlap))
     if balls:
-        return [("spherical", p, f"A ball fits a socket: {p.radii}.") for p in balls], axes
-    first = axes[0]
-    # A second fit that is nearly on the axis of the first is a defect of the CAD, not a second axis.
-    again = [p for p in axes[1:] if same_axis(first.a, p.a, GROSS) and same_axis(first.b, p.b, GROSS)]
-    doubtful = [p for p in axes[1:] if p not in again and p.confidence == "low"]
-    axes = [p for p in axes if p not in again and p not in doubtful]
-    left = again + doubtful
-    if [p for p in axes if np.linalg.norm(np.cross(p.a.face.direction, first.a.face.direction)) > np.sin(GROSS[1])]:
+        return [("spherical", pair, f"A ball fits a socket: {pair.radii}.") for pair in balls], axes
+    first, *others = axes
+    repeated = []
+    doubtful = []
+    kept = [first]
+    for pair in others:
+        # A second fit that is nearly on the axis of the first is a defect of the CAD, not a second axis.
+        if same_axis(first.a, pair.a, GROSS) and same_axis(first.b, pair.b, GROSS):
+            repeated.append(pair)
+        elif pair.confidence == "low":
+            doubtful.append(pair)
+        else:
+            kept.append(pair)
+    unused = repeated + doubtful
+    if not _parallel(first, kept):
         text = (
-            f"{len(axes)} pins fit bores, and their axes are not parallel: the parts are bolted, or one axis is a "
+            f"{len(kept)} pins fit bores, and their axes are not parallel: the parts are bolted, or one axis is a "
             f"hinge. The closest fit: {first.radii}."
         )
-        return [("fixed", first, text)], left + [p for p in axes[1:] if p.near]
-    if len(axes) > 1:
-        longest = max(axes, key=lambda p: (not p.near, p.overlap))
-        text = f"{len(axes)} fits have parallel axes: a slide on rails, or bolted parts. The longest: {longest.radii}."
-        return [("prismatic", longest, text)], left + [p for p in axes if p.near and p is not longest]
-    return [(None, first, f"One coaxial fit: {first.radii}.")], left
+        return [("fixed", first, text)], unused + [pair for pair in kept[1:] if pair.near]
+    if len(kept) > 1:
+        longest = max(kept, key=lambda p: (not p.near, p.overlap))
+        text = f"{len(kept)} fits have parallel axes: a slide on rails, or bolted parts. The longest: {longest.radii}."
+        return [("prismatic", longest, text)], unused + [pair for pair in kept if pair.near and pair is not longest]
+    return [(None, first, f"One coaxial fit: {first.radii}.")], unused
+
+
+def _parallel(first: Pair, pairs: Sequence[Pair]) -> bool:
+    """Return whether the axes of all fits are parallel to that of the first, within the larger tolerance."""
+    _, angle = GROSS
+    for pair in pairs:
+        sine = np.linalg.norm(np.cross(pair.a.face.direction, first.a.face.direction))
+        if sine > np.sin(angle):
+            return False
+    return True
 
 
 def _joint(
@@ -141,28 +178,34 @@ def _joint(
     parts: Mapping[str, Sequence[Part]],
     why: str,
 ) -> Proposal:
-    p, c = (pair.a, pair.b) if pair.a.body == parent else (pair.b, pair.a)
+    p = pair.a
+    c = pair.b
+    if p.body != parent:
+        p, c = c, p
     if pair.kind == "concentric":
-        specs = [_Frame(r.body, f"{name}_ball", r.part, r.face, np.eye(3)) for r in (p, c)]
+        frames = [_Frame(r.body, f"{name}_ball", r.part, r.face, np.eye(3)) for r in (p, c)]
     else:
-        kind, specs, more = _along_axis(name, kind, pair, p, c, parts)
+        kind, frames, more = _along_axis(name, kind, pair, p, c, parts)
         why += more
     assert kind is not None
+    on_parent, on_child = frames
     try:
-        frames = [s.measured(parts[s.body]) for s in specs]
+        T_parent = on_parent.measured(parts[on_parent.body])
+        T_child = on_child.measured(parts[on_child.body])
     except CadError as error:
-        at = spatial.pose(specs[0].R, p.face.point)
+        numbers = given(spatial.pose(on_parent.R, p.face.point))
         why += f" NOT MEASURED: both frames are given as numbers, because {error}"
-        return Proposal(name, kind, parent, child, Side(given(at), {}), Side(given(at), {}), pair, 0.0, 0.0, why)
-    offset, tilt = locked_error(spatial.inverse(frames[0]) @ frames[1], kind)
-    return Proposal(name, kind, parent, child, specs[0].side(), specs[1].side(), pair, offset, tilt, why)
+        return Proposal(name, kind, parent, child, Side(numbers, {}), Side(numbers, {}), pair, 0.0, 0.0, why)
+    offset, tilt = locked_error(spatial.inverse(T_parent) @ T_child, kind)
+    return Proposal(name, kind, parent, child, on_parent.side(), on_child.side(), pair, offset, tilt, why)
 
 
 class _Frame:
     """Builder of a measured frame: features and TOML keys. Directions that are not measured are taken from R (3, 3)."""
 
     def __init__(self, body: str, origin: str, part: Part, face: Face, R: Array) -> None:
-        self.body, self.R = body, R
+        self.body = body
+        self.R = R
         self.features: dict[str, Feature] = {}
         self.keys: JsonObject = {"origin": self.name(origin, part, face, R[:, 2])}
 
@@ -184,21 +227,23 @@ class _Frame:
         return name
 
     def _spec(self) -> JsonObject:
-        typed = (
-            {}
-            if "x_along" in self.keys
-            else {"angles_deg": tuple(float(v) for v in spatial.euler_angles(self.R, "zyx") / DEG)}
-        )
-        return {**self.keys, **typed}
+        spec = dict(self.keys)
+        if "x_along" not in spec:
+            angles = spatial.euler_angles(self.R, "zyx") / DEG
+            spec["angles_deg"] = tuple(angles.tolist())
+        return spec
 
     def measured(self, parts: Sequence[Part]) -> Array:
         """Return the frame (4, 4) in the coordinates of the CAD, measured like the frames of a description."""
-        found = {n: find(self.body, n, s, parts, _TOLERANCE) for n, s in self.features.items()}
+        found = {}
+        for name, feature in self.features.items():
+            found[name] = find(self.body, name, feature, parts, _TOLERANCE)
         return frame(FrameSpec(**self._spec()), found)
 
     def side(self) -> Side:
         """Return the frame and its features."""
-        return Side(self._spec(), {n: f.model_dump(exclude_none=True) for n, f in self.features.items()})
+        features = {name: feature.model_dump(exclude_none=True) for name, feature in self.features.items()}
+        return Side(self._spec(), features)
 
 
 def _along_axis(
@@ -212,38 +257,35 @@ def _along_axis(
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction
-    zs = [p.face.direction, c.face.direction * (1.0 if c.face.direction @ p.face.direction > 0 else -1.0)]
-    across = [[(part, f, float((f.point - middle) @ z)) for part, f in perpendicular(parts[r.body], z)]
-              for r, z in zip((p, c), zs, strict=True)]  # fmt: skip
-    reach = MEETING[0] + (pair.offset + pair.tilt * pair.overlap if pair.near else 0.0)
-    touching = sorted(
-        (abs(a[2] - b[2]) > MEETING[0], abs(a[2]), i, k)
-        for i, a in enumerate(across[0])
-        for k, b in enumerate(across[1])
-        if abs(a[2] - b[2]) < reach
-    )
-    if touching:
-        _, _, i, k = touching[0]
-        stops = [across[0][i], across[1][k]]
-        more = ""
+    # The axis of the child's frame points in the direction of that of the parent's.
+    sign = 1.0 if c.face.direction @ p.face.direction > 0 else -1.0
+    zs = [p.face.direction, c.face.direction * sign]
+    on_parent, on_child = (_stops(parts[r.body], z, middle) for r, z in zip((p, c), zs, strict=True))
+    reach = MEETING[0]
+    if pair.near:
+        reach += pair.offset + pair.tilt * pair.overlap
+    stops = _touching(on_parent, on_child, reach)
+    touching = stops is not None
+    more = ""
+    if stops is not None:
         if kind is None:
+            kind = "revolute"
             more = " Faces stop the motion along the axis: assumed to be a pin; could also be cylindrical or a slide."
-        kind = kind or "revolute"
     else:
-        stops = [min(own, key=lambda s: abs(s[2]), default=None) for own in across]
+        stops = (_nearest(on_parent), _nearest(on_child))
+        more = " No face stops the motion along the axis."
         if kind is None:
             rail = max(p.length, c.length) > _RAIL * min(p.length, c.length)
             kind = "prismatic" if rail else "revolute"
-            more = " No face stops the motion along the axis: " + (
-                "assumed to be a slide, because the shaft is long; it could also be a pin or cylindrical."
-                if rail
-                else "assumed to be a pin, because the shaft is short; it could also be a slide or cylindrical."
-            )
-        else:
-            more = " No face stops the motion along the axis."
+            more = " No face stops the motion along the axis: "
+            if rail:
+                more += "assumed to be a slide, because the shaft is long; it could also be a pin or cylindrical."
+            else:
+                more += "assumed to be a pin, because the shaft is short; it could also be a slide or cylindrical."
     flats = _flats([parts[r.body] for r in (p, c)], zs, MEETING[1] if kind == "revolute" else GROSS[1])
     x = flats[0][1].direction if flats else np.eye(3)[int(np.argmin(np.abs(zs[0])))]
-    frames, origins = [], []
+    frames = []
+    origins = []
     for i, (r, z, stop) in enumerate(zip((p, c), zs, stops, strict=True)):
         made = _Frame(r.body, f"{name}_axis", r.part, r.face, spatial.frame_from_axes(z, x))
         made.keys["z"] = f"{name}_axis"
@@ -261,18 +303,62 @@ def _along_axis(
     return kind, frames, more
 
 
+_Stop = tuple[Part, Face, float]
+"""A plane face perpendicular to an axis, its part, and its distance in m along the axis."""
+
+
+def _stops(parts: Sequence[Part], axis: Array, origin: Array) -> list[_Stop]:
+    stops = []
+    for part, face in perpendicular(parts, axis):
+        stops.append((part, face, float((face.point - origin) @ axis)))
+    return stops
+
+
+def _touching(on_parent: Sequence[_Stop], on_child: Sequence[_Stop], reach: float) -> tuple[_Stop, _Stop] | None:
+    """Return two faces that touch, or nearly so (closer than `reach` in m); None if there are none.
+
+    Faces that touch are preferred, then the nearest to the origin on the axis.
+    """
+    candidates = []
+    for i, (_, _, at_parent) in enumerate(on_parent):
+        for k, (_, _, at_child) in enumerate(on_child):
+            distance = abs(at_parent - at_child)
+            if distance < reach:
+                candidates.append((distance > MEETING[0], abs(at_parent), i, k))
+    if not candidates:
+        return None
+    _, _, i, k = min(candidates)
+    return on_parent[i], on_child[k]
+
+
+def _nearest(stops: Sequence[_Stop]) -> _Stop | None:
+    return min(stops, key=lambda stop: abs(stop[2]), default=None)
+
+
 def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) -> list[tuple[Part, Face]] | None:
     """Return two plane faces parallel to the axes, one of each body, with the smallest angle between them.
 
     Return None if a body has no such face, or if the angle is at least `within` rad.
     """
-    planes = [
-        [(part, f) for part in own for f in part.faces if f.kind == "plane" and abs(float(f.direction @ z)) < 1e-4]
-        for own, z in zip(parts, zs, strict=True)
-    ]
+    planes = [_along(own, z) for own, z in zip(parts, zs, strict=True)]
     if not all(planes):
         return None
-    a, b = (np.array([f.direction for _, f in own]) for own in planes)
-    apart = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
-    i, k = np.unravel_index(int(np.argmin(np.round(apart, 9))), apart.shape)
-    return [planes[0][i], planes[1][k]] if apart[i, k] < within else None
+    on_parent, on_child = planes
+    a = np.array([face.direction for _, face in on_parent])
+    b = np.array([face.direction for _, face in on_child])
+    sines = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
+    # Rounded, so that of equally good faces the first is chosen on every processor.
+    i, k = np.unravel_index(int(np.argmin(np.round(sines, 9))), sines.shape)
+    if not sines[i, k] < within:
+        return None
+    return [on_parent[i], on_child[k]]
+
+
+def _along(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
+    """Return (part, face) for each plane face that is parallel to an axis."""
+    planes = []
+    for part in parts:
+        for face in part.faces:
+            if face.kind == "plane" and abs(float(face.direction @ axis)) < 1e-4:
+                planes.append((part, face))
+    return planes
