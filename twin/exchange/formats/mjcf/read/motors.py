@@ -144,23 +144,30 @@ def _grouped(
     """Return (name, tendons, joints) of a group, ordered as in its <tuple>; without a <tuple>, in file order."""
     import mujoco
 
-    by_actuator = {pulls[t]: t for t in tendons}
+    by_actuator = {pulls[tendon]: tendon for tendon in tendons}
     for i in range(m.ntuple):
-        rows = range(m.tuple_adr[i], m.tuple_adr[i] + m.tuple_size[i])
-        of = {
-            kind: [int(m.tuple_objid[r]) for r in rows if int(m.tuple_objtype[r]) == int(kind)]
-            for kind in (mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_ACTUATOR)
-        }
-        told_joints, told = of.values()
-        if sorted(told_joints) == over and set(told) == set(by_actuator) and len(told) == len(over):
-            return identifier(name("TUPLE", i)), [by_actuator[a] for a in told], told_joints
+        joints: list[int] = []
+        actuators: list[int] = []
+        first_row = m.tuple_adr[i]
+        for row in range(first_row, first_row + m.tuple_size[i]):
+            kind = int(m.tuple_objtype[row])
+            if kind == int(mujoco.mjtObj.mjOBJ_JOINT):
+                joints.append(int(m.tuple_objid[row]))
+            elif kind == int(mujoco.mjtObj.mjOBJ_ACTUATOR):
+                actuators.append(int(m.tuple_objid[row]))
+        if sorted(joints) == over and set(actuators) == set(by_actuator) and len(actuators) == len(over):
+            ordered = [by_actuator[actuator] for actuator in actuators]
+            return identifier(name("TUPLE", i)), ordered, joints
     first = identifier(name("ACTUATOR", pulls[tendons[0]]))
     return f"{first}_transmission", tendons, over
 
 
 def _text(m, i: int) -> str:
     start = int(m.text_adr[i])
-    return bytes(m.text_data[start : start + int(m.text_size[i])]).split(b"\0")[0].decode("utf-8", "replace")
+    end = start + int(m.text_size[i])
+    characters = bytes(m.text_data[start:end])
+    text, _, _ = characters.partition(b"\0")  # MuJoCo ends texts with a zero byte
+    return text.decode("utf-8", "replace")
 
 
 def _actuator(m, label: str, tendon: int, a: int, told: str | None, over: Sequence[int]) -> Actuator:
