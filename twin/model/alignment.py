@@ -27,8 +27,14 @@ RECTANGLE = "target_rectangle"
 """Name of the rectangle's surface."""
 
 _PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
-_THICK, _BEFORE = 2e-3, 1e-4
-"""Thickness of the plate in m; distance in m from the plate to the rectangle, so that the plate does not hide it."""
+_THICK = 2e-3
+"""Thickness of the plate in m."""
+
+_BEFORE = 1e-4
+"""Distance in m from the plate to the rectangle, so that the plate does not hide it."""
+
+_BOX_FACES = ((3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+"""Corners of the faces of the plate, counter-clockwise seen from outside: its back first, then its front."""
 
 
 class AlignTable(Table):
@@ -96,28 +102,34 @@ class Alignment:
     def upper(self) -> Array:
         """Left and right end (2, 3) in m of the rectangle's upper side in the World."""
         w, h = self.size
+        return self._in_world(np.array([[-w / 2, h / 2, _BEFORE], [w / 2, h / 2, _BEFORE]]))
+
+    def _in_world(self, p_plate: Array) -> Array:
+        """Return points (n, 3) in the World for points (n, 3) in the frame of the plate, in m."""
         T = self.T_world_plate
-        return np.array([[-w / 2, h / 2, _BEFORE], [w / 2, h / 2, _BEFORE]]) @ T[:3, :3].T + T[:3, 3]
+        return p_plate @ T[:3, :3].T + T[:3, 3]
 
     def body(self) -> Body:
         """Return the plate and the rectangle as a drawn body in the World frame."""
-        w, h = self.size[0] / 2, self.size[1] / 2
-        flat = np.array([[-w, -h, _BEFORE], [w, -h, _BEFORE], [w, h, _BEFORE], [-w, h, _BEFORE]])
-        x, y = self.plate[0] / 2, self.plate[1] / 2
-        box = np.array([[sx * x, sy * y, z] for z in (-_THICK, 0.0) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-        quads = ((3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
-        triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
-        two = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+        box = np.concatenate([_corners(self.plate, -_THICK), _corners(self.plate, 0.0)])
+        triangles = []
+        for a, b, c, d in _BOX_FACES:
+            triangles += [(a, b, c), (a, c, d)]
+        rectangle = _corners(self.size, _BEFORE)
+        halves = [(0, 1, 2), (0, 2, 3)]
         finish = Finish(roughness=0.9)
-        T = self.T_world_plate
-        meshes = [
-            Mesh(name, v @ T[:3, :3].T + T[:3, 3], f, rgba, finish)
-            for name, v, f, rgba in (
-                (f"{BODY}_plate", box, triangles, _PLATE_RGBA),
-                (RECTANGLE, flat, two, self.color_rgba),
-            )
-        ]
-        return Body(BODY, tuple(meshes))
+        meshes = (
+            Mesh(f"{BODY}_plate", self._in_world(box), np.array(triangles, np.int32), _PLATE_RGBA, finish),
+            Mesh(RECTANGLE, self._in_world(rectangle), np.array(halves, np.int32), self.color_rgba, finish),
+        )
+        return Body(BODY, meshes)
+
+
+def _corners(size: tuple[float, float], z: float) -> Array:
+    """Return the corners (4, 3) of a rectangle with this width and height at z, counter-clockwise from below left."""
+    x = size[0] / 2
+    y = size[1] / 2
+    return np.array([[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]])
 
 
 def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | None:
@@ -127,8 +139,10 @@ def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | 
     """
     if alignment is None:
         return props
-    base = Body("scenery") if props is None else props.bodies[0]
-    whole = Mechanism(base.name, base.name, (base,), (), rest={base.name: np.eye(4)}) if props is None else props
+    whole = props
+    if whole is None:
+        base = Body("scenery")
+        whole = Mechanism(base.name, base.name, (base,), (), rest={base.name: np.eye(4)})
     T = spatial.inverse(whole.rest[whole.base])
     joint = Joint(f"{BODY}_stands", "fixed", whole.base, BODY, T_parent_joint=T)
     return replace(
