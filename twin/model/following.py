@@ -6,10 +6,10 @@ follows a driven joint a, both b and c are therefore returned as followers of a.
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import Coupling, Mechanism
 
 
 @dataclass(frozen=True)
@@ -31,19 +31,45 @@ def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Followin
     A coupling is omitted if it has more than two joints, or if no follower results (for example, if both are driven).
     `among` has the names of joints that may lead or follow; couplings with other joints are omitted.
     """
-    known = {j.name: (j.name, 1.0, 0.0) for j in mechanism.active}
-    left = [c for c in mechanism.couplings if len(c.joints) == 2 and all(n in among for n in c.joints)]
-    out: dict[str, Following] = {}
-    while left:
-        coupling = next((c for c in left if known.keys() & set(c.joints)), left[0])
-        left.remove(coupling)
-        before = next((n for n in coupling.joints if n in known), coupling.joints[1])
-        (after,) = (n for n in coupling.joints if n != before)
+    # {joint: how it follows its leader}; a leader follows itself
+    known = {joint.name: _leading(joint.name) for joint in mechanism.active}
+    pending = []
+    for coupling in mechanism.couplings:
+        if len(coupling.joints) == 2 and all(name in among for name in coupling.joints):
+            pending.append(coupling)
+    followers: dict[str, Following] = {}
+    while pending:
+        coupling = _next_coupling(pending, known)
+        pending.remove(coupling)
+        first, second = coupling.joints
+        first_ratio, second_ratio = coupling.ratios
+        if first in known:
+            before = first
+            after = second
+            step = -first_ratio / second_ratio
+            shift = coupling.total / second_ratio
+        else:
+            before = second
+            after = first
+            step = -second_ratio / first_ratio
+            shift = coupling.total / first_ratio
         if after in known:
             continue
-        leader, multiplier, offset = known.setdefault(before, (before, 1.0, 0.0))
-        ratio = dict(zip(coupling.joints, coupling.ratios, strict=True))
-        step = -ratio[before] / ratio[after]
-        known[after] = leader, step * multiplier, step * offset + coupling.total / ratio[after]
-        out[coupling.name] = Following(after, *known[after])
-    return out
+        previous = known.setdefault(before, _leading(before))
+        follower = Following(after, previous.leader, step * previous.multiplier, step * previous.offset + shift)
+        known[after] = follower
+        followers[coupling.name] = follower
+    return followers
+
+
+def _leading(name: str) -> Following:
+    return Following(name, name, 1.0, 0.0)
+
+
+def _next_coupling(pending: list[Coupling], known: Mapping[str, Following]) -> Coupling:
+    """Return the first coupling with a known joint; without any, the first one, whose second joint then leads."""
+    for coupling in pending:
+        first, second = coupling.joints
+        if first in known or second in known:
+            return coupling
+    return pending[0]
