@@ -27,9 +27,8 @@ from twin.core.units import MM
 from twin.ui.headset.track import measured
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
-from twin.ui.session.protocols import protocols_of
 from twin.ui.session.shapes import CREASE, behind, creased, looks
-from twin.ui.session.timeline import Clock, Playback
+from twin.ui.session.timeline import Clock, Playback, protocols_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.design import with_distance
 from twin.ui.viewer.design_panel import differs, refused

@@ -47,7 +47,7 @@ def serve(args: argparse.Namespace) -> int:
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     """Return (title, function to create the served object in the event loop); raise `TwinError` for wrong arguments."""
     from twin.ui.headset import served
-    from twin.ui.session.protocols import protocols_of
+    from twin.ui.session.timeline import protocols_of
 
     plans = args.replay is None
     file = scenes.find(args.robot)

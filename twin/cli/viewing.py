@@ -139,7 +139,7 @@ def _what(
     if args.watch is not None and (file is None or args.html is not None):
         raise TwinError("--watch shows the scene of a running `twin serve SCENE`: name the same SCENE, and omit --html")
     if file is None:
-        from twin.ui.session.protocols import protocols_of
+        from twin.ui.session.timeline import protocols_of
 
         robot = api.load(args.robot, tool=args.tool)
         show.tool_note(robot, args.quiet)

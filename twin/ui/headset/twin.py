@@ -29,9 +29,7 @@ from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
 from twin.ui.session.desk import Desk, Moved
 from twin.ui.session.instruments import Reading
-from twin.ui.session.planner import Planner
-from twin.ui.session.protocols import protocols_of
-from twin.ui.session.timeline import RATE, Clock, Playback
+from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
 from twin.ui.session.trocars import rcm_at
 
 LOOK = 6

@@ -27,6 +27,7 @@ from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session import guiding, rings
@@ -35,26 +36,29 @@ from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Member, Setup
-from twin.simulation.world import World
-from twin.ui.session.console_state import ConsoleState, log_changes
+from twin.simulation.world import Block, World
+from twin.ui.session.console_state import ConsoleState, ForcePeaks, log_changes
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.feed import Feed
-from twin.ui.session.force_peaks import ForcePeaks
 from twin.ui.session.live_machines import LiveMachines
 from twin.ui.session.loaded_scene import LoadedScene
+from twin.ui.session.organs import WorldFeed
 from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
-from twin.ui.session.world_feed import WorldFeed
 
-_BUDGET, _CHUNK = 0.012, 4
-"""Real time in s after which a call of `advance` stops stepping the World; number of steps between two checks of the
-time."""
+_BUDGET = 0.012
+"""Real time in s after which a call of `advance` stops stepping the World."""
+
+_CHUNK = 4
+"""Number of steps of the World between two checks of the time."""
 
 _OWED = 0.1
 """Maximum delay in s that the World makes up for by later steps; the rest of a longer delay is never made up for."""
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
+
+Referee = rings.Referee | guiding.Referee | CameraReferee | ProcedureGuide
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
 
@@ -95,34 +99,46 @@ class LiveConsole:
             WorldError: a link is inside an organ at the start.
             OutputError: the session cannot be written.
         """
-        scene, task = loaded.scene, exercise.task
-        self.scene, self.table, self.task = scene, console_scene.console_of(scene), task
+        scene = loaded.scene
+        task = exercise.task
+        self.scene = scene
+        self.table = console_scene.console_of(scene)
+        self.task = task
         self._make_report = exercise.report
-        self._first = console_scene.settings(scene, exercise.fulcrum, task)
-        self.device = self._device_type(console_scene.PEDALS, HANDS, self.table.scale, settings=self._first)
-        self.machines = None if loaded.machines is None else LiveMachines(scene, loaded.machines, self.device)
-        self.members = {n: Member(r.mechanism, r.kinematics(), LinkPoses(r.loops)) for n, r in loaded.robots.items()}
+        self._first_settings = console_scene.settings(scene, exercise.fulcrum, task)
+        self.device = self._device_type(console_scene.PEDALS, HANDS, self.table.scale, settings=self._first_settings)
+        self.machines: LiveMachines | None = None
+        if loaded.machines is not None:
+            self.machines = LiveMachines(scene, loaded.machines, self.device)
+        self.members: dict[str, Member] = {}
+        for name, robot in loaded.robots.items():
+            self.members[name] = Member(robot.mechanism, robot.kinematics(), LinkPoses(robot.loops))
         self.planning = PlanMode(scene, self.members, lambda: self.world)
-        on = scene.haptics is None or scene.haptics.on
-        self.condition = exercise.condition or Condition(haptics=on)
+        haptics_on = scene.haptics is None or scene.haptics.on
+        self.condition = exercise.condition or Condition(haptics=haptics_on)
         self._setup = Setup(scene, self.members, task, loaded.props, self.condition, loaded.organs)
         self.device.feel(self.condition.haptics)
-        operates = self._setup.procedure is not None
-        self.objects: Sequence[Movable] = clips_of(scene.tools) if operates else self._setup.objects
-        judged = task is not None and bool(task.grasps or task.alignment or task.procedure)
-        self._scratch, self._session = None, exercise.session
-        if self._session is None and judged and self._make_report is not None:
+        is_procedure = self._setup.procedure is not None
+        self.objects: Sequence[Movable] = clips_of(scene.tools) if is_procedure else self._setup.objects
+        is_judged = task is not None and bool(task.grasps or task.alignment or task.procedure)
+        self._scratch = None
+        self._session = exercise.session
+        # A report is made from a session file: without a file of the user, a temporary one is recorded.
+        if self._session is None and is_judged and self._make_report is not None:
             self._scratch = Scratch()
             self._session = Path(self._scratch.name) / "hands.session"
         self.owner: str | None = None
-        self._places = {p.name: p for p in (*scene.places, *(scene.models if self.machines else ()))}
-        self.shown = {n: self.members[n.removesuffix(MODEL)] for n in self._places}
+        places = list(scene.places)
+        if self.machines is not None:  # beside each machine, its model is shown
+            places += scene.models
+        self._places = {place.name: place for place in places}
+        self.shown = {name: self.members[name.removesuffix(MODEL)] for name in self._places}
         self._camera = scene.cameras[self.table.camera].robot
         self._report: tuple[int, Call] | None = None
         self.attempt = 0
         self._begin()
         self.feed: Feed | None = loaded.feed
-        if operates:
+        if is_procedure:
             self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(self._setup))
         self.reading = self._read()
 
@@ -130,34 +146,59 @@ class LiveConsole:
 
     def _begin(self) -> None:
         """Make the World of a new attempt; if this fails, the present World remains."""
-        path, attempt = self._session, self.attempt + 1
+        path = self._session
+        attempt = self.attempt + 1
         if path is not None and attempt > 1:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
         tape = None if path is None else Tape()
-        setup, task, referee = self._setup, self.task, None
-        if task is not None and task.transfers:
-            pegs, robots = contact_scene.pegs(self.scene, setup.props, task), [*console_scene.hands_of(self.scene)]
-            referee = rings.Referee(task, self.objects, pegs, robots, SAMPLE)
-        elif task is not None and task.guide is not None:
-            referee = guiding.Referee.of(setup, SAMPLE)
-        elif task is not None and task.alignment is not None:
-            referee = CameraReferee(self._camera, SAMPLE)
-        elif task is not None and task.procedure is not None:
-            referee = ProcedureGuide(setup, [f"{item.name}.on" for item in self.objects], console_scene.ORGANS)
-        peaks, states, outbox, parts = ForcePeaks(HANDS), [], [], None
+        referee = self._new_referee()
+        peaks = ForcePeaks(HANDS)
+        watch: list[Block] = [peaks]
+        states: list[MachineStates] = []
+        parts = None
         if self.machines is not None:
             states, packets = self.machines.connect()
-            outbox, parts = [packets], self.machines.parts
+            watch.append(packets)
+            parts = self.machines.parts
+        if referee is not None:
+            watch.append(referee)
+        if tape is not None:  # the last block: it records what all others have written
+            watch.append(tape)
         device = Together([self.device, self.planning.plans, *states])
-        watch = [block for block in (peaks, *outbox, referee, tape) if block is not None]
-        world = console_scene.world(setup, device, records=False, watch=watch, parts=parts)
+        world = console_scene.world(self._setup, device, records=False, watch=watch, parts=parts)
         recorder = None
         if path is not None and tape is not None:
-            recorder = Recorder(path, head_of(setup, world, device), tape)
+            recorder = Recorder(path, head_of(self._setup, world, device), tape)
+        # Nothing above changes this console: an error leaves the present attempt as it is.
         self.world: World = world
-        self._state, self._peaks = ConsoleState(setup, world), peaks
-        self.referee, self.recorder, self.attempt = referee, recorder, attempt
-        self._owed, self._rate, self._stopped, self._over = 0.0, 1.0, "", ""
+        self._state = ConsoleState(self._setup, world)
+        self._peaks = peaks
+        self.referee = referee
+        self.recorder = recorder
+        self.attempt = attempt
+        self._owed = 0.0
+        self._rate = 1.0
+        self._stopped = ""
+        self._over = ""
+
+    def _new_referee(self) -> Referee | None:
+        """Return the judge of a new attempt at the task; None for a task without one."""
+        task = self.task
+        setup = self._setup
+        if task is None:
+            return None
+        if task.transfers:
+            pegs = contact_scene.pegs(self.scene, setup.props, task)
+            robots = list(console_scene.hands_of(self.scene))
+            return rings.Referee(task, self.objects, pegs, robots, SAMPLE)
+        if task.guide is not None:
+            return guiding.Referee.of(setup, SAMPLE)
+        if task.alignment is not None:
+            return CameraReferee(self._camera, SAMPLE)
+        if task.procedure is not None:
+            switches = [f"{item.name}.on" for item in self.objects]
+            return ProcedureGuide(setup, switches, console_scene.ORGANS)
+        return None
 
     def restart(self, client: str) -> None:
         """Begin a new attempt, with objects, robots and measures as at the start of the first attempt.
@@ -168,13 +209,15 @@ class LiveConsole:
         """
         self._require_task()
         self.require_free(client)
-        old, ticks = self.recorder, self.world.tick
+        old_recorder = self.recorder
+        old_ticks = self.world.tick
         self.planning.reset()
-        for robot in {} if self.task is None or self.task.procedure is None else self.task.procedure.start:
-            self.device.set(f"{robot}.tool", self._first[f"{robot}.tool"])
+        if self.task is not None and self.task.procedure is not None:
+            for robot in self.task.procedure.start:
+                self.device.set(f"{robot}.tool", self._first_settings[f"{robot}.tool"])
         self._begin()
-        if old is not None:
-            old.close(ticks)
+        if old_recorder is not None:
+            old_recorder.close(old_ticks)
         self.owner = None
         self.device.leave()
         self.device.feel(self.condition.haptics)
@@ -196,9 +239,10 @@ class LiveConsole:
         if self.referee is None:
             raise TwinError("there is no task to end or restart: start this program with --task")
 
-    def _finish(self, why: str) -> None:
+    def _finish(self, reason: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
-        self._over, self.owner = why, None
+        self._over = reason
+        self.owner = None
         self.planning.reset()
         self.device.leave()
         if self.recorder is None:
@@ -206,9 +250,10 @@ class LiveConsole:
         self.recorder.close(self.world.tick)
         if self._make_report is not None and self.recorder.path.is_file():
             if self._report is not None:
-                self._report[1].close()
-            files = str(self.recorder.path), str(self.scene.file)
-            self._report = self.attempt, Call(self._make_report, *files, nice=_NICE)
+                _, unfinished = self._report
+                unfinished.close()
+            call = Call(self._make_report, str(self.recorder.path), str(self.scene.file), nice=_NICE)
+            self._report = (self.attempt, call)
 
     def report(self) -> tuple[int, bytes | None, str] | None:
         """Return the newest report: (number of the attempt, page as bytes, error); None if there is no report yet.
@@ -232,7 +277,8 @@ class LiveConsole:
         if self.recorder is not None:
             self.recorder.close(self.world.tick)
         if self._report is not None:
-            self._report[1].close()
+            _, call = self._report
+            call.close()
         if self._scratch is not None:
             self._scratch.cleanup()
         if self.machines is not None:
@@ -248,9 +294,13 @@ class LiveConsole:
         if not self._stopped and not self._over and passed > 0:
             self._step(passed)
             self._judge()
-            self.planning.poll(self.arm(self.planning.hand) if self.planning.hand else "")
-        old, self.reading = self.reading, self._read()
-        return log_changes(old, self.reading, self.device.patience)
+            arm = ""
+            if self.planning.hand:
+                arm = self.arm(self.planning.hand)
+            self.planning.poll(arm)
+        old_reading = self.reading
+        self.reading = self._read()
+        return log_changes(old_reading, self.reading, self.device.patience)
 
     def _judge(self) -> None:
         """End the attempt if the task is completed, or if the session file is full."""
@@ -262,24 +312,28 @@ class LiveConsole:
             self._finish("The task was ended: the session is no longer recorded.")
 
     def _step(self, passed: float) -> None:
-        dt, end = self.world.dt, time.monotonic() + _BUDGET
+        dt = self.world.dt
+        end = time.monotonic() + _BUDGET
         self._owed += passed
-        wanted = done = int(self._owed / dt + 1e-6)
+        wanted = int(self._owed / dt + 1e-6)  # a whole number of steps may be a rounding error too small
+        remaining = wanted
         try:
-            while done > 0:
-                n = min(done, self._chunk)
-                self._before_steps(math.ceil(done / self._chunk))
-                self.world.step(n)
-                done -= n
+            while remaining > 0:
+                steps = min(remaining, self._chunk)
+                self._before_steps(math.ceil(remaining / self._chunk))
+                self.world.step(steps)
+                remaining -= steps
                 if time.monotonic() > end:
                     break
         except TwinError as error:
             self._stopped = str(error)
             logging.getLogger(__name__).error("the World has stopped: %s", error)
-        self._after_steps(done > 0)
-        self._owed = min(self._owed - (wanted - done) * dt, _OWED)
-        share = min(1.0, passed) * 0.5
-        self._rate += share * ((wanted - done) * dt / passed - self._rate)
+        self._after_steps(remaining > 0)
+        simulated = (wanted - remaining) * dt
+        self._owed = min(self._owed - simulated, _OWED)
+        # A mean over about 2 s of real time: the displayed rate does not flicker.
+        weight = min(1.0, passed) * 0.5
+        self._rate += weight * (simulated / passed - self._rate)
 
     @property
     def _chunk(self) -> int:
@@ -367,11 +421,13 @@ class LiveConsole:
             TwinError: the scene has no such tool, or the arm cannot carry it.
         """
         self.require_free(client)
-        tools, robot = self.scene.tools, self.arm(hand)
+        tools = self.scene.tools
+        robot = self.arm(hand)
         if tool not in tools:
             raise TwinError(f"scene '{self.scene.name}': {unknown('tool', tool, tools)}")
-        if robot not in tools[tool].robots:
-            raise TwinError(f"{robot} cannot carry '{tool}'; only {', '.join(tools[tool].robots)} can carry it")
+        carriers = tools[tool].robots
+        if robot not in carriers:
+            raise TwinError(f"{robot} cannot carry '{tool}'; only {', '.join(carriers)} can carry it")
         self.device.set(f"{robot}.tool", list(tools).index(tool))
 
     def train(self, client: str, mode: Mode) -> None:
@@ -421,7 +477,9 @@ class LiveConsole:
         self.require_free(client)
         if do == "aim":
             return self.planning.aim(hand, self.arm(hand))
-        return self.planning.find() if do == "find" else self.planning.accept()
+        if do == "find":
+            return self.planning.find()
+        return self.planning.accept()
 
     def release(self, client: str) -> None:
         """End the control of the robots by this client, if this client controls them."""
@@ -443,20 +501,25 @@ class LiveConsole:
     def arm(self, hand: str) -> str:
         """Return the name of the robot that a hand ("right" or "left") controls now."""
         arms = getattr(self.table, hand)
-        return arms[int(self.world.signals["console.taps"][0]) % len(arms)]
+        taps = int(self.world.signals["console.taps"][0])  # each tap of the clutch chooses the next arm
+        return arms[taps % len(arms)]
 
     def tool(self, hand: str) -> Array:
         """Return the present pose (4, 4) in the World of the tool that a hand controls."""
         name = self.arm(hand)
-        q, goal = self.world.signals[f"{name}.q"], self.world.signals[f"{name}.goal"].reshape(4, 4)
-        return self._places[name].T_world_base @ self.members[name].kin.forward(q, goal)
+        q = self.world.signals[f"{name}.q"]
+        goal = self.world.signals[f"{name}.goal"].reshape(4, 4)
+        T_base_tool = self.members[name].kin.forward(q, goal)
+        return self._places[name].T_world_base @ T_base_tool
 
     def moved(self, hand: str) -> Array:
         """Return the pose (4, 4), in the World, of the object that a hand moves: its tool, or the target of a plan."""
         if self.planning.phase != "aim" or self.planning.hand != hand:
             return self.tool(hand)
         name = self.planning.robot
-        return self.place(name) @ self.world.signals[f"{name}.target"][1:].reshape(4, 4)
+        # The first value of the signal says whether there is a target.
+        target = self.world.signals[f"{name}.target"][1:].reshape(4, 4)
+        return self.place(name) @ target
 
     def place(self, robot: str) -> Array:
         """Return T_world_base (4, 4) of a robot."""
@@ -482,30 +545,38 @@ class LiveConsole:
         return self.world.signals[f"{self._camera}.at"]
 
     def _read(self) -> JsonObject:
+        arms = {hand: self.arm(hand) for hand in HANDS}
+        machines = None if self.machines is None else self.machines.state(self.world)
         return {
             "owner": self.owner,
             "heard": self.device.heard,
-            **self._state.read({hand: self.arm(hand) for hand in HANDS}),
+            **self._state.read(arms),
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
-            "task": self._task(),
-            "machines": None if self.machines is None else self.machines.state(self.world),
+            "task": self._scoreboard(),
+            "machines": machines,
             "plan": self.planning.state(),
         }
 
     def deviations(self) -> dict[str, JsonObject]:
         """Return the deviation of each machine from its model; see `LiveMachines.deviations`."""
-        return {} if self.machines is None else self.machines.deviations(self.world)
+        if self.machines is None:
+            return {}
+        return self.machines.deviations(self.world)
 
-    def _task(self) -> JsonObject | None:
+    def _scoreboard(self) -> JsonObject | None:
         """Return the scoreboard of a task that is judged; None for other tasks."""
         if self.referee is None or self.task is None:
             return None
-        made = self.report()
+        newest = self.report()
+        report = None
+        if newest is not None:
+            attempt, page, problem = newest
+            report = {"attempt": attempt, "ready": page is not None, "problem": problem}
         return {
             "title": self.task.title,
             "attempt": self.attempt,
             "over": self._over or None,
-            "report": None if made is None else {"attempt": made[0], "ready": made[1] is not None, "problem": made[2]},
+            "report": report,
             **self.referee.content(),
         }

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from twin.core import spatial
 from twin.core.json_types import JsonMapping, JsonObject
-from twin.core.units import MM
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
 from twin.simulation import console_scene, operating_scene
 from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS
-from twin.simulation.setup import Setup
-from twin.simulation.world import World
-from twin.ui.session import walls
+from twin.simulation.setup import Member, Setup
+from twin.simulation.world import Block, Signals, World
 
 _STUCK = 30.0
 """Time in s after which a pedal that is still pressed is reported, because it may be stuck (ASSUMED)."""
+
+_LIMIT_DISTANCE = 0.5 * MM
+"""A joint limit is reported if goal and tool are at least this distance in m apart, or `_LIMIT_ANGLE`."""
+
+_LIMIT_ANGLE = 1 * DEG
+"""A joint limit is reported if goal and tool differ by at least this angle in rad, or `_LIMIT_DISTANCE`."""
 
 
 class ConsoleState:
@@ -26,54 +34,140 @@ class ConsoleState:
 
     def __init__(self, setup: Setup, world: World) -> None:
         """Set the World whose state `read` returns; the World must not have been stepped yet."""
-        self._scene, self._members, self._procedure = setup.scene, setup.members, setup.procedure
+        self._scene = setup.scene
+        self._members = setup.members
+        self._procedure = setup.procedure
         self._table = console_scene.console_of(setup.scene)
-        self._world, self._pressed = world, 0.0
+        self._world = world
+        self._pressed = 0.0  # time in s since which a pedal is pressed
 
     def read(self, arms: Mapping[str, str]) -> JsonObject:
         """Return the present state; `arms` maps each hand to the name of the robot that this hand controls."""
-        signals, t = self._world.signals, self._world.t
-        mode, silent = float(signals["console.mode"][0]), bool(signals[f"{PEDALS}.silent"][0])
-        if mode == TOOLS or silent:
-            self._pressed = t
-        at = signals[f"{self._scene.cameras[self._table.camera].robot}.at"]
+        signals = self._world.signals
+        mode = float(signals["console.mode"][0])
+        silent = bool(signals[f"{PEDALS}.silent"][0])
+        fulcrum = None
+        if self._table.instrument_mm:
+            fulcrum = FULCRUMS[int(signals[console_scene.FULCRUM][0])]
+        hands = {}
+        for hand in HANDS:
+            hands[hand] = self._hand(hand, arms[hand])
         return {
             "silent": silent,
-            "mode": "nothing" if mode == FREE else "camera" if mode == CAMERA else "instruments",
+            "mode": _mode_name(mode),
             "scale": float(signals[f"{PEDALS}.scale"][0]),
             "haptics": bool(signals["haptics.on"][0]),
-            "fulcrum": FULCRUMS[int(signals[console_scene.FULCRUM][0])] if self._table.instrument_mm else None,
-            "hands": {hand: self._hand(hand, arms[hand]) for hand in HANDS},
-            "camera": walls.of_camera(at, console_scene.drag(self._table)) if mode == CAMERA else None,
-            "pedal": None if mode == TOOLS or silent or t - self._pressed < _STUCK else _stuck(mode),
+            "fulcrum": fulcrum,
+            "hands": hands,
+            "camera": self._camera_limit(mode),
+            "pedal": self._stuck_pedal(mode, silent),
         }
 
+    def _camera_limit(self, mode: float) -> str | None:
+        """Return a text on the limit that the camera has reached; None while the hands do not move the camera."""
+        if mode != CAMERA:
+            return None
+        robot = self._scene.cameras[self._table.camera].robot
+        at = self._world.signals[f"{robot}.at"]
+        return camera_limit(at, console_scene.drag(self._table))
+
+    def _stuck_pedal(self, mode: float, silent: bool) -> str | None:
+        """Return a text on a pedal that has been pressed for a long time; None without one."""
+        t = self._world.t
+        if mode == TOOLS or silent:
+            self._pressed = t
+            return None
+        if t - self._pressed < _STUCK:
+            return None
+        pedal = "camera" if mode == CAMERA else "clutch"
+        return f"the {pedal} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"
+
     def _hand(self, hand: str, arm: str) -> JsonObject:
-        signals, wall = self._world.signals, None
-        if signals[f"{arm}.follows"][0]:
-            wall = walls.of_arm(self._members[arm], signals[f"{arm}.q"], signals[f"{arm}.goal"].reshape(4, 4))
-        follows = bool(signals[f"{arm}.follows"][0] or signals[f"{arm}.target"][0])
-        jumps = int(sum(signals[f"{a}.jumps"][0] for a in getattr(self._table, hand)))
-        tools = self._tools(arm) if self._scene.tools else {}
-        return {"robot": arm, "follows": follows, "wall": wall, "jumps": jumps, **tools}
+        signals = self._world.signals
+        follows = bool(signals[f"{arm}.follows"][0])
+        limit = None
+        if follows:
+            goal = signals[f"{arm}.goal"].reshape(4, 4)
+            limit = arm_limit(self._members[arm], signals[f"{arm}.q"], goal)
+        moves_target = bool(signals[f"{arm}.target"][0])
+        jumps = 0
+        for robot in getattr(self._table, hand):
+            jumps += int(signals[f"{robot}.jumps"][0])
+        state = {"robot": arm, "follows": follows or moves_target, "wall": limit, "jumps": jumps}
+        if self._scene.tools:
+            state |= self._tools(arm)
+        return state
 
     def _tools(self, arm: str) -> JsonObject:
         """Return an arm's chosen tool; in a procedure also the mounted tool, and why the two tools still differ."""
-        signals, names = self._world.signals, [*self._scene.tools]
+        signals = self._world.signals
+        names = list(self._scene.tools)
         tool = names[int(signals[f"{arm}.tool"][0])]
         if f"{arm}.carries" not in signals or self._procedure is None:
             return {"tool": tool}
-        carries, waits = names[int(signals[f"{arm}.carries"][0])], None
+        carries = names[int(signals[f"{arm}.carries"][0])]
+        waits = None
         if carries != tool:
-            port = operating_scene.port_of(next(p for p in self._scene.places if p.name == arm))
-            far = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
-            change = f"at most {self._procedure.change_mm:g} mm from its port, now {far:.0f} mm"
-            holds = signals[f"{arm}.holds"][0] >= 0
-            do = "first release the held object" if holds else f"draw the tip back to {change}"
-            waits = f"{self._scene.tools[tool].title} is not taken yet: {do}"
-        active = bool(signals[f"{arm}.pedal"][0] > 0.5) and self._scene.tools[carries].kind == "cautery"
+            title = self._scene.tools[tool].title
+            waits = f"{title} is not taken yet: {self._before_change(arm, self._procedure.change_mm)}"
+        pressed = bool(signals[f"{arm}.pedal"][0] > 0.5)
         opened = bool(signals[f"{arm}.opening"][0] > 0.5)
+        active = pressed and self._scene.tools[carries].kind == "cautery"
         return {"tool": tool, "carries": carries, "waits": waits, "open": opened, "active": active}
+
+    def _before_change(self, arm: str, change_mm: float) -> str:
+        """Return a text on what the user must do before the tool of an arm is changed."""
+        signals = self._world.signals
+        if signals[f"{arm}.holds"][0] >= 0:  # the number of the held object, or -1
+            return "first release the held object"
+        port = self._port(arm)
+        distance = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
+        return f"draw the tip back to at most {change_mm:g} mm from its port, now {distance:.0f} mm"
+
+    def _port(self, arm: str) -> Array:
+        """Return the port (3,) of an arm in m in the World."""
+        for place in self._scene.places:
+            if place.name == arm:
+                return operating_scene.port_of(place)
+        raise KeyError(arm)
+
+
+def _mode_name(mode: float) -> str:
+    if mode == FREE:
+        return "nothing"
+    return "camera" if mode == CAMERA else "instruments"
+
+
+def arm_limit(member: Member, q: Array, goal: Array) -> str | None:
+    """Return a text on the joint limit that keeps an arm, now at q (n,), from its goal T_base_tool (4, 4), or None."""
+    T = member.kin.forward(q, goal)
+    distance = float(np.linalg.norm(goal[:3, 3] - T[:3, 3]))
+    angle = float(spatial.rotation_angle(goal[:3, :3] @ T[:3, :3].T))
+    if distance < _LIMIT_DISTANCE and angle < _LIMIT_ANGLE:
+        return None
+    for k, joint in enumerate(member.mechanism.active):
+        if member.kin.auxiliary[k]:  # the gripper is moved by its own input, not by the goal
+            continue
+        low, high = joint.limits or (-np.inf, np.inf)
+        if _at_limit(q[k], low, high, 1e-6):
+            return f"{joint.name} is at its limit, {_length_or_angle(q[k], joint.is_angle)}"
+    return None
+
+
+def camera_limit(at: Array, drag: Drag) -> str | None:
+    """Return a text on the limit that the camera has reached, or None; `at` (4,): see `LiveConsole.camera_at`."""
+    for k, name in enumerate(("pan", "tilt", "depth", "roll")):
+        if _at_limit(at[k], drag.lower[k], drag.upper[k], 1e-9):
+            return f"{name} is at its limit, {_length_or_angle(at[k], name != 'depth')}"
+    return None
+
+
+def _at_limit(value: float, low: float, high: float, tolerance: float) -> bool:
+    return value - low < tolerance or high - value < tolerance
+
+
+def _length_or_angle(value: float, is_angle: bool) -> str:
+    return f"{value / DEG:.0f}°" if is_angle else f"{value / MM:.0f} mm"
 
 
 def log_changes(old: JsonMapping, new: JsonMapping, patience: float) -> list[str]:
@@ -82,21 +176,45 @@ def log_changes(old: JsonMapping, new: JsonMapping, patience: float) -> list[str
     Return the messages about jumps, because the pages do not show jumps otherwise. `patience` is the time in s after
     which hands whose states are no longer received count as silent.
     """
-    log, said = logging.getLogger(__name__), []
+    log = logging.getLogger(__name__)
+    messages = []
     if new["silent"] and not old["silent"] and new["owner"] is not None:  # not after a release
         log.warning("no state of the hands was received for %g s: nothing moves", patience)
     if new["pedal"] and not old["pedal"]:
         log.warning("%s", new["pedal"])
-    for hand, now in new["hands"].items():
+    for hand, after in new["hands"].items():
         before = old["hands"][hand]
-        if now["jumps"] > before["jumps"]:
-            said.append(f"the {hand} hand jumped: {now['robot']} ignores the jump and follows from the new pose")
-            log.warning("%s", said[-1])
-        if now["wall"] and now["wall"] != before["wall"]:
-            log.warning("%s: %s", now["robot"], now["wall"])
-    return said
+        robot = after["robot"]
+        if after["jumps"] > before["jumps"]:
+            message = f"the {hand} hand jumped: {robot} ignores the jump and follows from the new pose"
+            messages.append(message)
+            log.warning("%s", message)
+        if after["wall"] and after["wall"] != before["wall"]:
+            log.warning("%s: %s", robot, after["wall"])
+    return messages
 
 
-def _stuck(mode: float) -> str:
-    which = "camera" if mode == CAMERA else "clutch"
-    return f"the {which} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"
+class ForcePeaks(Block):
+    """Block of a World, without outputs: stores the largest `<hand>.force` (3,) in N since the last call of `take`.
+
+    A page reads the forces once for each picture; a pulse between two pictures would be lost without this block.
+    """
+
+    def __init__(self, hands: Sequence[str]) -> None:
+        """Watch the forces on the hands with these names."""
+        self.outputs = {}
+        self._peaks = {hand: np.zeros(3) for hand in hands}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Update the largest forces with the forces of this tick."""
+        for hand, peak in self._peaks.items():
+            force = signals.now[f"{hand}.force"]
+            if force @ force > peak @ peak:
+                self._peaks[hand] = force.copy()
+        return {}
+
+    def take(self) -> dict[str, Array]:
+        """Return, for each hand, the largest force (3,) in N since the last call, in {H}, the axes of the picture."""
+        peaks = self._peaks
+        self._peaks = {hand: np.zeros(3) for hand in peaks}
+        return peaks

@@ -1,27 +1,38 @@
-"""The soft organs of a scene in the pages, deformed by the displayed robots."""
+"""The soft organs of a scene in the pages, deformed by the displayed robots, or in a procedure by the World."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
+from twin.core.units import MM
 from twin.model.body import Body
 from twin.model.tissue import Tissue
 from twin.simulation.console_scene import ORGANS
 from twin.simulation.frame import Frame
 from twin.simulation.plants.tissue import Organs, Tool
+from twin.simulation.world import World
 from twin.ui.session.feed import Surface
 
-_BEHIND = 2
+_MOST_STEPS = 2
 """Maximum number of steps of the organs for each picture. Two steps make up for one late picture; more steps would make
 the next picture late, too. On a slower page, the organs lag behind the links."""
 
-_AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
+_FAR_AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
 """Pose of the links before the first picture, far from the organs. A link that is inside an organ in the first picture
 thus counts as having jumped into the organ; the link touches the organ only after it has been outside."""
+
+_OCTAHEDRON = 2.5 * MM * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+"""Corners (6, 3), in m from the position of a cell, of the octahedron that marks a cell attached to the organ's bed."""
+
+_OCTAHEDRON_FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+"""Indices (8, 3) of the corners of the octahedron's triangles, counter-clockwise as seen from outside."""
+
+_BED_COLOR = (0.9, 0.75, 0.35)
+"""Linear red, green and blue of the octahedra."""
 
 
 class OrganFeed:
@@ -37,12 +48,20 @@ class OrganFeed:
 
     def __init__(self, tissues: Sequence[Tissue], links: Mapping[str, Sequence[Body]]) -> None:
         """Build the organs; `links`: bodies that can touch the organs, by robot."""
-        self.surfaces = {t.name: Surface(t.surface.triangles, t.color_rgba[:3]) for t in tissues}
-        self.touching = {robot: tuple(b.name for b in bodies) for robot, bodies in links.items()}
-        tools = [Tool(robot, body) for robot, bodies in links.items() for body in bodies]
-        self.organs = Organs(tissues, tools, [_AWAY] * len(tools), ORGANS)
-        self._left, self._first = 0.0, True
-        self._fields = {t.name: t.surface.vertices for t in tissues}
+        self.surfaces: dict[str, Surface] = {}
+        self._fields: dict[str, Array] = {}
+        for tissue in tissues:
+            self.surfaces[tissue.name] = Surface(tissue.surface.triangles, tissue.color_rgba[:3])
+            self._fields[tissue.name] = tissue.surface.vertices
+        self.touching: dict[str, tuple[str, ...]] = {}
+        tools = []
+        for robot, bodies in links.items():
+            self.touching[robot] = tuple(body.name for body in bodies)
+            for body in bodies:
+                tools.append(Tool(robot, body))
+        self.organs = Organs(tissues, tools, [_FAR_AWAY] * len(tools), ORGANS)
+        self._due_steps = 0.0
+        self._is_first = True
 
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
         """Deform the organs by the links that touch them; return whether an organ has moved.
@@ -51,9 +70,12 @@ class OrganFeed:
         time in s since the last call.
         """
         poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]
-        self._left = min(self._left + passed / ORGANS, float(_BEHIND))
-        steps, self._first = max(int(self._left + 1e-9), int(self._first)), False
-        self._left = max(self._left - steps, 0.0)
+        self._due_steps = min(self._due_steps + passed / ORGANS, float(_MOST_STEPS))
+        steps = int(self._due_steps + 1e-9)  # a whole number of steps may be a rounding error too small
+        if self._is_first:
+            steps = max(steps, 1)
+            self._is_first = False
+        self._due_steps = max(self._due_steps - steps, 0.0)
         moved = False
         for _ in range(steps):
             moved |= self.organs.step(poses)
@@ -64,3 +86,53 @@ class OrganFeed:
     def at(self, t: float) -> Frame:
         """Return the present vertices as a frame of time `t` in s."""
         return Frame(t, {}, self._fields)
+
+
+class WorldFeed:
+    """Source of the deformables of a World; the World of a new attempt must have the same deformables.
+
+    The surface `<organ>_bed` has an octahedron at each cell of an organ that is still attached to the organ's bed.
+
+    Attributes:
+        surfaces: triangles and colours by name.
+        duration: 0, because no protocol is played.
+        touching: empty, because the World itself computes which links touch the deformables.
+    """
+
+    duration = 0.0
+    touching: Mapping[str, Sequence[str]] = {}
+
+    def __init__(self, world: Callable[[], World], organ: Tissue) -> None:
+        """Read the deformables of the World that `world` returns; mark the attached cells of `organ`."""
+        self._world = world
+        self._organ = organ
+        self._bed = f"{organ.name}_bed"
+        self.surfaces: dict[str, Surface] = {}
+        self._signals: list[str] = []
+        for deformable in world().deformables:
+            mesh = deformable.mesh
+            self.surfaces[deformable.name] = Surface(mesh.triangles, mesh.color_rgba[:3])
+            self._signals.append(deformable.signal)
+        self._signals.append(f"{organ.name}.freed")
+        marks = [_OCTAHEDRON_FACES + len(_OCTAHEDRON) * cell for cell in range(len(organ.held))]
+        self.surfaces[self._bed] = Surface(np.concatenate(marks), _BED_COLOR)
+        self._shown = b""
+
+    def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
+        """Return whether a vertex has moved since the last call."""
+        signals = self._world().signals
+        values = b"".join(signals[name].tobytes() for name in self._signals)
+        moved = values != self._shown
+        self._shown = values
+        return moved
+
+    def at(self, t: float) -> Frame:
+        """Return the present vertices as a frame of time `t` in s."""
+        world = self._world()
+        name = self._organ.name
+        nodes = world.signals[f"{name}.nodes"].reshape(-1, 3)
+        cells = nodes[self._organ.held]
+        attached = world.signals[f"{name}.freed"] < 0.5
+        # The octahedron of a cell that is free shrinks to a point: the triangles of a surface never change.
+        marks = cells[:, None] + attached[:, None, None] * _OCTAHEDRON
+        return Frame(t, {}, world.fields() | {self._bed: marks.reshape(-1, 3)})

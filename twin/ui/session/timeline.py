@@ -1,12 +1,19 @@
-"""A protocol planned for playback, and its clock; independent of viewer and headset."""
+"""The protocols of a robot, one of them planned for playback, and its clock; independent of viewer and headset."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.core.errors import TwinError
+from twin.core.jobs import Call
 from twin.core.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.api import Robot
 
 RATE = 60.0
 """Samples per second of a playback."""
@@ -59,7 +66,31 @@ class Playback:
 
     def phase(self, t: float) -> str:
         """Return the name of the phase at a time in s."""
-        return next((name for name, _, end in self.phases if t <= end), self.phases[-1][0])
+        for name, _, end in self.phases:
+            if t <= end:
+                return name
+        return self.phases[-1][0]
+
+
+def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
+    """Return the argument of `Robot.protocol` for each protocol of the robot and for `given`, by protocol name.
+
+    Args:
+        robot: the robot.
+        given: name, FOLDER/NAME or path of a further protocol; None: no further protocol.
+
+    Raises:
+        TwinError: the given protocol does not exist, is invalid, or has the name of another protocol of the robot.
+    """
+    files = {} if robot.files is None else robot.files.protocols()
+    protocols = {name: name for name in files}
+    if given is None:
+        return protocols
+    name = robot.protocol(given).name
+    if name in files and given != name and Path(given).resolve() != files[name].resolve():
+        raise TwinError(f"{given}: the robot already has a protocol named '{name}': rename the protocol in this file")
+    protocols[name] = given
+    return protocols
 
 
 def prepare(robot: str, protocol: str | None) -> Playback:
@@ -75,28 +106,60 @@ def prepare(robot: str, protocol: str | None) -> Playback:
     loaded = api.load(robot)
     chosen = loaded.protocol(protocol)
     trajectory = api.plan(loaded, chosen)
+    # The last sample is the end of the motion, also if the duration is no whole number of samples.
     t = np.append(np.arange(0.0, trajectory.duration, 1 / RATE), trajectory.duration)
-    q = trajectory.joints(t)
-    x = trajectory.on(loaded.bound(chosen).reference(), t).x
-    near = np.clip(np.searchsorted(trajectory.t, t), 0, len(trajectory.t) - 1)
-    frames = trajectory.Ts_base_frame[near]
+    model = loaded.bound(chosen).reference()
+    next_sample = np.searchsorted(trajectory.t, t)
+    sample = np.clip(next_sample, 0, len(trajectory.t) - 1)
+    frames = trajectory.Ts_base_frame[sample]
     axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
     return Playback(
-        chosen.name,
-        chosen.title,
-        t,
-        x,
-        q,
-        trajectory.qd[near],
-        trajectory.qdd[near],
-        trajectory.poses(t),
-        frames[:, :3, 3],
-        frames[:, :3, :3] @ axis,
-        trajectory.rcm[near],
-        trajectory.rcm_error[near],
-        trajectory.depth[near],
-        tuple((p.name, p.t0, p.t1) for p in trajectory.phases),
+        protocol=chosen.name,
+        title=chosen.title,
+        t=t,
+        x=trajectory.on(model, t).x,
+        q=trajectory.joints(t),
+        qd=trajectory.qd[sample],
+        qdd=trajectory.qdd[sample],
+        Ts_base_tool=trajectory.poses(t),
+        tip=frames[:, :3, 3],
+        shaft=frames[:, :3, :3] @ axis,
+        rcm=trajectory.rcm[sample],
+        rcm_error=trajectory.rcm_error[sample],
+        depth=trajectory.depth[sample],
+        phases=tuple((phase.name, phase.t0, phase.t1) for phase in trajectory.phases),
     )
+
+
+class Planner:
+    """Planning of a protocol in a separate process; `answer` is the playback or an error text once `done` is True.
+
+    Attributes:
+        protocol: name or path of the protocol; None: the robot's default protocol.
+    """
+
+    def __init__(self, robot: str, protocol: str | None) -> None:
+        self.protocol = protocol
+        self._call = Call(prepare, robot, protocol, nice=5)
+
+    @property
+    def done(self) -> bool:
+        """Whether planning has ended."""
+        return self._call.done
+
+    @property
+    def answer(self) -> Playback | str | None:
+        """The playback or the error text; None while the protocol is being planned."""
+        if not self._call.done:
+            return None
+        try:
+            return self._call.result()
+        except TwinError as error:
+            return str(error)
+
+    def close(self) -> None:
+        """End the process that plans the protocol."""
+        self._call.close()
 
 
 class Clock:
@@ -111,8 +174,11 @@ class Clock:
     """
 
     def __init__(self) -> None:
-        self.duration, self.time, self.speed = 0.0, 0.0, 1.0
-        self.loop, self.playing = True, False
+        self.duration = 0.0
+        self.time = 0.0
+        self.speed = 1.0
+        self.loop = True
+        self.playing = False
 
     def play(self) -> None:
         """Start the clock at the present time, or at 0 if the present time is the end of the playback."""
@@ -134,5 +200,6 @@ class Clock:
         elif self.loop:
             self.time = ahead % self.duration
         else:
-            self.time, self.playing = self.duration, False
+            self.time = self.duration
+            self.playing = False
         return True

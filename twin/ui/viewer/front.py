@@ -16,8 +16,7 @@ from twin.core.spatial import Array
 from twin.ui.session import instruments, timeline
 from twin.ui.session.desk import Desk, Moved
 from twin.ui.session.feed import Feed
-from twin.ui.session.planner import Planner
-from twin.ui.session.timeline import Clock, Playback
+from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import Loop

@@ -14,8 +14,7 @@ from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.session.instruments import Reading
-from twin.ui.session.protocols import protocols_of
-from twin.ui.session.timeline import SPEEDS, Playback
+from twin.ui.session.timeline import SPEEDS, Playback, protocols_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.design_panel import DesignPanel
 from twin.ui.viewer.front import Actor, Front
