@@ -29,15 +29,19 @@ class LiveMachines:
 
     def __init__(self, scene: Scene, machines: Machines, device: GivenHands) -> None:
         """Use the connections `machines` until `close` ends them; `device` passes clients' requests to the trainer."""
-        self._trainer, self._machines, self._device = scene.trainer, machines, device
-        self.parts, self._asked = machines.parts, 0
+        self._trainer = scene.trainer
+        self._machines = machines
+        self._device = device
+        self.parts = machines.parts
+        self._requests = 0
 
     def connect(self) -> tuple[list[MachineStates], Outbox]:
         """Connect a new World to the machines; return (devices, block), which must be added to this World.
 
         The devices receive the states of the machines; the block sends packets to the machines.
         """
-        states, outbox = {n: MachineStates(n, p.home) for n, p in self.parts.items()}, Outbox(self.parts)
+        states = {name: MachineStates(name, part.home) for name, part in self.parts.items()}
+        outbox = Outbox(self.parts)
         self.exchange = Exchange(self._machines.links, states, outbox)
         return [*states.values()], outbox
 
@@ -47,8 +51,8 @@ class LiveMachines:
 
     def ask(self, mode: Mode) -> None:
         """Request a mode of the trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay."""
-        self._asked += 1
-        self._device.set(MODE, asked(mode, self._asked))
+        self._requests += 1  # the number tells the trainer a repeated request from a lasting one
+        self._device.set(MODE, asked(mode, self._requests))
 
     def press(self, button: str) -> None:
         """Press the button "start" or "stop" of all machines."""
@@ -64,18 +68,23 @@ class LiveMachines:
         """
         if self._trainer is None:
             return None
-        signals, bounds, out = world.signals, machine_scene.bounds(self._trainer), {}
+        signals = world.signals
+        bounds = machine_scene.bounds(self._trainer)
+        robots = {}
         for name, link in self._machines.links.items():
-            phase, why, value = signals[f"{name}.phase"]
+            phase, reason, value = signals[f"{name}.phase"]
             run = signals[f"{name}.run"]
-            out[name] = {
-                "level": Level(int(run[LEVEL])).name if run[ANSWERS] > 0.5 else None,
+            level = None
+            if run[ANSWERS] > 0.5:
+                level = Level(int(run[LEVEL])).name
+            robots[name] = {
+                "level": level,
                 "phase": Phase(int(phase)).name.lower(),
-                "why": told(Why(int(why)), float(value), bounds, name) or None,
+                "why": told(Why(int(reason)), float(value), bounds, name) or None,
                 "problem": link.problem or None,
             }
         view = "virtual" if signals[VIEW][0] > 0.5 else "real"
-        return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": out}
+        return {"view": view, "mode": mode_of(signals[MODE][0]).name.lower(), "robots": robots}
 
     def deviations(self, world: World) -> dict[str, JsonObject]:
         """Return, for each machine, its deviation from its model.
@@ -83,11 +92,11 @@ class LiveMachines:
         "tip" is the distance in m between the tips of machine and model, "joints" the joint differences (n,) in rad or
         m, "cue" the force in N that reports the deviation to the hand.
         """
-        return {
-            name: {
+        deviations = {}
+        for name in self._machines.links:
+            deviations[name] = {
                 "tip": float(world.signals[f"{name}.deviation"][0]),
                 "joints": world.signals[f"{name}.apart"],
                 "cue": float(np.linalg.norm(world.signals[f"{name}.cue"])),
             }
-            for name in self._machines.links
-        }
+        return deviations

@@ -41,12 +41,16 @@ class _Shown(Block):
     """Reads `<robot>.measured` and `<robot>.desired`; writes `<robot>.q`, `<robot>_model.q` and `<robot>.apart`."""
 
     def __init__(self, robot: str, q: Array) -> None:
-        self._measured, self._desired = f"{robot}.measured", f"{robot}.desired"
-        self._q, self._ghost, self._apart = f"{robot}.q", f"{robot}{MODEL}.q", f"{robot}.apart"
+        self._measured = f"{robot}.measured"
+        self._desired = f"{robot}.desired"
+        self._q = f"{robot}.q"
+        self._ghost = f"{robot}{MODEL}.q"
+        self._apart = f"{robot}.apart"
         self.outputs = {self._q: q, self._ghost: q, self._apart: np.zeros(len(q))}
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
-        q, desired = signals.now[self._measured], signals.now[self._desired]
+        q = signals.now[self._measured]
+        desired = signals.now[self._desired]
         return {self._q: q, self._ghost: desired, self._apart: desired - q}
 
 
@@ -62,10 +66,14 @@ class Mirror:
 
     def __init__(self, robot: Robot, source: Source) -> None:
         """Start in the posture home."""
-        self.robot, self._source, self._misfit = robot, source, ""
-        self.name, self.ghost = robot.name, robot.name + MODEL
+        self.robot = robot
+        self._source = source
+        self._misfit = ""
+        self.name = robot.name
+        self.ghost = robot.name + MODEL
         q = np.array(robot.mechanism.posture("home"), float)
-        self._states, self._links = MachineStates(self.name, q), LinkPoses(robot.loops)
+        self._states = MachineStates(self.name, q)
+        self._links = LinkPoses(robot.loops)
         self.world = World(
             robots=[Placed(n, robot.mechanism, np.eye(4), self._links) for n in (self.name, self.ghost)],
             devices=[self._states],
@@ -74,7 +82,7 @@ class Mirror:
             records=False,
         )
         tool = robot.mechanism.frame(robot.mechanism.tool)
-        self._tool = tool.body, tool.T_body_frame
+        self._tool = (tool.body, tool.T_body_frame)
         self.links = self.world.link_poses()
 
     def step(self) -> None:
@@ -87,9 +95,13 @@ class Mirror:
         if not self._source.answers:
             state = None
         self._misfit = ""
-        if state is not None and (most := float(np.abs([state.q, state.wanted]).max())) > _LARGEST:
-            self._misfit = f"a joint value of the machine is {most:g} rad or m (limit {_LARGEST:g}): check its unit"
-            state = None
+        if state is not None:
+            largest = float(np.abs([state.q, state.wanted]).max())
+            if largest > _LARGEST:
+                self._misfit = (
+                    f"a joint value of the machine is {largest:g} rad or m (limit {_LARGEST:g}): check its unit"
+                )
+                state = None
         self._states.give(state)
         self.world.step()
         try:
@@ -108,16 +120,19 @@ class Mirror:
     def level(self) -> str | None:
         """Run level of the machine; None: the machine does not answer."""
         run = self.world.signals[f"{self.name}.run"]
-        return Level(int(run[LEVEL])).name if run[ANSWERS] > 0.5 else None
+        if run[ANSWERS] <= 0.5:
+            return None
+        return Level(int(run[LEVEL])).name
 
     @property
     def problem(self) -> str:
         """Reason why the robot does not follow the machine; "" while the robot follows."""
-        return (
-            self._misfit
-            or self._source.problem
-            or ("" if self.level else "no state of the machine arrives: start the machine")
-        )
+        problem = self._misfit or self._source.problem
+        if problem:
+            return problem
+        if self.level is None:
+            return "no state of the machine arrives: start the machine"
+        return ""
 
     def close(self) -> None:
         """End the connection."""

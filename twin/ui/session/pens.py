@@ -22,9 +22,11 @@ from twin.simulation.devices.given import HandState
 from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.plan_view import RESTS
 
-STEP, TURN = 0.02, 0.3
-"""Maximum translation in m and rotation in rad of a handle in one call of `say`. The console could ignore a larger
-motion as a jump."""
+STEP = 0.02
+"""Maximum translation in m of a handle in one call of `say`. The console could ignore a larger motion as a jump."""
+
+TURN = 0.3
+"""Maximum rotation in rad of a handle in one call of `say`; see `STEP`."""
 
 SQUEEZE = 4.0
 """Largest angular speed of a gripper in rad/s."""
@@ -63,11 +65,14 @@ class Pen:
     @property
     def arrived(self) -> bool:
         """Whether the requested motion of this handle has been sent to the console completely."""
-        return bool((self.p == self.at).all() and (self.turned == self.R).all() and self.grip == self.gripped)
+        moved = np.array_equal(self.p, self.at) and np.array_equal(self.R, self.turned)
+        return moved and self.grip == self.gripped
 
     def rest(self) -> None:
         """Cancel the part of the requested motion that has not been sent to the console."""
-        self.p, self.R, self.grip = self.at.copy(), self.turned.copy(), self.gripped
+        self.p = self.at.copy()
+        self.R = self.turned.copy()
+        self.grip = self.gripped
 
     def next(self, seconds: float) -> None:
         """Compute the next state to send; `seconds` is the time in s since the last state.
@@ -75,14 +80,24 @@ class Pen:
         Position, attitude and gripper angle change towards the requested values by at most `STEP`, `TURN` and
         `SQUEEZE` * `seconds`.
         """
-        way = self.p - self.at
-        length = float(np.linalg.norm(way))
-        self.at = self.p.copy() if length <= STEP else self.at + way * (STEP / length)
-        turn = spatial.log_so3(self.R @ self.turned.T)
-        angle = float(np.linalg.norm(turn))
-        self.turned = self.R.copy() if angle <= TURN else spatial.exp_so3(turn * (TURN / angle)) @ self.turned
-        off, most = self.grip - self.gripped, SQUEEZE * seconds
-        self.gripped = self.grip if abs(off) <= most else self.gripped + float(np.copysign(most, off))
+        displacement = self.p - self.at
+        length = float(np.linalg.norm(displacement))
+        if length <= STEP:
+            self.at = self.p.copy()
+        else:
+            self.at = self.at + displacement * (STEP / length)
+        rotation = spatial.log_so3(self.R @ self.turned.T)
+        angle = float(np.linalg.norm(rotation))
+        if angle <= TURN:
+            self.turned = self.R.copy()
+        else:
+            self.turned = spatial.exp_so3(rotation * (TURN / angle)) @ self.turned
+        opening = self.grip - self.gripped
+        largest = SQUEEZE * seconds
+        if abs(opening) <= largest:
+            self.gripped = self.grip
+        else:
+            self.gripped += float(np.copysign(largest, opening))
 
 
 @dataclass
@@ -107,10 +122,14 @@ class Pens:
     def __init__(self, console: LiveConsole) -> None:
         """Place the handles side by side; no client uses them yet."""
         self.console = console
-        self.clutch = self.camera = False
+        self.clutch = False
+        self.camera = False
         self.client: str | None = None
-        self.pens = {hand: Pen(np.array([x, 0.0, 0.0])) for hand, x in zip(HANDS, (0.08, -0.08), strict=True)}
-        self._number = self._first = 0
+        self.pens: dict[str, Pen] = {}
+        for hand, x in zip(HANDS, (0.08, -0.08), strict=True):
+            self.pens[hand] = Pen(np.array([x, 0.0, 0.0]))
+        self._number = 0  # of the next state
+        self._first = 0  # number of the first state of the present client
         self._idle = 0.0
         self._aim: _Aim | None = None
         self._drag = drag(console.table)
@@ -128,16 +147,20 @@ class Pens:
             self.release()
         if self.client is None:
             self.console.require_free(client)
-            self.client, self._first = client, self._number
+            self.client = client
+            self._first = self._number
             for pen in self.pens.values():
-                pen.used, pen.rolled = False, -1
+                pen.used = False
+                pen.rolled = -1
         self._idle = 0.0
 
     def release(self) -> None:
         """Release the hands and the pedals; cancel motions that have not been sent to the console."""
         if self.client is not None:
             self.console.release(self.client)
-        self.client, self.clutch, self.camera = None, False, False
+        self.client = None
+        self.clutch = False
+        self.camera = False
         self.rest()
 
     def rest(self) -> None:
@@ -154,8 +177,10 @@ class Pens:
         """
         self.use(client)
         self._aim = None
-        self.clutch = self.clutch if clutch is None else clutch
-        self.camera = self.camera if camera is None else camera
+        if clutch is not None:
+            self.clutch = clutch
+        if camera is not None:
+            self.camera = camera
 
     def move(self, client: str, hand: str, T_old: Array, T_new: Array) -> None:
         """Move a hand so that its tool moves by the displacement from T_old to T_new, both (4, 4) in the World.
@@ -177,7 +202,8 @@ class Pens:
         """
         self.use(client)
         pen = self.pens[hand]
-        pen.used, pen.grip = True, Grip().travel * float(np.clip(part, 0, 1))
+        pen.used = True
+        pen.grip = Grip().travel * float(np.clip(part, 0, 1))
 
     def aim(self, client: str, coordinate: int, value: float) -> None:
         """Move one coordinate of the camera by both hands; the other coordinates do not change.
@@ -190,7 +216,9 @@ class Pens:
         self.use(client)
         if self._aim is None:
             self._aim = _Aim(self.console.camera_at.copy())
-        self._aim.wanted[coordinate] = np.clip(value, self._drag.lower[coordinate], self._drag.upper[coordinate])
+        low = self._drag.lower[coordinate]
+        high = self._drag.upper[coordinate]
+        self._aim.wanted[coordinate] = np.clip(value, low, high)
 
     # -- states for the console -----------------------------------------------------------------------
 
@@ -218,23 +246,25 @@ class Pens:
         reading = self.console.reading
         if self._aim is not None:
             self._towards_aim(self._aim, reading["mode"])
-        leads = reading["owner"] == self.client and not reading["silent"] and reading["mode"] == "instruments"
-        rests = self.console.planning.phase in RESTS
-        pedal = self.clutch or self.camera or self._aim is not None
+        controls_tools = reading["owner"] == self.client and not reading["silent"] and reading["mode"] == "instruments"
+        at_rest = self.console.planning.phase in RESTS
+        camera_pedal = self.camera or self._aim is not None
         for hand, pen in self.pens.items():
             follows = bool(reading["hands"][hand]["follows"])
-            if pedal or follows or rests or not pen.used:
+            if self.clutch or camera_pedal or follows or at_rest or not pen.used:
                 pen.next(passed)
-            elif leads and reading["heard"] >= max(self._first, pen.rolled):
+            elif controls_tools and reading["heard"] >= max(self._first, pen.rolled):
                 # The tool keeps its attitude when it starts to follow, so this rotation does not move the tool.
                 roll = spatial.rotation_z(ROLL)
-                pen.rolled, pen.turned, pen.R = self._number, pen.turned @ roll, pen.R @ roll
-        camera_pedal = self.camera or self._aim is not None
-        states = [
-            HandState(k, self.clutch, camera_pedal, self._number, spatial.pose(pen.turned, pen.at), pen.gripped)
-            for k, pen in enumerate(self.pens[hand] for hand in HANDS)
-        ]
-        self._number = (self._number + 1) % 2**32
+                pen.rolled = self._number
+                pen.turned = pen.turned @ roll
+                pen.R = pen.R @ roll
+        states = []
+        for k, hand in enumerate(HANDS):
+            pen = self.pens[hand]
+            pose = spatial.pose(pen.turned, pen.at)
+            states.append(HandState(k, self.clutch, camera_pedal, self._number, pose, pen.gripped))
+        self._number = (self._number + 1) % 2**32  # the number has 32 bits in a packet
         try:
             self.console.give(self.client, *states)
         except HeldError:  # another device has taken the hands
@@ -249,34 +279,47 @@ class Pens:
             return
         if not self.console.reading["hands"][hand]["follows"]:
             return
-        goal, tool = self.console.goal(hand), self.console.tool(hand)
+        goal = self.console.goal(hand)
+        tool = self.console.tool(hand)
         if not np.allclose(goal, tool, rtol=0, atol=1e-9):
             self._shift(hand, goal, tool)
 
     def _shift(self, hand: str, T_old: Array, T_new: Array) -> None:
         R = self.console.view[:3, :3]
-        way, turn = R.T @ (T_new[:3, 3] - T_old[:3, 3]), R.T @ T_new[:3, :3] @ T_old[:3, :3].T @ R
+        displacement = R.T @ (T_new[:3, 3] - T_old[:3, 3])
+        turn = R.T @ T_new[:3, :3] @ T_old[:3, :3].T @ R
         if self.camera and not self.clutch:
-            right, left = (self.pens[h] for h in HANDS)
-            middle, half = (right.p + left.p) / 2 + way / self._drag.scale, (right.p - left.p) / 2
-            half = spatial.rotation_z(spatial.angle_about_z(turn)) @ half
-            right.p, left.p = middle + half, middle - half
+            self._shift_both(displacement, turn)
             return
         pen = self.pens[hand]
         scale = float(np.clip(self.console.reading["scale"], *SCALE))
-        pen.used, pen.p = True, pen.p + way / scale
+        pen.used = True
+        pen.p = pen.p + displacement / scale
         # Conversion to a quaternion and back keeps the matrix orthonormal.
         pen.R = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(turn @ pen.R))
 
+    def _shift_both(self, displacement: Array, turn: Array) -> None:
+        """Move both hands so that the scene moves by `displacement` (3,) and by the part of `turn` about z."""
+        right = self.pens["right"]
+        left = self.pens["left"]
+        middle = (right.p + left.p) / 2 + displacement / self._drag.scale
+        half = (right.p - left.p) / 2
+        half = spatial.rotation_z(spatial.angle_about_z(turn)) @ half
+        right.p = middle + half
+        left.p = middle - half
+
     def _towards_aim(self, aim: _Aim, mode: str) -> None:
-        right, left = (self.pens[h] for h in HANDS)
+        right = self.pens["right"]
+        left = self.pens["left"]
         now = self.console.camera_at
         if aim.at is None:
             if mode != "camera":
                 for pen in (right, left):
                     pen.rest()  # the hands do not move until the pedal has taken effect
                 return
-            aim.at, aim.right, aim.left = now.copy(), right.at.copy(), left.at.copy()
+            aim.at = now.copy()
+            aim.right = right.at.copy()
+            aim.left = left.at.copy()
         right.p, left.p = camera.hands(aim.at, aim.wanted, aim.right, aim.left, self._drag)
         if np.allclose(now, aim.wanted, rtol=0, atol=1e-7):
             self._aim = None

@@ -40,30 +40,42 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
     For a mechanism without trocars, return the instrument at `rcm`, the RCM (3,) in m in the base frame; None: no RCM.
     """
     tip, axis = desk.shaft()
-    mechanism, now = desk.mechanism, desk.assembly
+    mechanism = desk.mechanism
+    now = desk.assembly
     if not mechanism.trocars:
         if rcm is None or not np.isfinite(rcm).all():
             return ()
-        w = rcm - tip
-        return (InTrocar("", rcm, float(np.linalg.norm(w - (w @ axis) * axis)), axis, tip, float(-w @ axis)),)
-    out = []
-    carrying = {j.child for j in mechanism.path(desk.tip_body)}
+        tip_to_rcm = rcm - tip
+        along_axis = (tip_to_rcm @ axis) * axis
+        error = float(np.linalg.norm(tip_to_rcm - along_axis))
+        depth = float(-tip_to_rcm @ axis)
+        return (InTrocar("", rcm, error, axis, tip, depth),)
+    instruments = []
+    carries_tip = {joint.child for joint in mechanism.path(desk.tip_body)}
     for name, place in mechanism.trocar_places.items():
-        error, along = now.worst_gap, axis  # if the trocar closes a loop, its error is the loop gap
+        error = now.worst_gap  # if the trocar closes a loop, its error is the loop gap
+        shaft = axis
         held = mechanism.shaft_through(name)
         if held is not None:
             T = now.link_poses[held.body] @ held.T_body_frame
-            error, along = float(spatial.point_to_line(place, T[:3, 3], T[:3, 2])), T[:3, 2]
-        if len(mechanism.trocars) == 1 or (held is not None and held.body in carrying):
-            out.append(InTrocar(name, place, error, axis, tip, float(np.linalg.norm(place - tip))))
+            shaft = T[:3, 2]
+            error = float(spatial.point_to_line(place, T[:3, 3], shaft))
+        has_tip = held is not None and held.body in carries_tip
+        if has_tip or len(mechanism.trocars) == 1:
+            depth = float(np.linalg.norm(place - tip))
+            instruments.append(InTrocar(name, place, error, axis, tip, depth))
         else:
-            out.append(InTrocar(name, place, error, along))
-    return tuple(out)
+            instruments.append(InTrocar(name, place, error, shaft))
+    return tuple(instruments)
 
 
 def rcm_at(playback: Playback | None, time: float) -> Array | None:
     """Return the RCM (3,) in m in the base frame at a protocol time in s; None if no RCM is registered at this time."""
     if playback is None:
         return None
-    k = int(np.clip(np.searchsorted(playback.t, time), 0, len(playback.t) - 1))
-    return playback.rcm[k] if np.isfinite(playback.rcm[k]).all() else None
+    next_sample = np.searchsorted(playback.t, time)
+    sample = int(np.clip(next_sample, 0, len(playback.t) - 1))
+    rcm = playback.rcm[sample]
+    if not np.isfinite(rcm).all():
+        return None
+    return rcm
