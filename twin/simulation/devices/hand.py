@@ -73,7 +73,9 @@ class Tremor:
         self._rate = 2 * np.pi * rng.uniform(*hand.tremor_band, (_LINES, 3))
         self._phase = rng.uniform(0, 2 * np.pi, (_LINES, 3))
         self._amplitude = hand.tremor * np.sqrt(2 / _LINES / 3)
-        self._period, self._first, self._next = period, -_BLOCK, np.zeros((_BLOCK, 3))
+        self._period = period
+        self._first = -_BLOCK
+        self._next = np.zeros((_BLOCK, 3))
 
     def at(self, t: Array) -> Array:
         """Return the displacements (k, 3) in m at times (k,) in s."""
@@ -121,17 +123,25 @@ class ScriptedHand(Block):
         Raises:
             KinematicsError: a goal pose cannot be expressed in the robot's coordinates.
         """
-        self.robot, self.kin, self.goals, self.period = robot, kin, goals, period
-        self.hand, self._rng = Hand(), np.random.default_rng(seed)
-        self._shake = Tremor(self._rng, self.hand, period)
+        self.robot = robot
+        self.kin = kin
+        self.goals = goals
+        self.period = period
+        self.hand = Hand()
+        self._rng = np.random.default_rng(seed)
+        self._tremor = Tremor(self._rng, self.hand, period)
         self._progress = progress or (lambda name, part: None)
         units = kin.formula.coordinates.units
-        self._angular, self._linear = np.array([u == "rad" for u in units]), np.flatnonzero([u == "m" for u in units])
+        self._angular = np.array([unit == "rad" for unit in units])
+        self._linear = np.flatnonzero([unit == "m" for unit in units])
         self._scale = np.broadcast_to(np.asarray(scale, float), len(units))
         self._wanted = [self._coordinates(goal) for goal in goals]
-        self._handle, self._goal, self._count = np.zeros(len(units)), -1, 0
+        self._handle = np.zeros(len(units))
+        self._goal = -1
+        self._count = 0
         self._T: Array | None = None
-        self.missed, self._pedals = "", self._work()
+        self.missed = ""
+        self._pedals = self._work()
         self.outputs = {"hand.handle": self._handle, "hand.pedal": 0.0, "hand.goal": -1.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
@@ -140,16 +150,17 @@ class ScriptedHand(Block):
         pedal = next(self._pedals, None)
         if pedal is None:
             return None
-        felt = self._handle.copy()
-        at = self._linear[:3]
-        felt[at] += self._shake.output(self._count)[: len(at)]
+        handle = self._handle.copy()
+        axes = self._linear[:3]  # only translations tremble
+        handle[axes] += self._tremor.output(self._count)[: len(axes)]
         self._count += 1
-        return {"hand.handle": felt, "hand.pedal": float(pedal), "hand.goal": float(self._goal)}
+        return {"hand.handle": handle, "hand.pedal": float(pedal), "hand.goal": float(self._goal)}
 
     def _coordinates(self, goal: Goal) -> Array:
         program = self.kin.program
         wanted = program.coordinates_of_pose.one(goal.T_base_tool.ravel())
-        if np.linalg.norm(program.pose_of_coordinates.one(wanted) - goal.T_base_tool) > 1e-6:
+        expressed = program.pose_of_coordinates.one(wanted)
+        if np.linalg.norm(expressed - goal.T_base_tool) > 1e-6:
             raise KinematicsError(f"{self.kin.formula.name}: the robot's coordinates cannot express goal '{goal.name}'")
         return wanted
 
@@ -159,37 +170,56 @@ class ScriptedHand(Block):
 
     def _work(self) -> Iterator[bool]:
         """Do the task; yield the state of the pedal once per period."""
-        hand, angular, scale = self.hand, self._angular, self._scale
-        reach = np.where(angular, hand.reach[1], hand.reach[0])
+        reach = np.where(self._angular, self.hand.reach[1], self.hand.reach[0])
         yield from self._hold(0.2, False)
         for i, goal in enumerate(self.goals):
             self._progress(goal.name, i / len(self.goals))
-            self._goal, best, stalled = i, np.inf, 0
+            self._goal = i
+            least = np.inf
+            stalled = 0
             while stalled < _STALLED:
-                missing = (self._wanted[i] - self._tool()) / scale
-                left = float(np.linalg.norm(missing / reach))
-                best, stalled = (left, 0) if left < 0.98 * best else (best, stalled + 1)
-                near = np.abs(missing[angular]).max(initial=0.0) < 2e-3 / scale[angular].max(initial=1.0)
-                if near and np.linalg.norm((missing * scale)[~angular]) < goal.tolerance:
+                missing = (self._wanted[i] - self._tool()) / self._scale
+                remaining = float(np.linalg.norm(missing / reach))
+                if remaining < 0.98 * least:
+                    least = remaining
+                    stalled = 0
+                else:
+                    stalled += 1
+                if self._is_reached(goal, missing):
                     break
-                room = np.where(missing > 0, reach - self._handle, reach + self._handle)
-                part = np.where(np.abs(missing) > 1e-12, room / np.maximum(np.abs(missing), 1e-12), 1.0).min()
-                if part < 0.05:  # the handle is at the end of its range
-                    yield from self._move(np.zeros_like(self._handle), 0.6, False)
-                    yield from self._hold(0.15, True)
-                    continue
-                stroke = min(part, 1.0) * missing * (1 + hand.misjudge * self._rng.normal())
-                way = float(np.linalg.norm(stroke[~angular])) / hand.speed[0]
-                turn = float(np.abs(stroke[angular]).max(initial=0.0)) / hand.speed[1]
-                yield from self._move(self._handle + stroke, max(0.35, way, turn), True)
-                yield from self._hold(hand.pause, True)
+                yield from self._approach(missing, reach)
             else:
                 self.missed = goal.name
                 return
 
+    def _is_reached(self, goal: Goal, missing: Array) -> bool:
+        """Return whether the tool is at a goal; `missing` (n,): remaining motion of the handle."""
+        angular = self._angular
+        angle = np.abs(missing[angular]).max(initial=0.0)
+        distance = np.linalg.norm((missing * self._scale)[~angular])
+        return bool(angle < 2e-3 / self._scale[angular].max(initial=1.0) and distance < goal.tolerance)
+
+    def _approach(self, missing: Array, reach: Array) -> Iterator[bool]:
+        """Make one stroke to reduce the remaining motion (n,) of the handle, or move the handle back to its middle."""
+        angular = self._angular
+        hand = self.hand
+        room = np.where(missing > 0, reach - self._handle, reach + self._handle)
+        lengths = np.abs(missing)
+        possible = np.where(lengths > 1e-12, room / np.maximum(lengths, 1e-12), 1.0).min()
+        if possible < 0.05:  # the handle is at the end of its range
+            yield from self._move(np.zeros_like(self._handle), 0.6, False)
+            yield from self._hold(0.15, True)
+            return
+        stroke = min(possible, 1.0) * missing * (1 + hand.misjudge * self._rng.normal())
+        linear_time = float(np.linalg.norm(stroke[~angular])) / hand.speed[0]
+        angular_time = float(np.abs(stroke[angular]).max(initial=0.0)) / hand.speed[1]
+        yield from self._move(self._handle + stroke, max(0.35, linear_time, angular_time), True)
+        yield from self._hold(hand.pause, True)
+
     def _move(self, to: Array, seconds: float, pedal: bool) -> Iterator[bool]:
         """Move the handle with minimum jerk to `to` (n,) in `seconds`; yield `pedal` once per period."""
-        start, k = self._handle.copy(), max(1, round(seconds / self.period))
+        start = self._handle.copy()
+        k = max(1, round(seconds / self.period))
         for s in minimum_jerk(np.arange(1, k + 1) / k):
             self._handle = start + s * (to - start)
             yield pedal

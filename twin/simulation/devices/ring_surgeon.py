@@ -85,16 +85,21 @@ class RingSurgeon(SurgeonHands):
 
     def __init__(self, seat: Seat, rings: Sequence[Ring]) -> None:
         """Connect the surgeon to a console; `rings`: the rings in the order of work."""
-        self.rings, self.manner = tuple(rings), Manner()
+        self.rings = tuple(rings)
+        self.manner = Manner()
         self._turned: dict[str, float] = {}  # 1: the jaws' y axis is along the ring's axis at the grasp; -1: against it
-        self._numbers = {eye.robot: k for k, eye in enumerate(seat.arms.values())}
+        self._numbers: dict[str, int] = {}  # of the grippers, as in `<ring>.holder`
+        for k, eye in enumerate(seat.arms.values()):
+            self._numbers[eye.robot] = k
         self._done = 0
         self._left: list[Ring] = list(rings)
-        self._tried = {r.name: 0 for r in rings}
+        self._tried = dict.fromkeys((ring.name for ring in rings), 0)
         super().__init__(seat, HABITS)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
-        return super()._said(k) | {"surgeon.target": float(self._done)}
+        values = super()._said(k)
+        values["surgeon.target"] = float(self._done)
+        return values
 
     # -- what the surgeon sees ------------------------------------------------------------------------
 
@@ -103,20 +108,23 @@ class RingSurgeon(SurgeonHands):
         return self._signals[f"{ring.name}.pose"].reshape(4, 4)
 
     def _holds(self, hand: str, ring: Ring) -> bool:
-        return int(self._signals[f"{ring.name}.holder"].item()) == self._numbers[self.arms[hand].robot]
+        holder = int(self._signals[f"{ring.name}.holder"].item())
+        return holder == self._numbers[self.arms[hand].robot]
 
     def _lies(self, ring: Ring) -> bool:
         """Return whether a ring has fallen: it lies flat, and not around its peg."""
-        return abs(self._ring(ring)[2, 2]) > 0.8 and not self._around(ring)
+        is_flat = abs(self._ring(ring)[2, 2]) > 0.8
+        return is_flat and not self._around(ring)
 
     def _around(self, ring: Ring) -> bool:
         """Return whether the peg of a ring passes through it."""
         T = spatial.inverse(self._ring(ring))
-        a, b = (T[:3, :3] @ p + T[:3, 3] for p in (ring.foot, ring.end))
-        if a[2] * b[2] > 0:
+        foot = T[:3, :3] @ ring.foot + T[:3, 3]
+        end = T[:3, :3] @ ring.end + T[:3, 3]
+        if foot[2] * end[2] > 0:  # both ends of the peg are on one side of the ring's plane
             return False
-        at = a + (b - a) * (a[2] / (a[2] - b[2]))
-        return float(np.hypot(at[0], at[1])) < ring.radius
+        crossing = foot + (end - foot) * (foot[2] / (foot[2] - end[2]))
+        return float(np.hypot(crossing[0], crossing[1])) < ring.radius
 
     # -- actions: each generator yields once per tick -------------------------------------------------
 
@@ -124,7 +132,8 @@ class RingSurgeon(SurgeonHands):
         yield from self._rest(0.3)
         yield from self._show()
         while jobs := self._next():
-            yield from self._look({hand: self._ring(ring)[:3, 3] for hand, ring in jobs.items()})
+            centres = {hand: self._ring(ring)[:3, 3] for hand, ring in jobs.items()}
+            yield from self._look(centres)
             yield from self._bring(jobs)
             self._judge(jobs)
         yield from self._rest(0.5)
@@ -134,8 +143,10 @@ class RingSurgeon(SurgeonHands):
         right, left = self.arms
         jobs: dict[str, Ring] = {}
         for ring in self._left:
-            hand = right if self._in_picture({right: ring.end})[right][0] > 0 else left
+            peg_seen = self._in_picture({right: ring.end})[right]
+            hand = right if peg_seen[0] > 0 else left
             jobs.setdefault(hand, ring)
+        # in the order of the hands, in which random numbers are drawn
         return {hand: jobs[hand] for hand in self.arms if hand in jobs}
 
     def _judge(self, jobs: Mapping[str, Ring]) -> None:
@@ -152,53 +163,76 @@ class RingSurgeon(SurgeonHands):
         """Try to bring the ring of each hand to its peg."""
         manner = self.manner
         yield from self._turn_grip(dict.fromkeys(jobs, self.habits.open))
-        grasps = {hand: self._grasp(hand, ring) for hand, ring in jobs.items()}
-        before = {hand: T @ spatial.pose(p=[0, 0, -manner.before]) for hand, T in grasps.items()}
+        before = {}
+        for hand, grasp in self._grasps(jobs).items():
+            before[hand] = grasp @ spatial.pose(p=[0, 0, -manner.before])
         yield from self._reach(before, manner.near)
-        yield from self._reach({hand: self._grasp(hand, ring) for hand, ring in jobs.items()}, manner.fine)
+        # seen again, because the first look was from afar
+        yield from self._reach(self._grasps(jobs), manner.fine)
         yield from self._turn_grip(dict.fromkeys(jobs, 0.0))
         yield from self._rest(0.15)
-        lost = [hand for hand, ring in jobs.items() if not self._holds(hand, ring)]
-        jobs = {hand: ring for hand, ring in jobs.items() if hand not in lost}
-        if lost:
-            yield from self._let_go(lost)
-        ups = {hand: spatial.pose(p=[0, 0, manner.lift]) @ self._tool(hand) for hand in jobs}
-        yield from self._reach(ups, manner.fine)
-        outs = {
-            hand: spatial.pose(p=self._outwards(ring) * manner.pull) @ self._tool(hand) for hand, ring in jobs.items()
-        }
-        yield from self._reach(outs, manner.near)
-        for height, near in ((manner.above, manner.near), (-manner.below, 2 * manner.fine)):
-            goals = {hand: self._over(hand, ring, height) for hand, ring in jobs.items() if self._holds(hand, ring)}
-            yield from self._reach(goals, near)
+        failed = [hand for hand, ring in jobs.items() if not self._holds(hand, ring)]
+        jobs = {hand: ring for hand, ring in jobs.items() if hand not in failed}
+        if failed:
+            yield from self._let_go(failed)
+        lifted = {}
+        for hand in jobs:
+            lifted[hand] = spatial.pose(p=[0, 0, manner.lift]) @ self._tool(hand)
+        yield from self._reach(lifted, manner.fine)
+        pulled_off = {}
+        for hand, ring in jobs.items():
+            pulled_off[hand] = spatial.pose(p=self._outwards(ring) * manner.pull) @ self._tool(hand)
+        yield from self._reach(pulled_off, manner.near)
+        yield from self._reach(self._over_pegs(jobs, manner.above), manner.near)
+        yield from self._reach(self._over_pegs(jobs, -manner.below), 2 * manner.fine)
         yield from self._let_go(list(jobs))
+
+    def _grasps(self, jobs: Mapping[str, Ring]) -> dict[str, Array]:
+        """Return {hand: pose (4, 4) of its tool at which it grasps its ring}."""
+        return {hand: self._grasp(hand, ring) for hand, ring in jobs.items()}
+
+    def _over_pegs(self, jobs: Mapping[str, Ring], height: float) -> dict[str, Array]:
+        """Return {hand: pose (4, 4) of its tool with its ring at a height in m above the peg}, if it holds the ring."""
+        goals = {}
+        for hand, ring in jobs.items():
+            if self._holds(hand, ring):
+                goals[hand] = self._over(hand, ring, height)
+        return goals
 
     def _let_go(self, hands: Sequence[str]) -> Iterator[None]:
         yield from self._turn_grip(dict.fromkeys(hands, self.habits.open))
         yield from self._rest(0.3)
-        back = {hand: self._tool(hand) @ spatial.pose(p=[0, 0, -self.manner.before]) for hand in hands}
-        yield from self._reach(back, self.manner.near)
+        drawn_back = {}
+        for hand in hands:
+            drawn_back[hand] = self._tool(hand) @ spatial.pose(p=[0, 0, -self.manner.before])
+        yield from self._reach(drawn_back, self.manner.near)
 
     def _outwards(self, ring: Ring) -> Array:
         """Return the axis (3,) of a ring, with the sign that makes it point towards the camera."""
         n = self._ring(ring)[:3, 2]
-        return n if n @ self._view()[:3, 2] > 0 else -n
+        if n @ self._view()[:3, 2] > 0:
+            return n
+        return -n
 
     def _grasp(self, hand: str, ring: Ring) -> Array:
         """Return the tool's pose (4, 4) in the World with the open jaws on both sides of a ring's wire.
 
         The jaws point to the centre of the ring, from above and from the hand's side. They close along the ring's axis.
         """
-        T, view = self._ring(ring), self._view()
+        centre = self._ring(ring)[:3, 3]
         n = -self._outwards(ring)
-        aside = view[:3, 0] if hand == next(iter(self.arms)) else -view[:3, 0]
+        right, _ = self.arms
+        aside = self._view()[:3, 0]
+        if hand != right:
+            aside = -aside
         aside = aside - n * (n @ aside)
         up = np.cross(n, np.cross([0.0, 0.0, 1.0], n))
         out = np.cos(self.manner.side) * _unit(up) + np.sin(self.manner.side) * _unit(aside)
         # The jaws are interchangeable: at the first grasp, the hand uses the orientation that needs less rotation.
-        y = n * self._turned.setdefault(hand, 1.0 if n @ self._tool(hand)[:3, 1] > 0 else -1.0)
+        sign = 1.0 if n @ self._tool(hand)[:3, 1] > 0 else -1.0
+        y = n * self._turned.setdefault(hand, sign)
         R = np.column_stack([np.cross(y, -out), y, -out])
-        return spatial.pose(R, T[:3, 3] + (ring.radius + self._ahead(hand)) * out)
+        return spatial.pose(R, centre + (ring.radius + self._ahead(hand)) * out)
 
     def _ahead(self, hand: str) -> float:
         """Return the distance in m from the tool to the wire that the jaws hold."""
@@ -206,15 +240,16 @@ class RingSurgeon(SurgeonHands):
 
     def _over(self, hand: str, ring: Ring, height: float) -> Array:
         """Return the tool's pose (4, 4) with the centre of the held ring at a height in m above the end of its peg."""
-        T, T_ring = self._tool(hand), self._ring(ring)
+        T = self._tool(hand)
+        T_ring = self._ring(ring)
         up = _unit(ring.end - ring.foot)
         ahead = _unit(T[:3, 2] - up * (up @ T[:3, 2]))
         tilt = self.manner.tilt
         z = np.cos(tilt) * ahead - np.sin(tilt) * up
         y = -self._turned[hand] * (np.sin(tilt) * ahead + np.cos(tilt) * up)
         R = np.column_stack([np.cross(y, z), y, z])
-        middle = T[:3, :3].T @ (T_ring[:3, 3] - T[:3, 3])
-        return spatial.pose(R, ring.end + height * up - R @ middle)
+        centre_in_tool = T[:3, :3].T @ (T_ring[:3, 3] - T[:3, 3])
+        return spatial.pose(R, ring.end + height * up - R @ centre_in_tool)
 
 
 def _unit(v: Array) -> Array:

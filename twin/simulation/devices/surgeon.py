@@ -47,19 +47,28 @@ class ScriptedSurgeon(SurgeonHands):
         arms = seat.arms
         for name, points in targets:
             if not points or not set(points) <= set(arms):
-                raise WorldError(f"target '{name}' is for {', '.join(points) or 'no hand'}, not for {', '.join(arms)}")
-        self.targets, self.tolerance, self.hold = tuple(targets), tolerance, hold
+                given = ", ".join(points) or "no hand"
+                raise WorldError(f"target '{name}' is for {given}, not for {', '.join(arms)}")
+        self.targets = tuple(targets)
+        self.tolerance = tolerance
+        self.hold = hold
         self._target = -1
         super().__init__(seat, habits or Habits())
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
-        return super()._said(k) | {"surgeon.target": float(self._target)}
+        values = super()._said(k)
+        values["surgeon.target"] = float(self._target)
+        return values
 
     def _missing(self, points: Mapping[str, Array]) -> dict[str, Array]:
         """Return the vector (3,) in m from the tip of each hand to its point, in the frame of the picture."""
-        tips = {hand: (self._tool(hand) @ self.arms[hand].T_tool_tip)[:3, 3] for hand in points}
-        seen, tips = self._in_picture(points), self._in_picture(tips)
-        return {hand: seen[hand] - tips[hand] for hand in points}
+        tips = {}
+        for hand in points:
+            T_world_tip = self._tool(hand) @ self.arms[hand].T_tool_tip
+            tips[hand] = T_world_tip[:3, 3]
+        points_seen = self._in_picture(points)
+        tips_seen = self._in_picture(tips)
+        return {hand: points_seen[hand] - tips_seen[hand] for hand in points}
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
@@ -68,7 +77,8 @@ class ScriptedSurgeon(SurgeonHands):
             self._target = i
             yield from self._look(points)
             yield from self._turn_grip(dict.fromkeys(self.arms, self.habits.open))
-            if not (yield from self._touch(points)):
+            reached = yield from self._touch(points)
+            if not reached:
                 self.missed.append(name)
                 continue
             yield from self._turn_grip(dict.fromkeys(self.arms, 0.0))
@@ -77,13 +87,20 @@ class ScriptedSurgeon(SurgeonHands):
 
     def _touch(self, points: Mapping[str, Array]) -> Generator[None, None, bool]:
         """Move the tips to their points; return whether they have reached the points."""
-        best, stalled = np.inf, 0
+        least = np.inf
+        stalled = 0
         while stalled < _STALLED:
             missing = self._missing(points)
-            left = max(float(np.linalg.norm(m)) for m in missing.values())
-            if left < 0.5 * self.tolerance:  # the rest of the tolerance is for tremor
+            distance = max(float(np.linalg.norm(vector)) for vector in missing.values())
+            if distance < 0.5 * self.tolerance:  # the rest of the tolerance is for tremor
                 return True
-            best, stalled = (left, 0) if left < 0.98 * best else (best, stalled + 1)
-            ways = {hand: self._misjudged(m) / self.scale for hand, m in missing.items()}
-            yield from self._stroke(ways, self.habits.hand.pause)
+            if distance < 0.98 * least:
+                least = distance
+                stalled = 0
+            else:
+                stalled += 1
+            strokes = {}
+            for hand, vector in missing.items():
+                strokes[hand] = self._misjudged(vector) / self.scale
+            yield from self._stroke(strokes, self.habits.hand.pause)
         return False

@@ -29,7 +29,6 @@ _STALLED = 8
 _DRAGS = 20
 """Maximum number of camera strokes for one target; after these, the surgeon works with the picture as it is."""
 
-
 _EYE = np.eye(4)
 """Identity matrix; in every tick, a copy of this matrix is faster than a call of `np.eye`."""
 
@@ -113,17 +112,24 @@ class SurgeonHands(Block):
 
     def __init__(self, seat: Seat, habits: Habits) -> None:
         """Connect the surgeon to a console; `habits`: parameters of the surgeon."""
-        self.device, self.arms, self.camera, self.dt = seat.device, dict(seat.arms), seat.camera, seat.dt
-        self.scale, self.habits, arms = seat.scale, habits, seat.arms
+        self.device = seat.device
+        self.arms = dict(seat.arms)
+        self.camera = seat.camera
+        self.dt = seat.dt
+        self.scale = seat.scale
+        self.habits = habits
         self.missed: list[str] = []
         self._rng = np.random.default_rng(seat.seed)
         self._half = np.tan(seat.view / 2)
-        self._shake = {hand: Tremor(self._rng, habits.hand, seat.dt) for hand in arms}
+        self._tremors = {hand: Tremor(self._rng, habits.hand, seat.dt) for hand in self.arms}
+        right, left = self.arms
         middle = np.array(self.habits.middle)
-        self._middle = dict(zip(arms, (middle, middle * (-1, 1, 1)), strict=True))
-        self._p, self._R = dict(self._middle), {hand: np.eye(3) for hand in arms}
-        self._grip = dict.fromkeys(arms, 0.0)
-        self._clutch = self._camera = False
+        self._middle = {right: middle, left: middle * (-1, 1, 1)}
+        self._p = dict(self._middle)
+        self._R = {right: np.eye(3), left: np.eye(3)}
+        self._grip = dict.fromkeys(self.arms, 0.0)
+        self._clutch = False
+        self._camera = False
         self._count = 0
         self._T: dict[str, Array] = {}
         self._ticks = self._work()
@@ -136,19 +142,25 @@ class SurgeonHands(Block):
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
         """Return the signals of this tick; None after the end of the work."""
         self._signals = signals
-        if next(self._ticks, self) is self:
+        finished = object()
+        if next(self._ticks, finished) is finished:
             return None
         self._count += 1
         return self._said(self._count - 1)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
-        out: dict[str, ArrayLike] = {}
+        """Return the signals of tick k."""
+        values: dict[str, ArrayLike] = {}
         for hand in self.arms:
             pose = _EYE.copy()
-            pose[:3, :3], pose[:3, 3] = self._R[hand], self._p[hand] + self._shake[hand].output(k)
-            out[f"{hand}.pose"], out[f"{hand}.grip"] = pose.ravel(), self._grip[hand]
-        out |= {f"{self.device}.clutch": float(self._clutch), f"{self.device}.camera": float(self._camera)}
-        return out | {f"{self.device}.scale": self.scale}
+            pose[:3, :3] = self._R[hand]
+            pose[:3, 3] = self._p[hand] + self._tremors[hand].output(k)
+            values[f"{hand}.pose"] = pose.ravel()
+            values[f"{hand}.grip"] = self._grip[hand]
+        values[f"{self.device}.clutch"] = float(self._clutch)
+        values[f"{self.device}.camera"] = float(self._camera)
+        values[f"{self.device}.scale"] = self.scale
+        return values
 
     # -- perception -----------------------------------------------------------------------------------
 
@@ -164,8 +176,10 @@ class SurgeonHands(Block):
     def _tool(self, hand: str) -> Array:
         """Return the pose (4, 4) of the tool of a hand in the World."""
         eye = self.arms[hand]
-        T = self._T[hand] = eye.kin.forward(self._signals[f"{eye.robot}.q"], self._T.get(hand))
-        return eye.T_world_base @ T
+        # the last pose is the start of the search, if the equations have no closed forward solution
+        T_base_tool = eye.kin.forward(self._signals[f"{eye.robot}.q"], self._T.get(hand))
+        self._T[hand] = T_base_tool
+        return eye.T_world_base @ T_base_tool
 
     # -- actions: each generator yields once per tick -------------------------------------------------
 
@@ -181,25 +195,30 @@ class SurgeonHands(Block):
         """Move the camera until the mean of the points is near the middle of the picture."""
         for _ in range(_DRAGS):
             middle = np.mean(list(self._in_picture(points).values()), axis=0)
-            aside = float(np.abs(middle[:2]).max()) / (self._half * max(-middle[2], 1e-6))
-            # once the pedal is pressed, the limit is lower, so that the target is not at the edge of the central area
-            if aside < self.habits.central * (0.4 if self._camera else 1.0):
+            half_picture = self._half * max(-middle[2], 1e-6)
+            eccentricity = float(np.abs(middle[:2]).max()) / half_picture
+            limit = self.habits.central
+            if self._camera:
+                # once the pedal is pressed, the limit is lower: the target is not left at the edge of the central area
+                limit *= 0.4
+            if eccentricity < limit:
                 break
             if not self._camera:
                 self._camera = True
                 yield from self._rest(0.1)
-            way = -np.append(middle[:2], 0.0) / self.habits.drag
-            yield from self._stroke(dict.fromkeys(self.arms, way), self.habits.settle)
+            displacement = -np.append(middle[:2], 0.0) / self.habits.drag
+            yield from self._stroke(dict.fromkeys(self.arms, displacement), self.habits.settle)
         if self._camera:
             self._camera = False
             yield from self._rest(0.1)
 
-    def _misjudged(self, way: Array) -> Array:
+    def _misjudged(self, displacement: Array) -> Array:
         """Return a displacement (3,) with a random error of judgement in every direction."""
-        return way + self.habits.hand.misjudge * float(np.linalg.norm(way)) * self._rng.normal(size=3)
+        length = float(np.linalg.norm(displacement))
+        return displacement + self.habits.hand.misjudge * length * self._rng.normal(size=3)
 
     def _stroke(
-        self, ways: Mapping[str, Array], pause: float, turns: Mapping[str, Array] | None = None
+        self, displacements: Mapping[str, Array], pause: float, turns: Mapping[str, Array] | None = None
     ) -> Iterator[None]:
         """Move the hands by displacements (3,) in m and rotations (3,) in rad.
 
@@ -207,20 +226,26 @@ class SurgeonHands(Block):
         factor is below 5 %, the hands instead move back to the middle of their ranges with the clutch pressed.
         """
         hand = self.habits.hand
-        part = 1.0
-        for name, way in ways.items():
-            off = self._p[name] - self._middle[name]
-            room = np.where(way > 0, hand.reach[0] - off, hand.reach[0] + off)
-            part = min(part, float((room / np.maximum(np.abs(way), 1e-12)).min()))
-        if part < 0.05:
+        factor = 1.0
+        longest = 0.0
+        for name, displacement in displacements.items():
+            from_middle = self._p[name] - self._middle[name]
+            room = np.where(displacement > 0, hand.reach[0] - from_middle, hand.reach[0] + from_middle)
+            possible = room / np.maximum(np.abs(displacement), 1e-12)
+            factor = min(factor, float(possible.min()))
+            longest = max(longest, float(np.linalg.norm(displacement)))
+        if factor < 0.05:
             yield from self._move_back()
             return
-        seconds = max(float(np.linalg.norm(way)) for way in ways.values()) / hand.speed[0]
-        turns = turns or {}
-        for turn in turns.values():
-            seconds = max(seconds, float(np.linalg.norm(turn)) / hand.speed[1])
-        to = {n: self._p[n] + part * w for n, w in ways.items()}
-        yield from self._move(to, part * seconds, {n: part * w for n, w in turns.items()})
+        seconds = longest / hand.speed[0]
+        rotations = {}
+        for name, rotation in (turns or {}).items():
+            seconds = max(seconds, float(np.linalg.norm(rotation)) / hand.speed[1])
+            rotations[name] = factor * rotation
+        to = {}
+        for name, displacement in displacements.items():
+            to[name] = self._p[name] + factor * displacement
+        yield from self._move(to, factor * seconds, rotations)
         yield from self._rest(pause)
 
     def _move_back(self) -> Iterator[None]:
@@ -235,16 +260,20 @@ class SurgeonHands(Block):
     def _move(
         self, to: Mapping[str, Array], seconds: float, turns: Mapping[str, Array] | None = None
     ) -> Iterator[None]:
-        start, turned = dict(self._p), {}
+        """Move the hands to points (3,) in m, turned by rotations (3,) in rad, with minimum jerk."""
+        start = dict(self._p)
+        rotations = {}
         for hand, turn in (turns or {}).items():
             angle = float(np.linalg.norm(turn))
             if angle > 1e-9:
-                K, R = spatial.hat(turn / angle), self._R[hand]
-                turned[hand] = angle, R, K @ R, K @ K @ R
+                K = spatial.hat(turn / angle)
+                R = self._R[hand]
+                rotations[hand] = (angle, R, K @ R, K @ K @ R)
         for s in self._shares(max(0.35, seconds)):
-            self._p |= {hand: start[hand] + s * (p - start[hand]) for hand, p in to.items()}
-            for hand, (angle, R, A, B) in turned.items():  # Rodrigues' formula
-                self._R[hand] = R + np.sin(s * angle) * A + (1 - np.cos(s * angle)) * B
+            for hand, p in to.items():
+                self._p[hand] = start[hand] + s * (p - start[hand])
+            for hand, (angle, R, KR, KKR) in rotations.items():  # Rodrigues' formula
+                self._R[hand] = R + np.sin(s * angle) * KR + (1 - np.cos(s * angle)) * KKR
             yield
 
     def _reach(
@@ -254,27 +283,37 @@ class SurgeonHands(Block):
 
         A pose is reached if at most `near` in m and `near_turn` in rad remain.
         """
-        best, stalled = np.inf, 0
+        least = np.inf
+        stalled = 0
         while goals and stalled < _STALLED:
             R_view = self._view()[:3, :3]
-            ways, turns, left = {}, {}, 0.0
+            displacements = {}
+            rotations = {}
+            remaining = 0.0  # the largest error, as a multiple of its tolerance
             for hand, goal in goals.items():
                 T = self._tool(hand)
-                way = R_view.T @ (goal[:3, 3] - T[:3, 3])
-                turn = R_view.T @ spatial.log_so3(goal[:3, :3] @ T[:3, :3].T)
-                far = max(float(np.linalg.norm(way)) / near, float(np.linalg.norm(turn)) / near_turn)
-                left = max(left, far)
-                ways[hand], turns[hand] = self._misjudged(way) / self.scale, self._misjudged(turn)
-            if left < 1.0:
+                displacement = R_view.T @ (goal[:3, 3] - T[:3, 3])
+                rotation = R_view.T @ spatial.log_so3(goal[:3, :3] @ T[:3, :3].T)
+                distance = float(np.linalg.norm(displacement)) / near
+                angle = float(np.linalg.norm(rotation)) / near_turn
+                remaining = max(remaining, distance, angle)
+                displacements[hand] = self._misjudged(displacement) / self.scale
+                rotations[hand] = self._misjudged(rotation)
+            if remaining < 1.0:
                 return True
-            best, stalled = (left, 0) if left < 0.98 * best else (best, stalled + 1)
-            yield from self._stroke(ways, self.habits.hand.pause, turns)
+            if remaining < 0.98 * least:
+                least = remaining
+                stalled = 0
+            else:
+                stalled += 1
+            yield from self._stroke(displacements, self.habits.hand.pause, rotations)
         return not goals
 
     def _turn_grip(self, to: Mapping[str, float]) -> Iterator[None]:
         start = dict(self._grip)
         for s in self._shares(self.habits.grasp):
-            self._grip |= {hand: start[hand] + s * (grip - start[hand]) for hand, grip in to.items()}
+            for hand, grip in to.items():
+                self._grip[hand] = start[hand] + s * (grip - start[hand])
             yield
 
     def _rest(self, seconds: float) -> Iterator[None]:
@@ -282,5 +321,6 @@ class SurgeonHands(Block):
             yield
 
     def _shares(self, seconds: float) -> Iterator[float]:
+        """Yield the fraction of a movement that is done at each tick."""
         k = max(1, round(seconds / self.dt))
         yield from minimum_jerk(np.arange(1, k + 1) / k).tolist()
