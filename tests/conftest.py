@@ -8,7 +8,6 @@ import os
 import pickle
 import re
 import signal
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,40 +67,6 @@ def pytest_collection_finish():
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 20, 20)
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _same_work_once():
-    """Parse each text of TOML, and smooth each mesh, once in a worker: hundreds of tests show the same robots."""
-    from twin.exchange.formats.glb import write as glb
-
-    loads, surface, texts, meshes = tomllib.loads, glb.surface, {}, {}
-
-    def read(text, /, **more):
-        if more or not isinstance(text, str):
-            return loads(text, **more)
-        if text not in texts:
-            found = loads(text)
-            if len(text) > 100_000:
-                return found
-            texts[text] = pickle.dumps(found)
-        return pickle.loads(texts[text])  # nobody shares a copy
-
-    def drawn(vertices, triangles):
-        key = (
-            hashlib.sha256(np.ascontiguousarray(vertices)).digest(),
-            hashlib.sha256(np.ascontiguousarray(triangles)).digest(),
-        )
-        if key not in meshes:
-            meshes[key] = surface(vertices, triangles)
-            for a in meshes[key]:
-                a.setflags(write=False)
-        return meshes[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tomllib, "loads", read)
-        patch.setattr(glb, "surface", drawn)
-        yield
 
 
 _READ: dict[tuple, bytes] = {}
