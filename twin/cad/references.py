@@ -116,7 +116,7 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
 
 
 def _wrong_unit(joint: str, kind: str, key: str) -> str:
-    """Return what is wrong with the entry `key` of the limits of a joint of some kind, by its unit; "" if nothing."""
+    """Return the fault of the unit of the entry `key` of the limits of a joint of some kind; "" if there is none."""
     if "_mm" in key:
         unit = "mm"
     elif "_deg" in key:
