@@ -134,7 +134,7 @@ class ScaleTopic:
             await asyncio.sleep(_RETRY)
 
     async def _subscribe(self, client: Client) -> None:
-        """Subscribe to the topic of new scales; raise the library's error if the broker does not accept the subscription."""
+        """Subscribe to the topic of new scales; raise the library's error if the broker rejects the subscription."""
         codes: Any = await client.subscribe(f"{self.topic}/set", qos=1)
         for code in codes:
             if code.is_failure:
