@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class ClosedForm:
     joints: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     tolerance: float
-    terms: Callable[[Any, Any, Mapping[str, Any]], tuple[Any, Any, Any]]
+    terms: Callable[[Value, Value, Mapping[str, Value]], tuple[Value, Value, Value]]
 
     @property
     def values(self) -> Array:

@@ -14,13 +14,14 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from twin.core.errors import KinematicsError
 from twin.core.provenance import Parameter
 from twin.formula.closed_form import ClosedForm
+from twin.formula.scalar import Value
 
 Stage = Literal["inverse", "forward", "helper"]
 """Stage of an equation: the direction in which it is used.
@@ -32,7 +33,7 @@ that the published equations do not name (angles, margins, measures), and is eva
 POSE_SYMBOL = "T_base_tool"
 """Symbol of the pose (4, 4). A forward flow computes this symbol, or all coordinates."""
 
-Rows = Callable[..., Any]
+Rows = Callable[..., Value]
 """A function whose argument names are symbols. It returns a CasADi SX, or a tuple of SX in the order of the outputs."""
 
 
@@ -215,7 +216,7 @@ _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _JOINT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
-def check_formula(formula: Any) -> None:
+def check_formula(formula: object) -> None:
     """Check a formula as far as possible without evaluating its equations.
 
     Raises:

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any, TypeVar, get_args
+from typing import TypeVar, get_args
 
 from twin.core.errors import KinematicsError
-from twin.formula.contract import Equation, Stage
-from twin.formula.loader import text_of
+from twin.formula.contract import Equation, Rows, Stage
+from twin.formula.loader import ModuleNames, text_of
+from twin.formula.scalar import Value
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Function = TypeVar("_Function", bound=Rows)
 
 _CHANGES = "_changes"
 """Attribute of a variant's function: (original function, decorated function that contains the changed rows)."""
@@ -94,7 +95,7 @@ class Equations:
 
         return register
 
-    def variant(self, name: str, of: Callable[..., Any], why: str) -> Callable[[Callable[..., Any]], Variant]:
+    def variant(self, name: str, of: Rows, why: str) -> Callable[[Rows], Variant]:
         """Return a decorator that registers a variant of an equation: a function with only the rows that differ.
 
         A row is one assignment. Each row of the variant replaces the row of `of` that assigns the same symbols. If `of`
@@ -115,7 +116,7 @@ class Equations:
         if place is None:
             raise KinematicsError(f"variant '{name}' changes {of!r}, which is not an equation of this file")
 
-        def register(function: Callable[..., Any]) -> Variant:
+        def register(function: Rows) -> Variant:
             equation = self._registered[place]
             made = Variant(of, function)
             variants = {**equation.variants, name: made}
@@ -125,7 +126,7 @@ class Equations:
 
         return register
 
-    def _place_of(self, function: Callable[..., Any]) -> int | None:
+    def _place_of(self, function: Rows) -> int | None:
         """Return the index of the equation of which the function is a variant; None if there is none."""
         for i, equation in enumerate(self._registered):
             # not `in`, which would compare by equality
@@ -141,11 +142,11 @@ class Equations:
 class Variant:
     """The function `base` with the rows changed by the function `change`."""
 
-    def __init__(self, base: Callable[..., Any], change: Callable[..., Any]) -> None:
+    def __init__(self, base: Rows, change: Rows) -> None:
         self.base = base
         self.change = change
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(self, *args: Value, **kwargs: Value) -> Value:
         """Return the outputs of `base`, computed with the changed rows."""
         return self.__wrapped__(*args, **kwargs)
 
@@ -169,7 +170,7 @@ class Row:
     new: bool = False
 
 
-def rows(function: Callable[..., Any]) -> tuple[Row, ...]:
+def rows(function: Rows) -> tuple[Row, ...]:
     """Return the statements of a function without its docstring; for a variant, the rows after the changes.
 
     Raises:
@@ -186,7 +187,7 @@ def rows(function: Callable[..., Any]) -> tuple[Row, ...]:
     return tuple(Row(statement, node) for statement in body)
 
 
-def definition(function: Callable[..., Any]) -> ast.FunctionDef:
+def definition(function: Rows) -> ast.FunctionDef:
     """Return the syntax tree of a function in its file; for a variant, the tree of the function with the changed rows.
 
     Raises:
@@ -224,7 +225,7 @@ def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionD
     return found
 
 
-def _merged(base: Callable[..., Any], change: Callable[..., Any]) -> tuple[Row, ...]:
+def _merged(base: Rows, change: Rows) -> tuple[Row, ...]:
     """Return the rows of a function after the changes of a variant.
 
     Raises:
@@ -292,7 +293,7 @@ def _names(expression: ast.expr | None) -> list[str]:
     return [getattr(entry, "id", "") for entry in entries]
 
 
-def _changed(base: Callable[..., Any], change: Callable[..., Any]) -> FunctionType:
+def _changed(base: Rows, change: Rows) -> FunctionType:
     """Return `base` with the rows of `change`, as a function whose line numbers are those of the file."""
     if not isinstance(base, FunctionType) or base.__closure__ or not isinstance(change, FunctionType):
         raise KinematicsError(f"{change!r} changes {base!r}: both must be functions at the top level of one file")
@@ -302,7 +303,7 @@ def _changed(base: Callable[..., Any], change: Callable[..., Any]) -> FunctionTy
     node.body = body
     node.decorator_list = []
     module = ast.fix_missing_locations(ast.Module([node], []))
-    scope: dict[str, Any] = {}
+    scope: ModuleNames = {}
     exec(compile(module, base.__code__.co_filename, "exec"), base.__globals__, scope)
     made = scope[change.__name__]
     made.__defaults__ = base.__defaults__
@@ -314,7 +315,7 @@ def _changed(base: Callable[..., Any], change: Callable[..., Any]) -> FunctionTy
 
 def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.stmt]) -> ast.arguments:
     """Return the arguments of `base` and, as keyword arguments, the symbols that only the changed rows need."""
-    root: Callable[..., Any] = base
+    root: Rows = base
     while hasattr(root, _CHANGES):
         root, _ = getattr(root, _CHANGES)
     found = copy.copy(definition(root).args)

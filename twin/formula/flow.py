@@ -8,7 +8,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -18,6 +18,7 @@ from twin.core.program_end import ProgramEndError, contained
 from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments, unread
+from twin.formula.scalar import Value
 
 if TYPE_CHECKING:
     from twin.codegen import Kernel
@@ -80,7 +81,7 @@ def _everywhere(formula: Formula, equations: Iterable[Equation], variant: str) -
     return chosen
 
 
-def call(function: Rows, symbols: Mapping[str, Any], what: str, unread: Sequence[str] = ()) -> Any:
+def call(function: Rows, symbols: Mapping[str, Value], what: str, unread: Sequence[str] = ()) -> Value:
     """Call a function with the symbols that it names as arguments, and return its result.
 
     `what` is the name of the function in messages. If a symbol is missing, the message suggests names from `unread`.
@@ -113,7 +114,7 @@ def _message(error: Exception) -> str:
     return no_inverse(rows, columns)
 
 
-def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
+def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Value], stage: Stage) -> dict[str, Value]:
     """Return the symbols together with the outputs of the equations of one stage.
 
     An equation is skipped if all its outputs are already among the symbols. A flow can therefore start in the middle,
@@ -133,7 +134,7 @@ def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Any],
     return out
 
 
-def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
+def from_pose(formula: Formula, T: ca.SX) -> dict[str, Value]:
     """Return {symbol: value} of a pose (4, 4): the pose itself and its coordinates."""
     what = f"formula '{formula.name}', coordinates.from_pose"
     function = formula.coordinates.from_pose
@@ -150,7 +151,7 @@ def from_pose(formula: Formula, T: Any) -> dict[str, Any]:
     return {POSE_SYMBOL: T, **dict(zip(names, values, strict=True))}
 
 
-def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
+def to_pose(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
     """Return the pose (4, 4) from the coordinates among the symbols."""
     what = f"formula '{formula.name}', coordinates.to_pose"
     function = formula.coordinates.to_pose
@@ -172,7 +173,7 @@ def to_pose(formula: Formula, symbols: Mapping[str, Any]) -> ca.SX:
     return T
 
 
-def gather(formula: Formula, symbols: Mapping[str, Any], names: tuple[str, ...], what: str) -> ca.SX:
+def gather(formula: Formula, symbols: Mapping[str, Value], names: tuple[str, ...], what: str) -> ca.SX:
     """Return scalar symbols as one column, in the order of `names`.
 
     Raises:
@@ -194,7 +195,7 @@ def gather(formula: Formula, symbols: Mapping[str, Any], names: tuple[str, ...],
     return ca.vertcat(*column)
 
 
-def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapping[str, Any]) -> list[Any]:
+def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapping[str, Value]) -> list[Value]:
     """Return the values of an equation's outputs; implicit outputs (see `Equation`) are solved for.
 
     Raises:
@@ -284,7 +285,7 @@ class Evaluator:
         one: function that returns the value, in the declared shape, at one vector z.
     """
 
-    def __init__(self, name: str, z: Any, out: Any, shape: tuple[int, ...] = ()) -> None:
+    def __init__(self, name: str, z: symbolic.SX, out: symbolic.SX, shape: tuple[int, ...] = ()) -> None:
         self.name = name
         self.shape = shape or (out.numel(),)
         if out.shape[1] > 1:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from twin.formula.scalar import Scalar
+from twin.formula.scalar import Scalar, Value
 
 
-def if_else(condition: Any, yes: Any, no: Any) -> Any:
+def if_else(condition: Value, yes: Value, no: Value) -> Value:
     """Return `yes` where the condition is true, else `no`, entry by entry; both values are always computed."""
     values = (condition, yes, no)
     if any(isinstance(value, np.ndarray | list | tuple) for value in values):
@@ -20,31 +18,33 @@ def if_else(condition: Any, yes: Any, no: Any) -> Any:
         return plain(out)
     if isinstance(condition, Scalar):
         return condition.if_else(yes, no)
-    return yes if condition else no
+    if condition:
+        return yes
+    return no
 
 
-def rotation_x(angle: Any) -> Any:
+def rotation_x(angle: Value) -> np.ndarray:
     """Return the rotation (3, 3) about x; the angle is in rad."""
     c = np.cos(angle)
     s = np.sin(angle)
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
-def rotation_y(angle: Any) -> Any:
+def rotation_y(angle: Value) -> np.ndarray:
     """Return the rotation (3, 3) about y; the angle is in rad."""
     c = np.cos(angle)
     s = np.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
-def rotation_z(angle: Any) -> Any:
+def rotation_z(angle: Value) -> np.ndarray:
     """Return the rotation (3, 3) about z; the angle is in rad."""
     c = np.cos(angle)
     s = np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def pose(R: Any, p: Any) -> Any:
+def pose(R: Value, p: Value) -> np.ndarray:
     """Return the pose (4, 4) with a rotation (3, 3) and a position (3,) in m."""
     R = np.asarray(R)
     p = np.asarray(p)
@@ -57,7 +57,7 @@ def pose(R: Any, p: Any) -> Any:
     return T
 
 
-def inverse(T: Any) -> Any:
+def inverse(T: np.ndarray) -> np.ndarray:
     """Return the inverse of a pose (4, 4)."""
     R = T[:3, :3]
     p = T[:3, 3]

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from types import FunctionType, ModuleType, SimpleNamespace
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import no_inverse
 from twin.formula.functions import if_else, plain
-from twin.formula.scalar import Scalar
+from twin.formula.loader import ModuleNames
+from twin.formula.scalar import Scalar, Value
 
 _MATH = {
     "sin": np.sin,
@@ -44,12 +44,12 @@ _COMPARE = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.n
 _MAKE = ("zeros", "ones", "eye", "identity", "empty", "full", "zeros_like", "ones_like", "empty_like", "full_like")
 
 
-def scope(home: dict[str, Any]) -> dict[str, Any]:
+def scope(home: ModuleNames) -> ModuleNames:
     """Return the globals of a plain formula, with versions of NumPy and math that accept symbols.
 
     Functions of the same file are recreated with these globals.
     """
-    out: dict[str, Any] = {}
+    out: ModuleNames = {}
     for name, value in home.items():
         if isinstance(value, FunctionType) and value.__globals__ is home:
             new = FunctionType(value.__code__, out, value.__name__, value.__defaults__, value.__closure__)
@@ -60,7 +60,7 @@ def scope(home: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
-def lifted(value: Any) -> Any:
+def lifted(value: object) -> object:
     """Return NumPy, math or one of their functions as a version that accepts symbols; return other values unchanged."""
     if isinstance(value, ModuleType):
         return _MODULES.get(value.__name__, value)
@@ -69,23 +69,24 @@ def lifted(value: Any) -> Any:
         module = "numpy"
     if module in ("numpy", "numpy.linalg") and not callable(value):
         return value
+    name = getattr(value, "__name__", "")
     if module == "numpy":
-        return getattr(_NUMPY, value.__name__, value)
+        return getattr(_NUMPY, name, value)
     if module == "numpy.linalg":
-        return getattr(_LINALG, value.__name__, value)
+        return getattr(_LINALG, name, value)
     if module == "math":
-        return getattr(_MODULES["math"], value.__name__)
+        return getattr(_MODULES["math"], name)
     return value
 
 
 class _Space:
     """Replacement of a module: each of its functions is converted to a version for symbols at first use."""
 
-    def __init__(self, module: Any, **special: Any) -> None:
+    def __init__(self, module: ModuleType, **special: object) -> None:
         self._module = module
         self.__dict__.update(special)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         value = getattr(self._module, name)
         if isinstance(value, np.ufunc):
             value = _elementwise(value)
@@ -95,7 +96,7 @@ class _Space:
         return value
 
 
-def _kind(*values: Any) -> type[Scalar] | None:
+def _kind(*values: object) -> type[Scalar] | None:
     """Return the class of the first symbol in values, lists and arrays; None if there is no symbol."""
     for value in values:
         if isinstance(value, Scalar):
@@ -110,7 +111,7 @@ def _kind(*values: Any) -> type[Scalar] | None:
     return None
 
 
-def _boxed(x: Any, kind: type[Scalar]) -> Any:
+def _boxed(x: Value, kind: type[Scalar]) -> Value:
     """Convert a number or an array so that every entry is a symbol."""
     if isinstance(x, Scalar):
         return x
@@ -123,23 +124,23 @@ def _boxed(x: Any, kind: type[Scalar]) -> Any:
     return kind(float(x))
 
 
-def _numbers(x: Any) -> Any:
+def _numbers(x: Value) -> Value:
     """Return an array without symbols as an array of floats; return other values unchanged."""
     if isinstance(x, np.ndarray):
         return plain(x)
     return x
 
 
-def _on_numbers(f: Callable[..., Any], args: Iterable[Any], kwargs: Mapping[str, Any]) -> Any:
+def _on_numbers(f: Callable[..., Value], args: Iterable[Value], kwargs: Mapping[str, object]) -> Value:
     """Return the result of a NumPy function for arguments without symbols."""
     numbers = [_numbers(arg) for arg in args]
     return f(*numbers, **kwargs)
 
 
-def _elementwise(f: Any) -> Callable[..., Any]:
+def _elementwise(f: np.ufunc) -> Callable[..., Value]:
     """Return a version of a function of single entries (a ufunc)."""
 
-    def call(*args: Any, **kwargs: Any) -> Any:
+    def call(*args: Value, **kwargs: object) -> Value:
         kind = _kind(*args)
         if kind is None:
             return _on_numbers(f, args, kwargs)
@@ -152,10 +153,10 @@ def _elementwise(f: Any) -> Callable[..., Any]:
     return call
 
 
-def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
+def _whole(f: Callable[..., Value]) -> Callable[..., Value]:
     """Return a version of a function of whole arrays, such as `np.stack`."""
 
-    def call(*args: Any, **kwargs: Any) -> Any:
+    def call(*args: Value, **kwargs: object) -> Value:
         kind = _kind(*args)
         if kind is None:
             return _on_numbers(f, args, kwargs)
@@ -177,7 +178,7 @@ def _whole(f: Callable[..., Any]) -> Callable[..., Any]:
 def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     """Return a version of `zeros`, `ones` or a similar function; symbols can be assigned to entries of its arrays."""
 
-    def call(*args: Any, **kwargs: Any) -> np.ndarray:
+    def call(*args: Value, **kwargs: object) -> np.ndarray:
         array = _on_numbers(f, args, kwargs)
         if array.dtype == float:
             return array.astype(object)
@@ -187,24 +188,28 @@ def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return call
 
 
-def _maximum(a: Any, b: Any) -> Any:
-    return if_else(_NUMPY.less(a, b), b, a)
+_less = _elementwise(np.less)
+_greater = _elementwise(np.greater)
 
 
-def _minimum(a: Any, b: Any) -> Any:
-    return if_else(_NUMPY.less(a, b), a, b)
+def _maximum(a: Value, b: Value) -> Value:
+    return if_else(_less(a, b), b, a)
 
 
-def _clip(x: Any, low: Any, high: Any) -> Any:
+def _minimum(a: Value, b: Value) -> Value:
+    return if_else(_less(a, b), a, b)
+
+
+def _clip(x: Value, low: Value, high: Value) -> Value:
     return _minimum(_maximum(x, low), high)
 
 
-def _sign(x: Any) -> Any:
-    of_others = if_else(_NUMPY.greater(x, 0), 1.0, 0.0)
-    return if_else(_NUMPY.less(x, 0), -1.0, of_others)
+def _sign(x: Value) -> Value:
+    of_others = if_else(_greater(x, 0), 1.0, 0.0)
+    return if_else(_less(x, 0), -1.0, of_others)
 
 
-def _det(A: Any) -> Any:
+def _det(A: Value) -> Value:
     A = np.asarray(A)
     if _kind(A) is None:
         return np.linalg.det(_numbers(A))
@@ -219,7 +224,7 @@ def _det(A: Any) -> Any:
     return total
 
 
-def _inv(A: Any) -> Any:
+def _inv(A: Value) -> Value:
     A = np.asarray(A)
     if A.ndim == 2 and A.shape[0] != A.shape[1]:
         raise ValueError(no_inverse(*A.shape))
@@ -236,7 +241,7 @@ def _inv(A: Any) -> Any:
     return _boxed(inverse, kind)
 
 
-def _pinv(A: Any) -> Any:
+def _pinv(A: Value) -> Value:
     A = np.asarray(A)
     if _kind(A) is None:
         return np.linalg.pinv(_numbers(A))
@@ -247,7 +252,7 @@ def _pinv(A: Any) -> Any:
     return _inv(A.T @ A) @ A.T
 
 
-def _solve(A: Any, b: Any) -> Any:
+def _solve(A: Value, b: Value) -> Value:
     return _inv(A) @ np.asarray(b)
 
 
@@ -272,12 +277,12 @@ _NUMPY = _Space(
 )
 
 
-def _of_math(name: str) -> Callable[..., Any]:
+def _of_math(name: str) -> Callable[..., Value]:
     """Return a version of a function of `math` that accepts symbols; numbers are left to `math`."""
     on_number = getattr(math, name)
     on_symbol = _elementwise(_MATH[name])
 
-    def call(*args: Any) -> Any:
+    def call(*args: Value) -> Value:
         if _kind(*args) is None:
             return on_number(*args)
         return on_symbol(*args)
@@ -286,7 +291,7 @@ def _of_math(name: str) -> Callable[..., Any]:
     return call
 
 
-_MODULES: dict[str, Any] = {
+_MODULES: dict[str, _Space | SimpleNamespace] = {
     "numpy": _NUMPY,
     "numpy.linalg": _LINALG,
     "math": SimpleNamespace(**(vars(math) | {name: _of_math(name) for name in _MATH})),

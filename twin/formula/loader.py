@@ -9,6 +9,9 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
+ModuleNames = dict[str, Any]
+"""The global names of a module, and what the author of its file gave them: functions, modules, numbers, texts."""
+
 
 class Loader(SourceFileLoader):
     """Load a module from bytes that were already read; no byte code is written next to a user's file."""
@@ -26,7 +29,7 @@ class Loader(SourceFileLoader):
         return self.source_to_code(self.data, self.path)
 
 
-def text_of(path: Path, names: Mapping[str, Any]) -> bytes:
+def text_of(path: Path, names: Mapping[str, object]) -> bytes:
     """Return the bytes of a module's file: those read by the module's `Loader` or, without `Loader`, those on disk.
 
     `names` are the globals of the module.

@@ -8,11 +8,10 @@ from __future__ import annotations
 import ast
 import inspect
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,6 +25,7 @@ from twin.formula.contract import POSE_SYMBOL, ActiveJoint, Coordinates, Equatio
 from twin.formula.lift import scope
 from twin.formula.loader import text_of
 from twin.formula.rows import POSE, PlainRows, entries
+from twin.formula.scalar import Value
 from twin.formula.symbol import from_sx, to_sx
 
 FUNCTIONS = ("inverse", "forward", "points")
@@ -143,7 +143,7 @@ def _equations(
 class _Rows(PlainRows):
     """A plain function that can be called with CasADi symbols."""
 
-    def __call__(self, **symbols: Any) -> tuple[Any, ...]:
+    def __call__(self, **symbols: Value) -> tuple[ca.SX, ...]:
         """Return the outputs as a tuple of SX.
 
         Raises:
@@ -155,7 +155,7 @@ class _Rows(PlainRows):
             outputs.append(self._output(value, name))
         return tuple(outputs)
 
-    def on_symbols(self, symbols: Mapping[str, Any]) -> Any:
+    def on_symbols(self, symbols: Mapping[str, Value]) -> object:
         """Return the result of the function for CasADi symbols {name: symbol}."""
         if self.casadi:
             arguments = self.arguments(symbols, lambda x: x, lambda *q: ca.vertcat(*q))
@@ -163,7 +163,7 @@ class _Rows(PlainRows):
             arguments = self.arguments(symbols, from_sx, lambda *q: np.array([from_sx(x) for x in q], object))
         return self.run(arguments)
 
-    def run(self, arguments: Mapping[str, Any]) -> Any:
+    def run(self, arguments: Mapping[str, Value]) -> object:
         """Call the function and return its result; an operation that gives NaN or infinity raises an error."""
         try:
             with warnings.catch_warnings(), np.errstate(invalid="raise", divide="raise"):
@@ -175,7 +175,7 @@ class _Rows(PlainRows):
         except Exception as error:
             raise self.located(error) from error
 
-    def _output(self, value: Any, name: str) -> ca.SX:
+    def _output(self, value: object, name: str) -> ca.SX:
         """Return an output as SX: a scalar, a column of three, or a pose."""
         shape, what = _OUTPUTS[self.name]
         try:
@@ -192,14 +192,14 @@ class _Rows(PlainRows):
         return out
 
 
-def _split(value: Any) -> list[Any] | None:
+def _split(value: object) -> list[Value] | None:
     """Return the entries of a row or a column of CasADi, or of an array with one dimension; None: another value."""
     if isinstance(value, ca.SX | ca.DM) and 1 in value.shape and value.numel() > 1:
         return ca.vertsplit(ca.vec(value))
     return entries(value)
 
 
-def _of_casadi(value: Any) -> bool:
+def _of_casadi(value: object) -> bool:
     if isinstance(value, ModuleType):
         module = value.__name__
     else:
@@ -208,7 +208,7 @@ def _of_casadi(value: Any) -> bool:
     return package == "casadi"
 
 
-def _used(functions: Mapping[str, Any]) -> set[str]:
+def _used(functions: Mapping[str, object]) -> set[str]:
     """Return the names of all arguments of the functions of a plain formula."""
     names: set[str] = set()
     for kind in FUNCTIONS:
@@ -236,20 +236,20 @@ def _coordinates(taken: set[str], used: set[str]) -> Coordinates:
     for name in ("x", "y", "z", *orientation):
         names.append(f"tool_{name}" if name in taken else name)
 
-    def to_pose(x: Any, y: Any, z: Any, *angles: Any) -> Any:
+    def to_pose(x: symbolic.SX, y: symbolic.SX, z: symbolic.SX, *angles: symbolic.SX) -> symbolic.SX:
         return symbolic.pose(rotation_of(*angles), ca.vertcat(x, y, z))
 
-    def from_pose(T: Any) -> tuple[Any, ...]:
+    def from_pose(T: symbolic.SX) -> tuple[symbolic.SX, ...]:
         return T[0, 3], T[1, 3], T[2, 3], *orientation_of(T)
 
     return Coordinates(tuple(names), ("m", "m", "m", "rad", "rad", "rad"), to_pose, from_pose)
 
 
-def _rotation(x: Any, y: Any, z: Any) -> Any:
+def _rotation(x: symbolic.SX, y: symbolic.SX, z: symbolic.SX) -> symbolic.SX:
     return symbolic.exp_so3(ca.vertcat(x, y, z))
 
 
-def _vector(T: Any) -> tuple[Any, Any, Any]:
+def _vector(T: symbolic.SX) -> tuple[symbolic.SX, symbolic.SX, symbolic.SX]:
     w = symbolic.log_so3(T[0:3, 0:3])
     return w[0], w[1], w[2]
 
@@ -296,7 +296,7 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
     return 1
 
 
-def _length_scale(parameters: Sequence[Parameter]) -> Any:
+def _length_scale(parameters: Sequence[Parameter]) -> Callable[[], float]:
     """Return the characteristic length as a function of the parameters: the median of all lengths."""
     lengths = [abs(parameter.value) for parameter in parameters if parameter.unit in ("mm", "m") and parameter.value]
     lengths.sort()
@@ -311,7 +311,9 @@ def _equation(row: _Rows, stage: Stage, title: str, path: Path) -> Equation:
     return Equation(row.name, title, at, stage, row.outputs, {"written": row}, {"written": at}, "written")
 
 
-def _seeds(coordinates: Coordinates, home: tuple[Array, Array | None] | None, inverse: bool) -> tuple:
+def _seeds(
+    coordinates: Coordinates, home: tuple[Array, Array | None] | None, inverse: bool
+) -> tuple[tuple[float, ...], ...]:
     if home is None:
         return ()
     T, q = home
@@ -327,9 +329,9 @@ def _numbers_of_pose(coordinates: Coordinates, T: Array) -> tuple[float, ...]:
     return tuple(float(x) for x in coordinates.from_pose(ca.DM(T)))
 
 
-def _symbols(parameters: Sequence[Parameter], joints: Sequence[str], coordinates: Coordinates) -> dict[str, Any]:
+def _symbols(parameters: Sequence[Parameter], joints: Sequence[str], coordinates: Coordinates) -> dict[str, Value]:
     """Return the values of the parameters, and CasADi symbols for coordinates, joints and pose."""
-    symbols: dict[str, Any] = {parameter.name: parameter.value for parameter in parameters}
+    symbols: dict[str, Value] = {parameter.name: parameter.value for parameter in parameters}
     for name in (*coordinates.names, *joints):
         symbols[name] = ca.SX.sym(name)
     symbols[POSE_SYMBOL] = ca.SX.sym(POSE, 4, 4)
@@ -346,7 +348,7 @@ def _point_names(
     return tuple(value)
 
 
-def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
+def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Callable[[Array, Mapping[str, float]], str] | None:
     """Return a function that finds the first line of source whose result is NaN or infinite; None if `rows` is empty.
 
     The function takes a pose (4, 4) and the parameters. It returns a text with file, line and cause, or "" if there is
@@ -356,7 +358,7 @@ def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Any:
         return None
 
     def first_fault(T: Array, parameters: Mapping[str, float]) -> str:
-        symbols: dict[str, Any] = {**parameters, POSE_SYMBOL: T}
+        symbols: dict[str, Value] = {**parameters, POSE_SYMBOL: T}
         symbols |= zip(coordinates.names, _numbers_of_pose(coordinates, T), strict=True)
         try:
             for row in rows:

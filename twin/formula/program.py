@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,6 +12,7 @@ from twin.core.errors import KinematicsError, unknown
 from twin.formula import flow, symbolic
 from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.flow import Evaluator
+from twin.formula.scalar import Value
 
 POSE_TOL = 1e-6
 """Maximum norm of the difference between a pose and the pose rebuilt from its coordinates."""
@@ -183,7 +183,7 @@ class Program:
             ends = np.cumsum(sizes).tolist()
             z = ca.SX.sym("z", sum(sizes))
             numbers, pose, q, passive_values, coordinates = ca.vertsplit(z, [0, *ends])
-            symbols: dict[str, Any] = {name: numbers[i] for i, name in enumerate(self.parameters)}
+            symbols: dict[str, Value] = {name: numbers[i] for i, name in enumerate(self.parameters)}
             symbols |= flow.from_pose(self.formula, symbolic.unflat(pose, 4, 4))
             symbols |= {name: q[i] for i, name in enumerate(self.order)}
             symbols |= {name: passive_values[i] for i, name in enumerate(passive)}
@@ -225,16 +225,16 @@ class Program:
         """Return q (n) as an expression of a pose expression (4, 4)."""
         return self._joints(self._after_pose(T))
 
-    def _joints(self, symbols: Mapping[str, Any]) -> ca.SX:
+    def _joints(self, symbols: Mapping[str, Value]) -> ca.SX:
         return flow.gather(self.formula, {**symbols, **self.extra_values}, self.order, "joint")
 
-    def _after_pose(self, T: ca.SX) -> dict[str, Any]:
+    def _after_pose(self, T: ca.SX) -> dict[str, Value]:
         symbols = {**self.parameters, **flow.from_pose(self.formula, T)}
         symbols = flow.run(self.formula, self.variants, symbols, "inverse")
         return flow.run(self.formula, self.variants, symbols, "forward")
 
-    def _after_joints(self, q: ca.SX) -> dict[str, Any]:
-        symbols: dict[str, Any] = dict(self.parameters)
+    def _after_joints(self, q: ca.SX) -> dict[str, Value]:
+        symbols: dict[str, Value] = dict(self.parameters)
         symbols |= zip(self.order, ca.vertsplit(q), strict=True)
         symbols = flow.run(self.formula, self.variants, symbols, "forward")
         if POSE_SYMBOL not in symbols:

@@ -9,13 +9,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import FunctionType
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import KinematicsError, unknown
 from twin.formula.loader import text_of
-from twin.formula.scalar import NeedsNumberError
+from twin.formula.scalar import NeedsNumberError, Value
 
 POSE = "pose"
 """Name of the argument that receives the whole pose (4, 4)."""
@@ -94,10 +93,12 @@ class PlainRows(ABC):
         self.__signature__ = inspect.Signature(parameters)
 
     @abstractmethod
-    def __call__(self, **symbols: Any) -> Any:
+    def __call__(self, **symbols: Value) -> Value:
         """Return the outputs for the values of the symbols."""
 
-    def arguments(self, symbols: Mapping[str, Any], convert: Callable[[Any], Any], join: Callable[..., Any]) -> dict:
+    def arguments(
+        self, symbols: Mapping[str, Value], convert: Callable[[Value], Value], join: Callable[..., Value]
+    ) -> dict[str, Value]:
         """Return {argument: value} for a call of the function, from the values of the symbols.
 
         `convert` converts one value to the form that the function requires; `join` joins several values to one array.
@@ -113,7 +114,7 @@ class PlainRows(ABC):
                 values[argument] = convert(symbols[argument])
         return values
 
-    def spread(self, value: Any, split: Callable[[Any], list[Any] | None]) -> list[Any]:
+    def spread(self, value: object, split: Callable[[object], list[Value] | None]) -> list[Value]:
         """Return the function's result as a list with one value for each output.
 
         The result is a sequence, a column, or a dictionary {output: value}. `split` returns the entries of a
@@ -197,7 +198,7 @@ def _last_return(path: Path, function: FunctionType) -> int:
     return first
 
 
-def entries(array: Any) -> list[Any] | None:
+def entries(array: object) -> list[Value] | None:
     """Return the entries of an array (n,), (n, 1) or (1, n); None for any other shape."""
     if isinstance(array, np.ndarray) and array.ndim in (1, 2) and array.size == max(array.shape):
         return list(array.ravel())

@@ -9,9 +9,15 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
+
+Value = Any
+"""What a symbol of a formula stands for: a number, a `Scalar`, a CasADi matrix, or a NumPy array of numbers or scalars.
+
+Authors write for all of these at once, and no stub of NumPy or CasADi describes arrays whose entries are symbols.
+"""
 
 METHODS = (
     "sin",
@@ -49,46 +55,49 @@ class Scalar:
     """
 
     __slots__ = ("x",)
-    functions: ClassVar[Mapping[str, Callable[..., Any]]] = {}
+    functions: ClassVar[Mapping[str, Callable[..., Value]]] = {}
 
-    def __init__(self, x: Any) -> None:
+    def __init__(self, x: Value) -> None:
         self.x = x
 
-    def _of(self, name: str, *others: Any) -> Any:
+    def _of(self, name: str, *others: object) -> Self:
         """Return the result of an operation of `functions` with other values."""
-        values = [_value(other) for other in others]
-        if any(value is NotImplemented for value in values):
-            return NotImplemented
+        values = []
+        for other in others:
+            value = _value(other)
+            if value is NotImplemented:
+                return NotImplemented
+            values.append(value)
         result = self.functions[name](self.x, *values)
         return type(self)(result)
 
     __hash__ = None  # type: ignore[assignment] # equality is a symbol
 
-    def __neg__(self) -> Any:
+    def __neg__(self) -> Self:
         return type(self)(-self.x)
 
-    def __pos__(self) -> Any:
+    def __pos__(self) -> Self:
         return self
 
-    def __abs__(self) -> Any:
+    def __abs__(self) -> Self:
         return self._of("fabs")
 
-    def conjugate(self) -> Any:
+    def conjugate(self) -> Self:
         """Return self, because the value is real; `np.linalg.norm` along an axis requires this method."""
         return self
 
-    def radians(self) -> Any:
+    def radians(self) -> Self:
         """Return this angle converted from degrees to radians."""
         return self._made(np.pi / 180, operator.mul)
 
-    def degrees(self) -> Any:
+    def degrees(self) -> Self:
         """Return this angle converted from radians to degrees."""
         return self._made(180 / np.pi, operator.mul)
 
     deg2rad = radians
     rad2deg = degrees
 
-    def if_else(self, yes: Any, no: Any) -> Any:
+    def if_else(self, yes: object, no: object) -> Self:
         """Return `yes` where this condition is true, else `no`."""
         return self._of("if_else", yes, no)
 
@@ -106,7 +115,7 @@ class Scalar:
 
     __int__ = __index__ = __float__  # type: ignore[assignment]
 
-    def _made(self, other: Any, operation: Callable[[Any, Any], Any]) -> Any:
+    def _made(self, other: object, operation: Callable[[Value, Value], Value]) -> Self:
         """Return the result of an operator with another value."""
         value = _value(other)
         if value is NotImplemented:
@@ -114,7 +123,8 @@ class Scalar:
         return type(self)(operation(self.x, value))
 
 
-def _value(other: Any) -> Any:
+def _value(other: object) -> Value:
+    """Return what `other` contributes to an operation; NotImplemented: an operand of another kind."""
     if isinstance(other, Scalar):
         return other.x
     if isinstance(other, bool | int | float | np.number | np.bool_):
@@ -122,8 +132,8 @@ def _value(other: Any) -> Any:
     return NotImplemented  # an array: NumPy handles its entries one by one
 
 
-def _method(name: str) -> Callable[..., Any]:
-    def method(self: Scalar, *others: Any) -> Any:
+def _method(name: str) -> Callable[..., Scalar]:
+    def method(self: Scalar, *others: object) -> Scalar:
         return self._of(name, *others)
 
     method.__name__ = name
@@ -131,12 +141,12 @@ def _method(name: str) -> Callable[..., Any]:
     return method
 
 
-def _operator(name: str, reflected: bool = False) -> Callable[..., Any]:
+def _operator(name: str, reflected: bool = False) -> Callable[[Scalar, object], Scalar]:
     compute = getattr(operator, name)
     operation = compute
     if reflected:  # `other` is on the left
 
-        def operation(a: Any, b: Any) -> Any:
+        def operation(a: Value, b: Value) -> Value:
             return compute(b, a)
 
     return lambda self, other: self._made(other, operation)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
 import numpy as np
 
-from twin.formula.scalar import METHODS, Scalar
+from twin.formula.scalar import METHODS, Scalar, Value
 
 
 class Symbol(Scalar):
@@ -17,7 +15,7 @@ class Symbol(Scalar):
     functions = {name: getattr(ca, name) for name in (*METHODS, "if_else")}  # noqa: RUF012
 
 
-def from_sx(x: Any) -> Any:
+def from_sx(x: Value) -> Value:
     """Convert a CasADi SX to a `Symbol` or a NumPy array (n,) or (m, n) of symbols; return other values unchanged."""
     if not isinstance(x, ca.SX):
         return x
@@ -32,7 +30,7 @@ def from_sx(x: Any) -> Any:
     return array
 
 
-def to_sx(value: Any) -> ca.SX:
+def to_sx(value: object) -> ca.SX:
     """Convert a number, a symbol, or an array (n,) or (m, n) of them to CasADi.
 
     Raises:

@@ -13,7 +13,10 @@ from typing import Any
 import casadi as ca
 
 SX = Any
-"""A CasADi SX scalar, vector or matrix, or a number."""
+"""A CasADi SX (MX where a rootfinder is called): scalar, vector or matrix; or a number.
+
+The stubs of CasADi describe no operators, and an overload for each of these types that loses a mixture of them.
+"""
 
 _SERIES = 1e-6
 """Squared angle in rad^2 below which series replace quotients; the first omitted term is below 1e-20."""
