@@ -132,6 +132,16 @@ def test_a_variant_that_changes_no_row_is_refused(module, text, back, told):
     assert told in str(error.value)
 
 
+def test_a_variant_that_is_only_a_docstring_is_refused(module):
+    space = module('''
+        @equation.variant("bad", of=two, why="none")
+        def bad(q):
+            """As printed."""
+        ''')
+    with pytest.raises(KinematicsError, match=r"rows\.py:\d+: bad\(\) has no rows: assign the symbols"):
+        inspect.signature(space["bad"])
+
+
 def test_a_variant_of_what_is_no_equation_and_a_name_given_twice_are_refused(module):
     with pytest.raises(KinematicsError, match="not an equation of this file"):
         module('@equation.variant("bad", of=q0, why="none")\ndef bad(y):\n    return y\n')

@@ -230,7 +230,7 @@ def _merged(base: Rows, change: Rows) -> tuple[Row, ...]:
 
     Raises:
         KinematicsError: a statement is not an assignment, or changes only part of a row, or assigns a symbol that the
-            variant does not return.
+            variant does not return; or there is no statement.
     """
     path = inspect.unwrap(change).__code__.co_filename
 
@@ -242,7 +242,10 @@ def _merged(base: Rows, change: Rows) -> tuple[Row, ...]:
     for row in merged:
         symbols_of_base.update(assigned(row.node))
     arguments_of_base = set(inspect.signature(base).parameters)
-    *changed_rows, last_row = rows(change)
+    rows_of_change = rows(change)
+    if not rows_of_change:  # Python accepts a docstring as the whole body
+        raise fail(definition(change), "has no rows: assign the symbols that this variant changes, and return them")
+    *changed_rows, last_row = rows_of_change
     added: list[Row] = []  # rows with symbols that `base` does not have, until their place is known
     changed: list[str] = []
     for row in changed_rows:
