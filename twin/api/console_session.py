@@ -33,7 +33,7 @@ from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.guiding import GuideMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.rings import BoardMeasures
-from twin.simulation.session.run import Ran
+from twin.simulation.session.run import Difference, Ran
 from twin.simulation.session.touch import Touched, touched
 from twin.simulation.session.training import Training
 
@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 
 _STRIDE = 4
 """Number of samples between two keys of an exported motion: 4 samples of 5 ms (`run.SAMPLE`) give 50 keys per s."""
+
+_PEDAL_SIGNALS = ("clutch", "camera", "scale")
+"""Signals of the pedals in the written files."""
 
 
 @dataclass(frozen=True)
@@ -100,19 +103,41 @@ class ConsoleSession(Result):
     def word(self) -> str:
         """The verdict as text."""
         if self.verdict == "agree":
-            done = "All targets were touched" if self.board is None else "All rings are on their pegs"
-            done = done if self.aligned is None else "The endoscope is aligned"
-            done = done if self.guided is None else "The ring was guided along the wire"
-            done = "The machine followed its model" if self.training else done
-            return "The replay gives the same bytes" if self.source else done
-        codes = {f.code for f in self.findings if f.severity == "disagreement"}
+            if self.source:
+                return "The replay gives the same bytes"
+            return self._success
+        codes = {finding.code for finding in self.findings if finding.severity == "disagreement"}
         if "task.missed" in codes:
-            missed = "Not all targets were touched" if self.board is None else "Not all rings are on their pegs"
-            missed = missed if self.guided is None else "Not all steps of the task are done"
-            return missed if self.aligned is None else "The endoscope is not aligned"
+            return self._failure
         if "task.errors" in codes:
             return "More errors than allowed"
-        return "The replay gives different bytes" if "session.differs" in codes else super().word
+        if "session.differs" in codes:
+            return "The replay gives different bytes"
+        return super().word
+
+    @property
+    def _success(self) -> str:
+        """What was done in a session without disagreements, in words."""
+        if self.training:
+            return "The machine followed its model"
+        if self.guided is not None:
+            return "The ring was guided along the wire"
+        if self.aligned is not None:
+            return "The endoscope is aligned"
+        if self.board is not None:
+            return "All rings are on their pegs"
+        return "All targets were touched"
+
+    @property
+    def _failure(self) -> str:
+        """What was missed in a session, in words."""
+        if self.aligned is not None:
+            return "The endoscope is not aligned"
+        if self.guided is not None:
+            return "Not all steps of the task are done"
+        if self.board is not None:
+            return "Not all rings are on their pegs"
+        return "Not all targets were touched"
 
     @property
     def t(self) -> Array:
@@ -135,7 +160,10 @@ class ConsoleSession(Result):
         if self.task is None:
             return ()
         table = console_scene.console_of(self.scene)
-        tips = {hand: self.arms[getattr(table, hand)[0]].tip for hand in HANDS}
+        tips: dict[str, Array] = {}
+        for hand in HANDS:
+            first_robot = getattr(table, hand)[0]
+            tips[hand] = self.arms[first_robot].tip
         return touched(self.task, self.t, tips)
 
     @cached_property
@@ -143,7 +171,7 @@ class ConsoleSession(Result):
         """Measures of a task with rings; None for another task."""
         if self.task is None or not self.task.transfers:
             return None
-        robots = [*console_scene.hands_of(self.scene)]
+        robots = list(console_scene.hands_of(self.scene))
         return rings.measure(self.ran.kept, self.task, self.scene.objects, self.pegs, robots)
 
     @cached_property
@@ -154,7 +182,8 @@ class ConsoleSession(Result):
     @property
     def camera(self) -> str:
         """Name of the robot that holds the camera."""
-        return self.scene.cameras[console_scene.console_of(self.scene).camera].robot
+        camera = console_scene.console_of(self.scene).camera
+        return self.scene.cameras[camera].robot
 
     @property
     def _tips(self) -> dict[str, Array]:
@@ -163,63 +192,54 @@ class ConsoleSession(Result):
     @property
     def findings(self) -> Sequence[Finding]:
         """Findings: the replay differs from the recording, the file is truncated, or a target was not touched."""
-        out: list[Finding] = []
-        if (d := self.ran.difference) is not None:
-            size = (
-                f"; the largest difference is {d.size:.3g} in {d.signal}"
-                if d.signal
-                else f"; at {d.t1:g} s, all signals are equal again"
-            )
-            out.append(
-                disagreement(
-                    "session.differs",
-                    d.signal,
-                    f"the replay gives other bytes than the recording, first between {d.t0:g} and {d.t1:g} s{size}",
-                    suggestion="replay with the twin version and the processor type of the recording",
-                    when=f"{d.t0:g} .. {d.t1:g} s",
-                )
-            )
+        findings: list[Finding] = []
+        difference = self.ran.difference
+        if difference is not None:
+            findings.append(_differs(difference))
         if self.lost:
-            out.append(warning("session.interrupted", self.source, self.lost))
+            findings.append(warning("session.interrupted", self.source, self.lost))
         if self.console.time == 0:
             text = "no arm followed a hand: the condition to start following (docs/console.md) was never met"
-            out.append(warning("session.idle", "", text))
-        if self.task is not None:
-            out += [
-                disagreement(
-                    "task.missed",
-                    target.name,
-                    "the target was not touched; minimum distance between the target and the tips",
-                    mm(target.nearest),
-                    mm(self.task.tolerance),
-                    word="required",
-                )
-                for target in self.touched
-                if target.t is None
-            ]
+            findings.append(warning("session.idle", "", text))
+        findings += self._untouched()
         if self.board is not None:
-            out += [
-                disagreement("task.missed", r.ring, f"at the end, the ring is not around its peg, {spoken(r.peg)}")
-                for r in self.board.rings
-                if r.t is None
-            ]
-        out += self._unguided()
-        out += self._unaligned()
-        out += [finding for machine in self.training for finding in machine.findings()]
+            for ring in self.board.rings:
+                if ring.t is None:
+                    text = f"at the end, the ring is not around its peg, {spoken(ring.peg)}"
+                    findings.append(disagreement("task.missed", ring.ring, text))
+        findings += self._unguided()
+        findings += self._unaligned()
+        for machine in self.training:
+            findings += machine.findings()
         if find_spec("mcap") is None:
             text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
-            out.append(info("session.no_mcap", "", text))
-        return out
+            findings.append(info("session.no_mcap", "", text))
+        return findings
+
+    def _untouched(self) -> Iterator[Finding]:
+        """Yield a finding on every target of the task that no tip touched."""
+        if self.task is None:
+            return
+        for target in self.touched:
+            if target.t is not None:
+                continue
+            yield disagreement(
+                "task.missed",
+                target.name,
+                "the target was not touched; minimum distance between the target and the tips",
+                mm(target.nearest),
+                mm(self.task.tolerance),
+                word="required",
+            )
 
     def _unguided(self) -> Iterator[Finding]:
         """Yield findings on steps that are not done, and on errors that exceed their limits."""
-        if (g := self.guided) is None:
+        if self.guided is None:
             return
-        for step in g.missed:
-            yield disagreement(
-                "task.missed", step, f"the step is not done; the ring passed along {g.passed:.0%} of the wire"
-            )
-        for what, value, most, unit in g.exceeded:
+        for step in self.guided.missed:
+            text = f"the step is not done; the ring passed along {self.guided.passed:.0%} of the wire"
+            yield disagreement("task.missed", step, text)
+        for what, value, most, unit in self.guided.exceeded:
             text = f"more {what} than allowed"
             yield disagreement("task.errors", what, text, Quantity(value, unit), most, word="allowed")
 
@@ -229,154 +249,111 @@ class ConsoleSession(Result):
         The camera is not aligned, AlignErr cannot be measured in the picture, or AlignErr in the picture differs from
         AlignErr by projection.
         """
-        if (a := self.aligned) is None or self.task is None or self.task.alignment is None:
+        aligned = self.aligned
+        if aligned is None or self.task is None or self.task.alignment is None:
             return
-        wanted = self.task.alignment
-        if np.isnan(a.angle):
+        required = self.task.alignment
+        if np.isnan(aligned.angle):
             yield disagreement("task.missed", self.task.name, "at the end, the rectangle is behind the lens")
-        elif not a.done(wanted):
+        elif not aligned.done(required):
             yield disagreement(
                 "task.missed",
                 self.task.name,
-                f"the upper side of the rectangle is not aligned: its ends are up to {a.off:.0%} of the line's length "
-                f"from the line's ends (allowed: {wanted.off:.0%}); AlignErr",
-                Quantity(abs(a.angle) / DEG, "deg"),
-                wanted.tolerance / DEG,
+                f"the upper side of the rectangle is not aligned: its ends are up to {aligned.off:.0%} of the line's "
+                f"length from the line's ends (allowed: {required.off:.0%}); AlignErr",
+                Quantity(abs(aligned.angle) / DEG, "deg"),
+                required.tolerance / DEG,
                 word="allowed",
             )
-        if a.seen is None:
-            yield warning("task.unseen", self.task.name, f"AlignErr cannot be measured in the picture: {a.refused}")
-        elif abs(a.seen - a.angle) > camera_task.AGREE:
+        if aligned.seen is None:
+            text = f"AlignErr cannot be measured in the picture: {aligned.refused}"
+            yield warning("task.unseen", self.task.name, text)
+            return
+        # NaN, if the rectangle is behind the lens, is reported above and is no difference
+        difference = abs(aligned.seen - aligned.angle)
+        if difference > camera_task.AGREE:
+            seen_deg = aligned.seen / DEG
+            projected_deg = aligned.angle / DEG
             yield disagreement(
                 "task.angles",
                 self.task.name,
-                f"AlignErr is {a.seen / DEG:.3f} deg in the picture and {a.angle / DEG:.3f} deg by projection; "
-                "difference",
-                Quantity(abs(a.seen - a.angle) / DEG, "deg"),
+                f"AlignErr is {seen_deg:.3f} deg in the picture and {projected_deg:.3f} deg by projection; difference",
+                Quantity(difference / DEG, "deg"),
                 camera_task.AGREE / DEG,
             )
 
     def content(self) -> JsonObject:
         """Return the measures; the keys of quantities end with the unit."""
-        c = self.console
+        surgeon = "simulated"
+        if self.seed is None:
+            surgeon = "person"
+        replay = None
+        if self.source:
+            replay = "same" if self.ran.difference is None else "differs"
+        hands = [_hand_content(hand) for hand in self.hands]
+        targets = []
+        for target in self.touched:
+            targets.append({"name": target.name, "t_s": target.t, "nearest_mm": target.nearest / MM})
+        task = None
+        if self.task is not None:
+            task = self.task.name
+        alignment = None
+        if self.aligned is not None:
+            alignment = _alignment_content(self.aligned)
+        condition = None
+        if self.ran.condition is not None:
+            condition = self.ran.condition.model_dump()
+        forces_on_hands = None
+        if self.forces is not None:
+            forces_on_hands = {
+                "on": self.forces.on,
+                "felt_s": dict(self.forces.felt),
+                "largest_n": dict(self.forces.largest),
+            }
+        guided = None
+        if self.guided is not None:
+            guided = self.guided.content()
+        board = None
+        if self.board is not None:
+            board = _board_content(self.board)
+        console = self.console
         return {
             "scene": self.scene.name,
-            "surgeon": "person" if self.seed is None else "simulated",
+            "surgeon": surgeon,
             "seed": self.seed,
-            "replay": None if not self.source else "same" if self.ran.difference is None else "differs",
+            "replay": replay,
             "ticks": self.ran.ticks,
-            "duration_s": c.duration,
-            "time_s": c.time,
-            "hands": [
-                {
-                    "hand": h.hand,
-                    "robot": h.robot,
-                    "path_mm": h.path / MM,
-                    "movements": h.movements,
-                    "moving_s": h.moving,
-                    "idle_s": h.idle,
-                    "economy": h.economy,
-                    "smoothness_sparc": h.smoothness,
-                    "grasps": h.grasps,
-                }
-                for h in self.hands
-            ],
-            "clutches": c.clutches,
-            "clutched_s": c.clutched,
-            "camera_moves": c.camera_moves,
-            "camera_s": c.camera_time,
-            "silent_s": c.silent,
-            "taps": c.taps,
-            "scale": list(c.scale),
-            "task": None if self.task is None else self.task.name,
-            "targets": [{"name": x.name, "t_s": x.t, "nearest_mm": x.nearest / MM} for x in self.touched],
-            "alignment": None
-            if (a := self.aligned) is None
-            else {
-                "time_s": a.time,
-                "align_err_deg": a.angle / DEG if np.isfinite(a.angle) else None,
-                "align_err_in_picture_deg": None if a.seen is None else a.seen / DEG,
-                "not_in_picture": a.refused or None,
-                "off_line": a.off if np.isfinite(a.off) else None,
-                "lens_path_mm": a.path / MM,
-                "hand_paths_mm": {hand: p / MM for hand, p in a.hands.items()},
-            },
-            "condition": None if (condition := self.ran.condition) is None else condition.model_dump(),
-            "forces": None
-            if (f := self.forces) is None
-            else {"on": f.on, "felt_s": dict(f.felt), "largest_n": dict(f.largest)},
-            "guided": None if self.guided is None else self.guided.content(),
+            "duration_s": console.duration,
+            "time_s": console.time,
+            "hands": hands,
+            "clutches": console.clutches,
+            "clutched_s": console.clutched,
+            "camera_moves": console.camera_moves,
+            "camera_s": console.camera_time,
+            "silent_s": console.silent,
+            "taps": console.taps,
+            "scale": list(console.scale),
+            "task": task,
+            "targets": targets,
+            "alignment": alignment,
+            "condition": condition,
+            "forces": forces_on_hands,
+            "guided": guided,
             "machines": [machine.content() for machine in self.training],
-            "board": None
-            if (board := self.board) is None
-            else {
-                "time_s": board.time,
-                "rings_transferred": board.transferred,
-                "rings_dropped": board.dropped,
-                "instrument_collisions": board.collisions,
-                "errors": board.errors,
-                "rings": [{"ring": r.ring, "peg": r.peg, "t_s": r.t, "drops": r.drops} for r in board.rings],
-            },
+            "board": board,
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the measures of hands and console, the targets, the result of the replay, and the findings."""
-        c = self.console
-        who = "a person" if self.seed is None else f"a simulated surgeon, seed {self.seed} (its habits are ASSUMED)"
-        yield f"{self.scene.name} · session of {who}\n"
-        rows = [
-            (
-                h.hand,
-                h.robot,
-                str(mm(h.path)),
-                str(h.movements),
-                f"{h.moving:.1f} s",
-                f"{h.idle:.1f} s",
-                _number(h.economy),
-                _number(h.smoothness),
-                str(h.grasps),
-            )
-            for h in self.hands
-        ]
+        surgeon = f"a simulated surgeon, seed {self.seed} (its habits are ASSUMED)"
+        if self.seed is None:
+            surgeon = "a person"
+        yield f"{self.scene.name} · session of {surgeon}\n"
         header = ("hand", "arm", "path", "movements", "moving", "idle", "economy", "SPARC", "grasps")
-        yield Table(header, rows)
+        yield Table(header, [_hand_row(hand) for hand in self.hands])
         yield ""
-        scale = f"{c.scale[0]:g}" if c.scale[0] == c.scale[1] else f"{c.scale[0]:g} to {c.scale[1]:g}"
-        console = [
-            ("time since an arm first followed a hand", f"{c.time:.1f} s of {c.duration:.1f} s"),
-            ("clutch presses", f"{c.clutches}, for {c.clutched:.1f} s; quick taps: {c.taps}"),
-            ("camera moves", f"{c.camera_moves}, for {c.camera_time:.1f} s"),
-            ("device silent", f"{c.silent:.1f} s"),
-            ("motion scale", scale),
-        ]
-        if (f := self.forces) is not None:
-            hands = "; ".join(f"{hand} {f.felt[hand]:.1f} s, at most {f.largest[hand]:.2f} N" for hand in HANDS)
-            console.append(("forces on the hands", f"on {100 * f.on:.0f} % of the time; {hands}"))
-        if (condition := self.ran.condition) is not None and condition.participant is not None:
-            console.append(("study", f"participant {condition.participant}, run {condition.run}"))
-        yield Table((), console)
-        if self.task is not None:
-            yield f"\n  {self.task.name}: {self.task.title}"
-        if self.board is not None:
-            b = self.board
-            outcome = [
-                (spoken(r.ring), spoken(r.peg), "-" if r.t is None else f"{r.t:.1f} s", str(r.drops)) for r in b.rings
-            ]
-            yield Table(("ring", "peg", "transferred at", "dropped"), outcome)
-            yield ""
-            yield Table((), b.rows())
-        elif self.guided is not None:
-            outcome = [(name, "-" if t is None else f"{t:.1f} s") for name, t in self.guided.steps.items()]
-            yield Table(("step", "done at"), outcome)
-            yield ""
-            yield Table((), self.guided.rows())
-        elif self.aligned is not None:
-            yield Table((), _aligned_rows(self.aligned))
-        elif self.task is not None:
-            targets = [
-                (x.name, "not touched" if x.t is None else f"{x.t:.1f} s", str(mm(x.nearest))) for x in self.touched
-            ]
-            yield Table(("target", "touched at", "smallest distance"), targets)
+        yield Table((), self._console_rows())
+        yield from self._task_text()
         for machine in self.training:
             yield f"\n  {machine.robot}: machine compared with its model"
             header = ("phase", "duration", "max distance to the model", "max distance to the rehearsed path", "reason")
@@ -385,6 +362,57 @@ class ConsoleSession(Result):
             yield f"\n  replay: the same bytes in all {self.ran.ticks} ticks"
         yield ""
         yield from by_severity(self.findings)
+
+    def _console_rows(self) -> list[tuple[str, str]]:
+        """Return the measures of pedals, camera and forces, and the run of a study, as rows of text."""
+        console = self.console
+        smallest, largest = console.scale
+        scale = f"{smallest:g}"
+        if smallest != largest:
+            scale = f"{smallest:g} to {largest:g}"
+        rows = [
+            ("time since an arm first followed a hand", f"{console.time:.1f} s of {console.duration:.1f} s"),
+            ("clutch presses", f"{console.clutches}, for {console.clutched:.1f} s; quick taps: {console.taps}"),
+            ("camera moves", f"{console.camera_moves}, for {console.camera_time:.1f} s"),
+            ("device silent", f"{console.silent:.1f} s"),
+            ("motion scale", scale),
+        ]
+        felt = self.forces
+        if felt is not None:
+            of_hands = []
+            for hand in HANDS:
+                of_hands.append(f"{hand} {felt.felt[hand]:.1f} s, at most {felt.largest[hand]:.2f} N")
+            text = "; ".join(of_hands)
+            percent = 100 * felt.on
+            rows.append(("forces on the hands", f"on {percent:.0f} % of the time; {text}"))
+        condition = self.ran.condition
+        if condition is not None and condition.participant is not None:
+            rows.append(("study", f"participant {condition.participant}, run {condition.run}"))
+        return rows
+
+    def _task_text(self) -> Iterator[Part]:
+        """Yield the title of the task and the outcome of each of its targets, rings or steps."""
+        if self.task is not None:
+            yield f"\n  {self.task.name}: {self.task.title}"
+        rows: list[tuple[str, ...]] = []
+        if self.board is not None:
+            for ring in self.board.rings:
+                rows.append((spoken(ring.ring), spoken(ring.peg), _time(ring.t), str(ring.drops)))
+            yield Table(("ring", "peg", "transferred at", "dropped"), rows)
+            yield ""
+            yield Table((), self.board.rows())
+        elif self.guided is not None:
+            for name, t in self.guided.steps.items():
+                rows.append((name, _time(t)))
+            yield Table(("step", "done at"), rows)
+            yield ""
+            yield Table((), self.guided.rows())
+        elif self.aligned is not None:
+            yield Table((), _aligned_rows(self.aligned))
+        elif self.task is not None:
+            for target in self.touched:
+                rows.append((target.name, _time(target.t, "not touched"), str(mm(target.nearest))))
+            yield Table(("target", "touched at", "smallest distance"), rows)
 
     def write(self, folder: Path) -> None:
         """Write the files of the session: session.csv, session.mcap (if mcap is installed), and motions.
@@ -399,7 +427,7 @@ class ConsoleSession(Result):
         if self.recorded is not None:
             (folder / FILE).write_bytes(self.recorded)
         columns = self._columns()
-        body = np.column_stack([v[::_STRIDE] for v in columns.values()])
+        body = np.column_stack(list(columns.values()))[::_STRIDE]
         np.savetxt(folder / "session.csv", body, "%.9g", ",", header=",".join(columns), comments="")
         for name, arm in self.arms.items():
             clip = self._clip(name, arm.mechanism, arm.links)
@@ -414,41 +442,45 @@ class ConsoleSession(Result):
     def _columns(self) -> dict[str, Array]:
         """Return the columns of the CSV file: {name with unit: values (k,)}."""
         kept = self.ran.kept
-        out = {"t_s": self.t, "mode": kept["console.mode"][:, 0]}
-        out |= {n: kept[f"{PEDALS}.{n}"][:, 0] for n in ("clutch", "camera", "scale")}
+        columns = {"t_s": self.t, "mode": kept["console.mode"][:, 0]}
+        for pedal in _PEDAL_SIGNALS:
+            columns[pedal] = kept[f"{PEDALS}.{pedal}"][:, 0]
         for hand in HANDS:
-            p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
-            out |= {f"{hand}_{axis}_m": p[:, i] for i, axis in enumerate("xyz")}
-            out[f"{hand}_grip_rad"] = kept[f"{hand}.grip"][:, 0]
+            _add_axes(columns, f"{hand}_", _positions(kept[f"{hand}.pose"]), "_m")
+            columns[f"{hand}_grip_rad"] = kept[f"{hand}.grip"][:, 0]
             if self.forces is not None:
-                out |= {f"{hand}_force_{axis}_n": kept[f"{hand}.force"][:, i] for i, axis in enumerate("xyz")}
+                _add_axes(columns, f"{hand}_force_", kept[f"{hand}.force"], "_n")
         for name, arm in self.arms.items():
             if f"{name}.deviation" in kept.sizes:
-                out[f"{name}_deviation_m"] = kept[f"{name}.deviation"][:, 0]
+                columns[f"{name}_deviation_m"] = kept[f"{name}.deviation"][:, 0]
             if name != self.camera:
-                out[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
-                out |= {f"{name}_tip_{axis}_m": arm.tip[:, i] for i, axis in enumerate("xyz")}
-                out[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, kept.dt)
+                columns[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
+                _add_axes(columns, f"{name}_tip_", arm.tip, "_m")
+                columns[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, kept.dt)
             for j, joint in enumerate(arm.mechanism.active):
-                out[f"{name}_{joint.name}_{'rad' if joint.is_angle else 'm'}"] = arm.q[:, j]
+                unit = "rad" if joint.is_angle else "m"
+                columns[f"{name}_{joint.name}_{unit}"] = arm.q[:, j]
         for name in self._moved:
-            p = kept[f"{name}.pose"].reshape(-1, 4, 4)[:, :3, 3]
-            out |= {f"{name}_{axis}_m": p[:, i] for i, axis in enumerate("xyz")}
-            out[f"{name}_holder"] = kept[f"{name}.holder"][:, 0]
-        return out
+            _add_axes(columns, f"{name}_", _positions(kept[f"{name}.pose"]), "_m")
+            columns[f"{name}_holder"] = kept[f"{name}.holder"][:, 0]
+        return columns
 
     @property
     def _moved(self) -> list[str]:
         """Names of the movable objects in this session."""
-        return [o.name for o in self.scene.objects if f"{o.name}.pose" in self.ran.kept.sizes]
+        signals = self.ran.kept.sizes
+        return [movable.name for movable in self.scene.objects if f"{movable.name}.pose" in signals]
 
     def _write_objects(self, folder: Path) -> None:
         from twin.exchange.formats.glb.write import write_glb
         from twin.exchange.formats.tracks.write import write_tracks
         from twin.exchange.formats.usd.write import write_usd
 
-        mechanism = together([o for o in self.scene.objects if o.name in self._moved])
-        poses = {name: self.ran.kept[f"{name}.pose"].reshape(-1, 4, 4) for name in self._moved}
+        moved = self._moved
+        mechanism = together([movable for movable in self.scene.objects if movable.name in moved])
+        poses: dict[str, Array] = {}
+        for name in moved:
+            poses[name] = self.ran.kept[f"{name}.pose"].reshape(-1, 4, 4)
         poses[mechanism.base] = np.broadcast_to(np.eye(4), (len(self.t), 4, 4))
         clip = self._clip("objects", mechanism, poses)
         folder.mkdir()
@@ -461,16 +493,21 @@ class ConsoleSession(Result):
         from twin.exchange.write.sampled import coordinates
 
         keys = key_rows(len(self.t), _STRIDE)
-        links = {n: np.round(T, 13) + 0.0 for n, T in poses.items()}
-        reaches = {b.name: extremes(mechanism, b) for b in mechanism.bodies}
-        at_keys = {n: T[keys] for n, T in links.items()}
+        links: dict[str, Array] = {}
+        at_keys: dict[str, Array] = {}
+        for link, Ts in poses.items():
+            # rounded, and + 0.0 against negative zeros, so that each processor writes the same text
+            rounded = np.round(Ts, 13) + 0.0
+            links[link] = rounded
+            at_keys[link] = rounded[keys]
+        reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
         return Clip(
             "session",
             f"{name} in a session of {self.scene.name}",
             self.t[keys],
             at_keys,
             coordinates(mechanism, at_keys),
-            tuple(j.name for j in mechanism.active),
+            tuple(joint.name for joint in mechanism.active),
             (("session", 0.0, float(self.t[-1])),),
             1 / (_STRIDE * self.ran.kept.dt),
             measure_between(mechanism, self.t, links, keys, reaches),
@@ -482,7 +519,9 @@ class ConsoleSession(Result):
     def _write_mcap(self, path: Path) -> None:
         from twin.exchange.formats.mcap.write import write_mcap
 
-        links, joints, kept = {}, {}, self.ran.kept
+        kept = self.ran.kept
+        links: dict[str, Array] = {}
+        joints: dict[str, Array] = {}
         for name in self._moved:
             links[name] = kept[f"{name}.pose"].reshape(-1, 4, 4)[::_STRIDE]
         for name, arm in self.arms.items():
@@ -491,25 +530,133 @@ class ConsoleSession(Result):
             for j, joint in enumerate(arm.mechanism.active):
                 joints[f"{name}/{joint.name}"] = arm.q[::_STRIDE, j]
         console = {"mode": kept["console.mode"][::_STRIDE, 0]}
-        console |= {n: kept[f"{PEDALS}.{n}"][::_STRIDE, 0] for n in ("clutch", "camera", "scale")}
-        console |= {f"{hand}_grip": kept[f"{hand}.grip"][::_STRIDE, 0] for hand in HANDS}
+        for pedal in _PEDAL_SIGNALS:
+            console[pedal] = kept[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
+        for hand in HANDS:
+            console[f"{hand}_grip"] = kept[f"{hand}.grip"][::_STRIDE, 0]
         write_mcap(path, self.t[::_STRIDE], links, joints, console)
 
 
-def _aligned_rows(a: AlignMeasures) -> list[tuple[str, str]]:
-    angle = "-" if np.isnan(a.angle) else f"{a.angle / DEG:+.3f} deg"
-    return [
-        ("AlignErr by projection", angle),
-        ("AlignErr in the picture", "-" if a.seen is None else f"{a.seen / DEG:+.3f} deg"),
-        (
-            "distance between the ends of the rectangle's upper side and of the line",
-            "-" if np.isnan(a.off) else f"{a.off:.1%} of its length",
-        ),
-        ("time from the first press of the camera pedal to the last motion", f"{a.time:.1f} s"),
-        ("path of the lens", str(mm(a.path))),
-        *((f"path of the {hand} hand while it moved the camera", str(mm(p))) for hand, p in a.hands.items()),
+def _differs(difference: Difference) -> Finding:
+    """Return the finding on a replay that differs from its recording."""
+    if difference.signal:
+        extent = f"the largest difference is {difference.size:.3g} in {difference.signal}"
+    else:
+        extent = f"at {difference.t1:g} s, all signals are equal again"
+    return disagreement(
+        "session.differs",
+        difference.signal,
+        "the replay gives other bytes than the recording, first between "
+        f"{difference.t0:g} and {difference.t1:g} s; {extent}",
+        suggestion="replay with the twin version and the processor type of the recording",
+        when=f"{difference.t0:g} .. {difference.t1:g} s",
+    )
+
+
+def _hand_content(hand: ArmMeasures) -> JsonObject:
+    return {
+        "hand": hand.hand,
+        "robot": hand.robot,
+        "path_mm": hand.path / MM,
+        "movements": hand.movements,
+        "moving_s": hand.moving,
+        "idle_s": hand.idle,
+        "economy": hand.economy,
+        "smoothness_sparc": hand.smoothness,
+        "grasps": hand.grasps,
+    }
+
+
+def _hand_row(hand: ArmMeasures) -> tuple[str, ...]:
+    return (
+        hand.hand,
+        hand.robot,
+        str(mm(hand.path)),
+        str(hand.movements),
+        f"{hand.moving:.1f} s",
+        f"{hand.idle:.1f} s",
+        _number(hand.economy),
+        _number(hand.smoothness),
+        str(hand.grasps),
+    )
+
+
+def _alignment_content(aligned: AlignMeasures) -> JsonObject:
+    # JSON has no NaN, which the measures have if the rectangle is behind the lens
+    angle = None
+    if np.isfinite(aligned.angle):
+        angle = aligned.angle / DEG
+    angle_in_picture = None
+    if aligned.seen is not None:
+        angle_in_picture = aligned.seen / DEG
+    off_line = None
+    if np.isfinite(aligned.off):
+        off_line = aligned.off
+    return {
+        "time_s": aligned.time,
+        "align_err_deg": angle,
+        "align_err_in_picture_deg": angle_in_picture,
+        "not_in_picture": aligned.refused or None,
+        "off_line": off_line,
+        "lens_path_mm": aligned.path / MM,
+        "hand_paths_mm": {hand: path / MM for hand, path in aligned.hands.items()},
+    }
+
+
+def _board_content(board: BoardMeasures) -> JsonObject:
+    of_rings = []
+    for ring in board.rings:
+        of_rings.append({"ring": ring.ring, "peg": ring.peg, "t_s": ring.t, "drops": ring.drops})
+    return {
+        "time_s": board.time,
+        "rings_transferred": board.transferred,
+        "rings_dropped": board.dropped,
+        "instrument_collisions": board.collisions,
+        "errors": board.errors,
+        "rings": of_rings,
+    }
+
+
+def _aligned_rows(aligned: AlignMeasures) -> list[tuple[str, str]]:
+    projected = "-"
+    if not np.isnan(aligned.angle):
+        projected = f"{aligned.angle / DEG:+.3f} deg"
+    in_picture = "-"
+    if aligned.seen is not None:
+        in_picture = f"{aligned.seen / DEG:+.3f} deg"
+    off_line = "-"
+    if not np.isnan(aligned.off):
+        off_line = f"{aligned.off:.1%} of its length"
+    rows = [
+        ("AlignErr by projection", projected),
+        ("AlignErr in the picture", in_picture),
+        ("distance between the ends of the rectangle's upper side and of the line", off_line),
+        ("time from the first press of the camera pedal to the last motion", f"{aligned.time:.1f} s"),
+        ("path of the lens", str(mm(aligned.path))),
     ]
+    for hand, path in aligned.hands.items():
+        rows.append((f"path of the {hand} hand while it moved the camera", str(mm(path))))
+    return rows
+
+
+def _add_axes(columns: dict[str, Array], prefix: str, vectors: Array, suffix: str) -> None:
+    """Add a column for each axis of vectors (k, 3)."""
+    for i, axis in enumerate("xyz"):
+        columns[f"{prefix}{axis}{suffix}"] = vectors[:, i]
+
+
+def _positions(poses: Array) -> Array:
+    """Return the positions (k, 3) of poses (k, 16)."""
+    return poses.reshape(-1, 4, 4)[:, :3, 3]
+
+
+def _time(t: float | None, never: str = "-") -> str:
+    if t is None:
+        return never
+    return f"{t:.1f} s"
 
 
 def _number(value: float) -> str:
-    return str(Quantity(value)) if np.isfinite(value) else "-"
+    if not np.isfinite(value):
+        return "-"
+    return str(Quantity(value))

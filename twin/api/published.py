@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from twin.validation.closed_form import JudgedForm
     from twin.validation.groups import GroupTables, Recomputed
     from twin.validation.masses.collect import MassSource
+    from twin.validation.masses.possible import JudgedInertia
 
 _NEXT = "compare the numbers above with the document; if the document prints them, also cite the recomputed numbers"
 
@@ -47,7 +48,9 @@ class Study(Result):
     @property
     def what_to_do(self) -> str:
         """What to do about values that do not follow from the printed rows, in one line; "" if all values follow."""
-        return _NEXT if self.verdict == "disagree" else ""
+        if self.verdict == "disagree":
+            return _NEXT
+        return ""
 
     def content(self) -> JsonObject:
         """Return the suggestion and the recomputed tables as plain data."""
@@ -61,10 +64,14 @@ class Study(Result):
             yield table
             yield ""
         yield from by_severity(self.findings)
-        n = sum(f.severity == "disagreement" for f in self.findings)
+        disagreements = [finding for finding in self.findings if finding.severity == "disagreement"]
+        count = len(disagreements)
+        noun = "inconsistency"
+        if count > 1:
+            noun = "inconsistencies"
         words = {
             "agree": f"AGREE: {self.what} are consistent",
-            "disagree": f"DISAGREE: {n} {'inconsistencies' if n > 1 else 'inconsistency'} in {self.what}",
+            "disagree": f"DISAGREE: {count} {noun} in {self.what}",
             "unchecked": f"UNCHECKED: some of {self.what} could not be checked",
         }
         yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
@@ -81,48 +88,69 @@ def study(source: Robot | str | Path) -> Result:
     Raises:
         TwinError: there is nothing to recompute, or a file is malformed.
     """
-    if not isinstance(source, Robot) and Path(source).suffix == ".toml":
-        return _users([Path(source)])
-    if not isinstance(source, Robot) and Path(source).suffix == ".csv":
+    if isinstance(source, Robot):
+        return _study_of_robot(source)
+    path = Path(source)
+    if path.suffix == ".toml":
+        return _users([path])
+    if path.suffix == ".csv":
         from twin.validation.ranks import compare
 
-        return compare(Path(source))
-    if not isinstance(source, Robot) and (paths := assets.studies(str(source))):
-        return _users(paths)
-    robot = source if isinstance(source, Robot) else load(source)
-    paths = sorted((robot.files.trajectories / "study").glob("*.toml")) if robot.files is not None else []
-    if paths:
-        return _users(paths)
-    if robot.files is None or not (robot.files.cad / "exhibit.toml").is_file():
-        raise TwinError(
-            f"{robot.name} has no study file and no published inertia tables (cad/exhibit.toml); give the path "
-            "of a study file"
-        )
-    return _inertias(robot.files.cad / "exhibit.toml")
+        return compare(path)
+    # studies of what is not a robot, such as a console
+    study_files = assets.studies(str(source))
+    if study_files:
+        return _users(study_files)
+    robot = load(source)
+    return _study_of_robot(robot)
+
+
+def _study_of_robot(robot: Robot) -> Study:
+    """Recompute the study files of a robot or, if it has none, its published inertia tables."""
+    if robot.files is not None:
+        folder = robot.files.trajectories / "study"
+        study_files = sorted(folder.glob("*.toml"))
+        if study_files:
+            return _users(study_files)
+        exhibit = robot.files.cad / "exhibit.toml"
+        if exhibit.is_file():
+            return _inertias(exhibit)
+    raise TwinError(
+        f"{robot.name} has no study file and no published inertia tables (cad/exhibit.toml); give the path "
+        "of a study file"
+    )
 
 
 def _users(paths: Sequence[Path]) -> Study:
     from twin.validation import study
 
-    titles, tables, data, findings = [], [], [], []
+    titles: list[tuple[str, str]] = []
+    tables: list[Table] = []
+    data: list[JsonObject] = []
+    findings: list[Finding] = []
     for path in paths:
         if _grouped(path):
-            printed, made = _groups(path)
-            findings += made.findings
-            data.append({"title": printed.title, "source": printed.source, **made.data})
-            titles += [(printed.title, printed.source), *(("", "") for _ in made.tables[1:])]
-            tables += made.tables
+            printed, recomputed = _groups(path)
+            findings += recomputed.findings
+            data.append({"title": printed.title, "source": printed.source, **recomputed.data})
+            titles.append((printed.title, printed.source))
+            for _ in recomputed.tables[1:]:
+                titles.append(("", ""))  # of the same document as the table before
+            tables += recomputed.tables
             continue
         printed = study.load(path)
         rows, found = study.recompute(printed)
         findings += found
-        data.append({"title": printed.title, "source": printed.source, "rows": [r.as_dict() for r in rows]})
+        data.append({"title": printed.title, "source": printed.source, "rows": [row.as_dict() for row in rows]})
         titles.append((printed.title, printed.source))
-        lines = [
-            (r.name, f"{r.printed_p:.2f}", f"{p:.3f}", name, "agrees with the printed p" if name == r.test() else "")
-            for r in rows
-            for name, p in r.tests.items()
-        ]
+        lines = []
+        for row in rows:
+            agreeing_test = row.test()
+            for test, p in row.tests.items():
+                note = ""
+                if test == agreeing_test:
+                    note = "agrees with the printed p"
+                lines.append((row.name, f"{row.printed_p:.2f}", f"{p:.3f}", test, note))
         tables.append(Table(("", "printed p", "p", "test", ""), lines))
     what = "the printed means, p-values and claims"
     return Study(what, tuple(titles), tuple(tables), {"studies": data}, tuple(findings))
@@ -133,7 +161,8 @@ def _grouped(path: Path) -> bool:
     import tomllib
 
     try:
-        return "group" in tomllib.loads(path.read_text("utf-8"))
+        text = path.read_text("utf-8")
+        return "group" in tomllib.loads(text)
     except (OSError, ValueError, RecursionError):
         return False
 
@@ -144,8 +173,10 @@ def _groups(path: Path) -> tuple[GroupTables, Recomputed]:
     from twin.validation import accuracy, groups
 
     printed = groups.load(path)
-    made = groups.recompute(printed, lambda c: accuracy.measure(the_console(), c.displacements, c.resolution_mm * MM))
-    return printed, made
+    recomputed = groups.recompute(
+        printed, lambda c: accuracy.measure(the_console(), c.displacements, c.resolution_mm * MM)
+    )
+    return printed, recomputed
 
 
 def _inertias(path: Path) -> Study:
@@ -153,16 +184,23 @@ def _inertias(path: Path) -> Study:
 
     exhibit = audit.load(path)
     rows, findings = audit.recompute(exhibit)
-    lines = [
-        (r.name, "yes" if r.definite else "NO", f"{r.slack:.2g}", f"{r.mass_printed:.3f}", f"{r.mass_negated:.3f}")
-        for r in rows
-    ]
-    plain, negated = sum(r.mass_printed for r in rows), sum(r.mass_negated for r in rows)
-    lines.append(("sum", "", "", f"{plain:.2f}", f"{negated:.2f}"))
+    lines = []
+    sum_printed = 0.0
+    sum_negated = 0.0
+    for row in rows:
+        definite = "NO"
+        if row.definite:
+            definite = "yes"
+        masses = (f"{row.mass_printed:.3f}", f"{row.mass_negated:.3f}")
+        lines.append((row.name, definite, f"{row.slack:.2g}", *masses))
+        sum_printed += row.mass_printed
+        sum_negated += row.mass_negated
+    lines.append(("sum", "", "", f"{sum_printed:.2f}", f"{sum_negated:.2f}"))
     head = ("row", "positive definite", "triangle slack", "minimum mass [kg], as printed", "products negated")
-    data = {"title": exhibit.title, "source": exhibit.source, "rows": [r.as_dict() for r in rows]}
+    data = {"title": exhibit.title, "source": exhibit.source, "rows": [row.as_dict() for row in rows]}
     title = (exhibit.title, exhibit.source)
-    return Study("the printed masses and inertias", (title,), (Table(head, lines),), data, tuple(findings))
+    table = Table(head, lines)
+    return Study("the printed masses and inertias", (title,), (table,), data, tuple(findings))
 
 
 @dataclass(frozen=True)
@@ -181,37 +219,33 @@ class Masses(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings on physically impossible and implausible masses."""
-        return tuple(f for s in self.sources for f in s.all_findings)
+        findings: list[Finding] = []
+        for source in self.sources:
+            findings += source.all_findings
+        return tuple(findings)
 
     def content(self) -> JsonObject:
         """Return the robot's name, and the bodies of each source, as plain data."""
-        data = [{"title": s.title, "bodies": [b.as_dict() for b in s.bodies]} for s in self.sources]
+        data = []
+        for source in self.sources:
+            bodies = [body.as_dict() for body in source.bodies]
+            data.append({"title": source.title, "bodies": bodies})
         return {"name": self.robot, "sources": data}
 
     def text(self) -> Iterator[Part]:
         """Yield a table and the findings of each source."""
         for source in self.sources:
             yield f"{self.robot}: {source.title}"
-            rows = [
-                (
-                    b.name,
-                    "-" if b.mass is None else f"{b.mass:.4g}",
-                    f"{b.least:.4g}",
-                    f"{b.slack:.3g}",
-                    f"{b.definite:.1e}",
-                    "-" if math.isnan(b.density) else f"{b.density:.0f}",
-                    "-"
-                    if math.isnan(b.outside)
-                    else "inside"
-                    if b.outside == 0
-                    else f"{1e3 * b.outside:.1f} mm outside",
-                    "" if not b.findings else "FAILED" if verdict(b.findings) != "agree" else "warning",
-                )
-                for b in source.bodies
-            ]
-            least = sum(b.least for b in source.bodies)
-            stated = sum(b.mass or 0.0 for b in source.bodies)
-            rows.append(("sum", f"{stated:.4g}" if stated else "-", f"{least:.4g}", "", "", "", "", ""))
+            rows = [_body_row(body) for body in source.bodies]
+            least = 0.0
+            stated = 0.0
+            for body in source.bodies:
+                least += body.least
+                stated += body.mass or 0.0
+            sum_stated = "-"
+            if stated:
+                sum_stated = f"{stated:.4g}"
+            rows.append(("sum", sum_stated, f"{least:.4g}", "", "", "", "", ""))
             head = (
                 "body",
                 "mass kg",
@@ -227,6 +261,30 @@ class Masses(Result):
             yield from by_severity(source.all_findings)
             if source.all_findings:
                 yield ""
+
+
+def _body_row(body: JudgedInertia) -> tuple[str, ...]:
+    """Return the texts of one row of the table of bodies; "-" for what is not stated or not known."""
+    mass = "-"
+    if body.mass is not None:
+        mass = f"{body.mass:.4g}"
+    density = "-"
+    if not math.isnan(body.density):
+        density = f"{body.density:.0f}"
+    if math.isnan(body.outside):
+        centre = "-"
+    elif body.outside == 0:
+        centre = "inside"
+    else:
+        outside_mm = 1e3 * body.outside
+        centre = f"{outside_mm:.1f} mm outside"
+    if not body.findings:
+        note = ""
+    elif verdict(body.findings) == "agree":
+        note = "warning"
+    else:
+        note = "FAILED"
+    return (body.name, mass, f"{body.least:.4g}", f"{body.slack:.3g}", f"{body.definite:.1e}", density, centre, note)
 
 
 def masses(robot: Robot, progress: Progress = silent) -> Masses:
@@ -245,18 +303,21 @@ def masses(robot: Robot, progress: Progress = silent) -> Masses:
         cad = robot.weighed().cad
         weighed = cad.mechanism
         computed = collect.of_mechanism(weighed, "computed from the CAD")
-        reasons = tuple(f for f in cad.findings if f.code in ("cad.open_mesh", "cad.no_material"))
+        # why a body of the CAD has no mass
+        reasons = [finding for finding in cad.findings if finding.code in ("cad.open_mesh", "cad.no_material")]
         sources.append(replace(computed, findings=(*computed.findings, *reasons)))
         if robot.files.stage.is_file():
             from twin.usd.read import read_stage
 
             progress("USD stage", 0.0)
-            sources.append(collect.of_mechanism(read_stage(robot.files.stage), f"stage {robot.files.stage.name}"))
+            on_stage = read_stage(robot.files.stage)
+            sources.append(collect.of_mechanism(on_stage, f"stage {robot.files.stage.name}"))
         if (robot.files.cad / "inertia.toml").is_file():
             sources.append(collect.of_table(robot.files.cad, weighed))
-        if (robot.files.cad / "exhibit.toml").is_file():
-            sources.append(collect.of_exhibit(robot.files.cad / "exhibit.toml"))
-    if not any(s.bodies for s in sources):
+        exhibit = robot.files.cad / "exhibit.toml"
+        if exhibit.is_file():
+            sources.append(collect.of_exhibit(exhibit))
+    if not any(source.bodies for source in sources):
         raise TwinError(f"{robot.name}: no mass is stated; give materials with densities, or an inertia.toml")
     return Masses(robot.name, tuple(sources))
 
@@ -285,24 +346,35 @@ class PublishedMotion(Result):
 
     def content(self) -> JsonObject:
         """Return the compared rows, the cause of the differences, and the violated properties, as plain data."""
-        j = self.judged
-        rows = [{"term": r.term, "worst": r.worst, "unit": r.unit, "limit": r.limit} for r in j.rows]
-        about = {"name": self.robot, "source": self.source, "states": self.states, "cause": j.cause}
-        return {**about, "rows": rows, "power_balance": j.balance, "smallest_eigenvalue": j.least}
+        rows = []
+        for row in self.judged.rows:
+            rows.append({"term": row.term, "worst": row.worst, "unit": row.unit, "limit": row.limit})
+        return {
+            "name": self.robot,
+            "source": self.source,
+            "states": self.states,
+            "cause": self.judged.cause,
+            "rows": rows,
+            "power_balance": self.judged.balance,
+            "smallest_eigenvalue": self.judged.least,
+        }
 
     def text(self) -> Iterator[Part]:
         """Yield a row for each compared term, the findings, the cause of the differences, and the verdict."""
-        j = self.judged
+        judged = self.judged
         yield f"{self.robot}: equations of motion against the mechanism, {self.states} random states"
         yield f"  {self.source}\n"
-        yield Table(
-            ("term", "largest difference", "limit", ""),
-            [(r.term, f"{r.worst:.2e} {r.unit}", f"{r.limit:g}", "ok" if r.agrees else "DIFFERS") for r in j.rows],
-        )
-        yield f"\n  power balance {j.balance:.1e} (relative); smallest eigenvalue of M {j.least:.3g}\n"
+        rows = []
+        for row in judged.rows:
+            outcome = "DIFFERS"
+            if row.agrees:
+                outcome = "ok"
+            rows.append((row.term, f"{row.worst:.2e} {row.unit}", f"{row.limit:g}", outcome))
+        yield Table(("term", "largest difference", "limit", ""), rows)
+        yield f"\n  power balance {judged.balance:.1e} (relative); smallest eigenvalue of M {judged.least:.3g}\n"
         yield from by_severity(self.findings)
-        if j.cause:
-            yield f"  one edit explains all differences: {j.cause}"
+        if judged.cause:
+            yield f"  one edit explains all differences: {judged.cause}"
         yield self.word
 
 
@@ -318,13 +390,15 @@ def equations_of_motion(robot: Robot, states: int = 200) -> PublishedMotion:
     from twin.simulation.dynamics.arm import arm
     from twin.validation.closed_form import judge
 
-    form = robot.formula.motion if robot.formula is not None else None
+    form = robot.formula.motion
     if form is None or robot.files is None:
         raise TwinError(
             f"{robot.name} has no published equations of motion; of the built-in robots, raven_left and raven_right do"
         )
-    dynamics = arm(robot.mechanism, inertia.of_robot(robot.files.cad)).dynamics()
-    return PublishedMotion(robot.name, form.source, states, judge(form, dynamics, states))
+    masses_of_bodies = inertia.of_robot(robot.files.cad)
+    dynamics = arm(robot.mechanism, masses_of_bodies).dynamics()
+    judged = judge(form, dynamics, states)
+    return PublishedMotion(robot.name, form.source, states, judged)
 
 
 def console(
