@@ -489,17 +489,12 @@ class ConsoleSession(Result):
         write_usd(mechanism, [clip], folder / "usd")
 
     def _clip(self, name: str, mechanism: Mechanism, poses: Mapping[str, Array]) -> Clip:
-        from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between
+        from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between, rounded
         from twin.exchange.write.sampled import coordinates
 
         keys = key_rows(len(self.t), _STRIDE)
-        links: dict[str, Array] = {}
-        at_keys: dict[str, Array] = {}
-        for link, Ts in poses.items():
-            # rounded, and + 0.0 against negative zeros, so that each processor writes the same text
-            rounded = np.round(Ts, 13) + 0.0
-            links[link] = rounded
-            at_keys[link] = rounded[keys]
+        links = rounded(poses)
+        at_keys = {link: Ts[keys] for link, Ts in links.items()}
         reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
         return Clip(
             "session",

@@ -6,7 +6,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -32,8 +32,11 @@ if TYPE_CHECKING:
     from twin.reference import ReferenceModel
     from twin.reference.dynamics import Dynamics
 
-_TRIED_LENGTH, _TRIED_ANGLE = 0.02, 0.3
-"""Steps of a joint in m and rad to states at which forward equations are tried; see `Robot.path_kinematics`."""
+_TRIED_LENGTH = 0.02
+"""Step of a prismatic joint in m to states at which forward equations are tried; see `Robot.path_kinematics`."""
+
+_TRIED_ANGLE = 0.3
+"""The same step of a revolute joint, in rad."""
 
 _TRIED_ERROR = 1e-6
 """Largest difference of tool poses, in m or as an entry of a rotation, with which these equations count as right."""
@@ -55,7 +58,9 @@ class Source:
     """The CAD or USD stage of a robot, read once and shared by all robots with this source."""
 
     def __init__(self, files: assets.RobotFiles | None, stage: Path | None, tool: str | None = None) -> None:
-        self.files, self.stage, self.tool = files, stage, tool
+        self.files = files
+        self.stage = stage
+        self.tool = tool
 
     @cached_property
     def cad(self) -> CadModel:
@@ -77,9 +82,8 @@ class Source:
     @property
     def _files(self) -> assets.RobotFiles:
         if self.files is None:
-            raise TwinError(
-                f"{self.stage.stem if self.stage else 'the robot'} was loaded from a USD stage: it has no CAD"
-            )
+            name = self.stage.stem if self.stage else "the robot"
+            raise TwinError(f"{name} was loaded from a USD stage: it has no CAD")
         return self.files
 
     @cached_property
@@ -88,7 +92,8 @@ class Source:
         from twin.usd.read import read_stage, with_tool
 
         assert self.stage is not None
-        return with_tool(read_stage(self.stage), self.tool)
+        mechanism = read_stage(self.stage)
+        return with_tool(mechanism, self.tool)
 
     def _read(self, with_mass: bool) -> CadModel:
         from twin.cad.build import read_mechanism
@@ -140,7 +145,11 @@ class Robot:
     @property
     def name(self) -> str:
         """Name of the robot's folder, or of the stage's file."""
-        return self.files.name if self.files is not None else self.source.stage.stem if self.source.stage else ""
+        if self.files is not None:
+            return self.files.name
+        if self.source.stage is not None:
+            return self.source.stage.stem
+        return ""
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r})"
@@ -154,28 +163,42 @@ class Robot:
         """
         if self.files is None:
             raise TwinError(f"{self.name} was loaded from a USD stage: it has no CAD")
-        cad = self.source.weighed if self.is_weighed else self.source.cad
-        return replace(cad, mechanism=self._placed(self.changed or cad.mechanism))
+        if self.is_weighed:
+            cad = self.source.weighed
+        else:
+            cad = self.source.cad
+        mechanism = self._placed(self.changed or cad.mechanism)
+        return replace(cad, mechanism=mechanism)
 
     @cached_property
     def mechanism(self) -> Mechanism:
         """Bodies, joints and loops, from the CAD or from the stage."""
         if self.source.stage is None:
             return self.cad.mechanism
-        return self._placed(self.changed or self.source.opened[0])
+        if self.changed is not None:
+            return self._placed(self.changed)
+        mechanism, _ = self.source.opened
+        return self._placed(mechanism)
 
     @property
     def gaps(self) -> tuple[tuple[str, str, float], ...]:
         """(lower joint, upper joint, minimum difference upper - lower in m) of joints on one rail; () for a stage."""
-        return () if self.files is None else self.cad.gaps
+        if self.files is None:
+            return ()
+        return self.cad.gaps
 
     @property
     def tool_note(self) -> str:
         """Note on the assumed tool if the robot's USD stage names no tool; else ""."""
-        return "" if self.source.stage is None else self.source.opened[1]
+        if self.source.stage is None:
+            return ""
+        _, note = self.source.opened
+        return note
 
     def _placed(self, mechanism: Mechanism) -> Mechanism:
-        return mechanism.with_trocars(self.trocars) if self.trocars else mechanism
+        if not self.trocars:
+            return mechanism
+        return mechanism.with_trocars(self.trocars)
 
     def kinematics(
         self, variants: Mapping[str, str] | str | None = None, parameters: Mapping[str, float] | None = None
@@ -191,9 +214,13 @@ class Robot:
             return self._kinematics
         from twin.kinematics import compile_formula
 
-        chosen = self.chosen_variants if variants is None else variants
-        formula, values = self.formula, {**self.parameters, **(parameters or {})}
-        return compile_formula(formula, chosen, values, self._extra_joints([j.name for j in formula.joints]))
+        if variants is None:
+            variants = self.chosen_variants
+        formula = self.formula
+        values = {**self.parameters, **(parameters or {})}
+        names_in_equations = [joint.name for joint in formula.joints]
+        extra_joints = self._extra_joints(names_in_equations)
+        return compile_formula(formula, variants, values, extra_joints)
 
     def _extra_joints(self, names: Sequence[str]) -> Sequence[ExtraJoint]:
         """Return the driven joints that are not in the equations; `names` are the joints of the equations.
@@ -202,7 +229,8 @@ class Robot:
         """
         if self.files is not None:
             with contextlib.suppress(TwinError):  # these errors are raised again when the mechanism is read
-                if all(j.name in names for j in self.source.description.joint if j.active):
+                active = {joint.name for joint in self.source.description.joint if joint.active}
+                if active <= set(names):
                     return ()
         return self.mechanism.extra_joints(names)
 
@@ -250,7 +278,10 @@ class Robot:
         """
         from twin.planning.link_motion import link_motion
 
-        return link_motion(self.loops, trajectory, times, None if self.unwritten else self._kinematics.inverse_many)
+        inverse = None
+        if not self.unwritten:
+            inverse = self._kinematics.inverse_many
+        return link_motion(self.loops, trajectory, times, inverse)
 
     @property
     def unwritten(self) -> bool:
@@ -260,7 +291,7 @@ class Robot:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the active joints, in the order of q."""
-        return tuple(j.name for j in self.mechanism.active)
+        return tuple(joint.name for joint in self.mechanism.active)
 
     @property
     def variants(self) -> dict[str, tuple[str, ...]]:
@@ -270,7 +301,7 @@ class Robot:
     @property
     def frames(self) -> tuple[str, ...]:
         """Names of the robot's frames."""
-        return tuple(f.name for f in self.mechanism.frames)
+        return tuple(frame.name for frame in self.mechanism.frames)
 
     def inverse(
         self, T_base_tool: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None
@@ -283,8 +314,11 @@ class Robot:
         Raises:
             KinematicsError: a pose is out of reach; for several poses, the message names the index of the first one.
         """
-        kin, T = self.kinematics(variant), np.asarray(T_base_tool, float)
-        return kin.inverse(T, seed) if T.ndim == 2 else kin.inverse_of_all(T, seed)
+        kin = self.kinematics(variant)
+        T = np.asarray(T_base_tool, float)
+        if T.ndim == 2:
+            return kin.inverse(T, seed)
+        return kin.inverse_of_all(T, seed)
 
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
@@ -294,13 +328,17 @@ class Robot:
         Raises:
             KinematicsError: for q (n,), there is no assembly, or no assembly on that branch.
         """
-        kin, q = self.kinematics(variant), np.asarray(q, float)
-        return kin.forward(q, seed) if q.ndim == 1 else kin.forward_many(q, seed)
+        kin = self.kinematics(variant)
+        q = np.asarray(q, float)
+        if q.ndim == 1:
+            return kin.forward(q, seed)
+        return kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
         """Return the Jacobian (6, n) from rates of the active joints to the tool twist in base, linear rows first."""
         kin = self._kinematics
-        return kin.jacobian(kin.forward(np.asarray(q, float), seed), q)
+        T = kin.forward(np.asarray(q, float), seed)
+        return kin.jacobian(T, q)
 
     def solve(
         self, task: Task, seed: Array | None = None, *, method: Literal["joints", "points"] = "joints"
@@ -340,7 +378,9 @@ class Robot:
         """
         from twin.reference.dynamics import Dynamics
 
-        return Dynamics(self.mechanism if self.files is None else self.weighed().mechanism)
+        if self.files is None:
+            return Dynamics(self.mechanism)
+        return Dynamics(self.weighed().mechanism)
 
     def protocol(self, name: str | Path | None = None) -> Protocol:
         """Return the protocol with a name or path; default: the robot's default protocol.
@@ -351,19 +391,24 @@ class Robot:
         from twin.planning.protocol import load_protocol
         from twin.schema import error_at
 
-        given = name is not None and Path(name).suffix == ".toml"
-        if given:
+        is_path = name is not None and Path(name).suffix == ".toml"
+        if is_path:
             path = Path(str(name))
         elif self.files is None:
             raise TwinError(f"{self.name} was loaded from a USD stage: give the path of a protocol file")
         else:
             path = self.files.protocol(str(name or self.source.description.default_protocol))
-        protocol = load_protocol(path) if self.files is None else load_protocol(path, self.files.read)
-        if not given and protocol.name != path.stem:
+        if self.files is None:
+            protocol = load_protocol(path)
+        else:
+            protocol = load_protocol(path, self.files.read)
+        if not is_path and protocol.name != path.stem:
             raise error_at(path, ("name",), f"'{protocol.name}' must be the file's name, '{path.stem}'")
         if protocol.robot != self.name:
             raise error_at(path, ("robot",), f"the protocol is written for '{protocol.robot}', not for '{self.name}'")
-        return protocol if self.timing is None else replace(protocol, timing=self.timing)
+        if self.timing is None:
+            return protocol
+        return replace(protocol, timing=self.timing)
 
     def bound(self, protocol: Protocol) -> Robot:
         """Return the robot with its trocars at the positions that the protocol states; without any, the same robot.
@@ -378,12 +423,12 @@ class Robot:
         places = protocol.places_of(trocars)
         if not places:
             return self
-        at = {
-            f"trocar_{axis}" if len(trocars) == 1 else f"trocar_{name}_{axis}": float(v)
-            for name, place in places.items()
-            for axis, v in zip("xyz", place, strict=True)
-        }
-        return replace(self, parameters={**self.parameters, **at}, trocars={**self.trocars, **places})
+        coordinates: dict[str, float] = {}
+        for name, place in places.items():
+            prefix = "trocar" if len(trocars) == 1 else f"trocar_{name}"
+            for axis, value in zip("xyz", place, strict=True):
+                coordinates[f"{prefix}_{axis}"] = float(value)
+        return replace(self, parameters={**self.parameters, **coordinates}, trocars={**self.trocars, **places})
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
         """Return the robot with these parameter values (SI) in its equations."""
@@ -442,26 +487,34 @@ class Robot:
             raise TwinError(f"{self.name} was loaded from a USD stage: there is no CAD to compute masses from")
         if self.is_weighed:
             return self
-        out = replace(self, is_weighed=True)
+        weighed = replace(self, is_weighed=True)
         for name in ("formula", "_kinematics"):  # masses do not affect the equations: keep the compiled functions
             if name in vars(self):
-                vars(out)[name] = vars(self)[name]
-        return out
+                vars(weighed)[name] = vars(self)[name]
+        return weighed
 
     def _forward_holds(self, kin: Kinematics) -> bool:
         """Return whether the forward equations give the mechanism's tool poses at home and with each joint moved."""
         model = self.reference()
         home = model.home().q
-        active = model.mechanism.active
         low, high = model.mechanism.limits.T
-        steps = np.diag([_TRIED_ANGLE if j.is_angle else _TRIED_LENGTH for j in active])
+        sizes = []
+        for joint in model.mechanism.active:
+            sizes.append(_TRIED_ANGLE if joint.is_angle else _TRIED_LENGTH)
+        steps = np.diag(sizes)  # one joint in each row
+        # away from an upper limit that the step would exceed
         moved = np.where(home + steps <= high, home + steps, home - steps)
+        states = np.vstack([home, np.clip(moved, low, high)])
         try:
-            run = model.run(np.vstack([home, np.clip(moved, low, high)]))
+            run = model.run(states)
         except AssemblyError:  # the plan will name the loop that opens
             return True
         Ts = kin.forward_many(run.q)
-        return bool(np.nanmax(np.abs(Ts - run.Ts_base_tool), initial=0.0) <= _TRIED_ERROR and np.isfinite(Ts).any())
+        if not np.isfinite(Ts).any():
+            return False
+        errors = np.abs(Ts - run.Ts_base_tool)
+        largest_error = np.nanmax(errors, initial=0.0)
+        return bool(largest_error <= _TRIED_ERROR)
 
     def path_kinematics(self) -> PathKinematics:
         """Return the limits, the equations (if the robot has any) and the mechanism, for planning."""
@@ -474,7 +527,9 @@ class Robot:
 
         @cache
         def obstructed(scene: str, clearance: float) -> JointSpace:
-            around = (lambda: standing(scene, self.name, load)) if scene else None
+            around = None
+            if scene:
+                around = partial(standing, scene, self.name, load)
             return JointSpace(lambda: follower.model, clearance, around=around)
 
         def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
@@ -485,13 +540,16 @@ class Robot:
                 check = self.passive_check
             except AssemblyError:  # the loops do not close as drawn, which is reported elsewhere
                 return {}
-            return check.margins(q, Ts) if check.limits else {}
+            if not check.limits:
+                return {}
+            return check.margins(q, Ts)
 
         mechanical = without_equations(self.mechanism, follower, self.gaps, space)
         mechanical = replace(mechanical, passive=passive)
         if self.unwritten:
             return mechanical
-        kin, order = self._kinematics, mechanical.joint_names
+        kin = self._kinematics
+        order = mechanical.joint_names
         if order != kin.joints:
             raise TwinError(
                 f"{self.name}: the driven joints are {', '.join(order)} in the description, but "
@@ -504,15 +562,17 @@ class Robot:
             from twin.kinematics.point_search import point_solver
 
             inverse = point_solver(kin).inverse_many
+        auxiliary = {name: value for _, name, _, value in kin.extra_joints}
+        alarms = {measure.name: measure.alarm for measure in kin.formula.measures}
         return replace(
             mechanical,
             inverse=inverse,
             reach=lambda Ts: kin.reach(Ts=Ts),
             singularity=lambda Ts, q: kin.singularity(Ts=Ts, qs=q),
-            singularity_alarm={m.name: m.alarm for m in kin.formula.measures},
+            singularity_alarm=alarms,
             branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
             why=kin.why,
-            auxiliary={name: value for _, name, _, value in kin.extra_joints},
+            auxiliary=auxiliary,
             takes=lambda Ts: kin.takes(Ts) or follower.model.freedoms == 6,
         )
 
@@ -545,7 +605,8 @@ def load(
     if tool is not None:
         raise TwinError(f"{robot} is not a USD stage: the tool is set in the robot's description")
     files = assets.files(robot)
-    if (other := assets.hidden(robot)) is not None:
+    other = assets.hidden(robot)
+    if other is not None:
         logging.getLogger(__name__).warning(
             "'%s' is the built-in robot; for the robot in the folder %s write ./%s", robot, other, robot
         )
