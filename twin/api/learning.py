@@ -30,48 +30,76 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
             f"one group of sessions is given ({', '.join(groups)}); give a second one to compare, as in "
             "first=a.session last=b.session"
         )
-    rows: list[tuple[str, float, dict[str, float]]] = []
+    files: list[tuple[str, int, Path]] = []
+    for group, paths in groups.items():
+        for number, path in enumerate(paths, 1):
+            files.append((group, number, Path(path)))
+    rows: list[dict[str, float]] = []
     tasks: dict[str, Path] = {}
-    files = [(group, k, Path(f)) for group, of in groups.items() for k, f in enumerate(of, 1)]
-    for i, (group, number, path) in enumerate(files):
+    for i, (_, _, path) in enumerate(files):
         progress(path.name, i / len(files))
-        found = _content(path)
+        content = _content(path)
         try:
-            task, row = f"{found['scene']}, task {found['task'] or 'none'}", measures(found)
+            scene = content["scene"]
+            name = content["task"] or "none"
+            task = f"{scene}, task {name}"
+            row = measures(content)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise DescriptionError(f"{path}: the session is damaged ({type(error).__name__}: {error})") from error
         tasks.setdefault(task, path)
         if len(tasks) > 1:
             (a, first), (b, other) = tasks.items()
             raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: the tasks must be equal")
-        rows.append((group, float(number), row))
-    names = [n for n in rows[0][2] if all(n in row for _, _, row in rows)]
-    table = {n: [row[n] for _, _, row in rows] for n in names}
-    users = Users(next(iter(tasks)), [g for g, _, _ in rows], [k for _, k, _ in rows], False, table)
+        rows.append(row)
+    table: dict[str, list[float]] = {}
+    for name in rows[0]:  # only measures that every session has can be compared
+        if all(name in row for row in rows):
+            table[name] = [row[name] for row in rows]
+    groups_of_files = [group for group, _, _ in files]
+    numbers = [float(number) for _, number, _ in files]
+    (task,) = tasks
+    users = Users(task, groups_of_files, numbers, False, table)
     return compare_users(users)
 
 
 def measures(content: JsonMapping) -> dict[str, float]:
     """Return {name with unit: value} of the measures to compare between sessions, from one session's plain data."""
-    out = {"time_s": content["time_s"]}
-    out |= {f"{name}_path_mm": hand["path_mm"] for hand in content["hands"] for name in [hand["robot"]]}
-    out |= {n: content[n] for n in ("clutches", "camera_moves")}
-    if board := content.get("board"):
-        out["time_s"] = board["time_s"]
-        out |= {n: board[n] for n in ("rings_transferred", "rings_dropped", "instrument_collisions", "errors")}
-    if guided := content.get("guided"):
-        names = ("time_s", "wire_touches", "wire_touching_s", "ring_dropped", "instrument_collisions")
-        out |= {n: guided[n] for n in names}
-        out["steps_done"] = sum(t is not None for t in guided["steps_s"].values())
-        out["wire_passed_percent"] = 100 * guided["wire_passed"]
-    if align := content.get("alignment"):
-        out["time_s"] = align["time_s"]
-        out["lens_path_mm"] = align["lens_path_mm"]
-        angle = align["align_err_deg"]
-        out |= {"align_err_deg": angle, "align_err_size_deg": None if angle is None else abs(angle)}
-    if targets := content.get("targets"):
-        out["targets_touched"] = sum(t["t_s"] is not None for t in targets)
-    return {n: float("nan") if v is None else float(v) for n, v in out.items()}
+    values: dict[str, float | None] = {"time_s": content["time_s"]}
+    for hand in content["hands"]:
+        robot = hand["robot"]
+        values[f"{robot}_path_mm"] = hand["path_mm"]
+    for name in ("clutches", "camera_moves"):
+        values[name] = content[name]
+    board = content.get("board")
+    if board:
+        values["time_s"] = board["time_s"]
+        for name in ("rings_transferred", "rings_dropped", "instrument_collisions", "errors"):
+            values[name] = board[name]
+    guided = content.get("guided")
+    if guided:
+        for name in ("time_s", "wire_touches", "wire_touching_s", "ring_dropped", "instrument_collisions"):
+            values[name] = guided[name]
+        done = [t for t in guided["steps_s"].values() if t is not None]
+        values["steps_done"] = len(done)
+        values["wire_passed_percent"] = 100 * guided["wire_passed"]
+    alignment = content.get("alignment")
+    if alignment:
+        values["time_s"] = alignment["time_s"]
+        values["lens_path_mm"] = alignment["lens_path_mm"]
+        angle = alignment["align_err_deg"]
+        size = None
+        if angle is not None:
+            size = abs(angle)
+        values["align_err_deg"] = angle
+        values["align_err_size_deg"] = size
+    targets = content.get("targets")
+    if targets:
+        touched = [target for target in targets if target["t_s"] is not None]
+        values["targets_touched"] = len(touched)
+    numbers: dict[str, float] = {}
+    for name, value in values.items():
+        numbers[name] = float("nan") if value is None else float(value)
+    return numbers
 
 
 def _content(path: Path) -> JsonObject:
@@ -79,16 +107,17 @@ def _content(path: Path) -> JsonObject:
     if path.is_dir():
         path /= "session.json"
     if path.suffix != ".json":
-        found = replay_session(path)
-        if found.ran.difference is not None:
+        session = replay_session(path)
+        if session.ran.difference is not None:
             raise DescriptionError(f"{path}: its replay differs from the recording; for details: twin session {path}")
-        return found.as_dict()
+        return session.as_dict()
     try:
-        found = load_json(path)
+        content = load_json(path)
     except (OSError, ValueError, RecursionError) as error:
-        raise DescriptionError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if not isinstance(found, dict) or found.get("schema") != f"twin/{ConsoleSession.kind}/1":
+        reason = getattr(error, "strerror", None) or error
+        raise DescriptionError(f"{path}: cannot be read: {reason}") from error
+    if not isinstance(content, dict) or content.get("schema") != f"twin/{ConsoleSession.kind}/1":
         raise DescriptionError(
             f"{path}: this is not the session.json of a session; `twin session FILE --out FOLDER` writes one"
         )
-    return found
+    return content

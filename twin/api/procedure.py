@@ -64,10 +64,17 @@ class ProcedureSession(Result):
             return "All stages are done"
         checks = self.measures.checks
         if self.measures.done or self.verdict != "disagree":
-            return "The replay gives different bytes" if self.ran.difference is not None else super().word
-        if failed := sum(c.lost for c in checks):
+            if self.ran.difference is not None:
+                return "The replay gives different bytes"
+            return super().word
+        failed = 0
+        passed = 0
+        for check in checks:
+            failed += check.lost
+            passed += check.done
+        if failed:
             return f"{failed} of {len(checks)} checks failed"
-        return f"Not finished: {sum(c.done for c in checks)} of {len(checks)} checks passed"
+        return f"Not finished: {passed} of {len(checks)} checks passed"
 
     @property
     def procedure(self) -> ProcedureTable:
@@ -77,86 +84,123 @@ class ProcedureSession(Result):
     @cached_property
     def measures(self) -> ProcedureMeasures:
         """The checks and measures, from the signals of the World."""
-        return procedure_checks.measure(self.ran.kept, Setup(self.scene, {}, self.task, organs=[self.organ]))
+        setup = Setup(self.scene, {}, self.task, organs=[self.organ])
+        return procedure_checks.measure(self.ran.kept, setup)
 
     @property
     def findings(self) -> Sequence[Finding]:
         """Findings: a check is not passed, the replay differs from the recording, or the file is truncated."""
-        out = [disagreement(f"procedure.{c.name}", self.task.name, c.text) for c in self.measures.checks if not c.done]
-        if (d := self.ran.difference) is not None:
-            out.append(
-                disagreement(
-                    "session.differs",
-                    d.signal,
-                    f"the replay gives other bytes than the recording, first between {d.t0:g} and {d.t1:g} s",
-                    suggestion="replay with the twin version and the processor type of the recording",
-                )
+        findings: list[Finding] = []
+        for check in self.measures.checks:
+            if not check.done:
+                findings.append(disagreement(f"procedure.{check.name}", self.task.name, check.text))
+        difference = self.ran.difference
+        if difference is not None:
+            text = (
+                "the replay gives other bytes than the recording, first between "
+                f"{difference.t0:g} and {difference.t1:g} s"
             )
+            suggestion = "replay with the twin version and the processor type of the recording"
+            findings.append(disagreement("session.differs", difference.signal, text, suggestion=suggestion))
         if self.lost:
-            out.append(warning("session.interrupted", self.source, self.lost))
-        return out
+            findings.append(warning("session.interrupted", self.source, self.lost))
+        return findings
 
     def content(self) -> JsonObject:
         """Return the checks and measures; the keys of quantities end with the unit."""
-        m = self.measures
+        measures = self.measures
+        surgeon = "simulated"
+        if self.seed is None:
+            surgeon = "person"
+        replay = None
+        if self.source:
+            replay = "same" if self.ran.difference is None else "differs"
+        checks = []
+        for check in measures.checks:
+            checks.append({"name": check.name, "done": check.done, "t_s": check.t, "text": check.text})
         return {
             "scene": self.scene.name,
             "task": self.task.name,
-            "surgeon": "person" if self.seed is None else "simulated",
+            "surgeon": surgeon,
             "seed": self.seed,
             "mistake": self.mistake or None,
-            "replay": None if not self.source else "same" if self.ran.difference is None else "differs",
+            "replay": replay,
             "duration_s": self.ran.duration,
-            "time_s": m.time,
-            "checks": [{"name": c.name, "done": c.done, "t_s": c.t, "text": c.text} for c in m.checks],
-            "paths_mm": {n: p / MM for n, p in m.paths.items()},
-            "clips": m.clips,
-            "energy_j": m.energy,
-            "largest_pull_n": m.largest_pull,
-            "slipped_mm": m.slipped / MM,
+            "time_s": measures.time,
+            "checks": checks,
+            "paths_mm": {tool: path / MM for tool, path in measures.paths.items()},
+            "clips": measures.clips,
+            "energy_j": measures.energy,
+            "largest_pull_n": measures.largest_pull,
+            "slipped_mm": measures.slipped / MM,
             "given_up": list(self.ran.missed),
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the checks, the measures and the findings."""
-        m = self.measures
-        who = "a person" if self.seed is None else f"a simulated surgeon, seed {self.seed} (its habits are ASSUMED)"
-        yield f"{self.scene.name} · {self.task.title} · {who}\n"
-        rows = [
-            (c.name, "done" if c.done else "NOT DONE", "" if c.t is None else f"{c.t:.1f} s", c.text) for c in m.checks
-        ]
+        surgeon = f"a simulated surgeon, seed {self.seed} (its habits are ASSUMED)"
+        if self.seed is None:
+            surgeon = "a person"
+        yield f"{self.scene.name} · {self.task.title} · {surgeon}\n"
+        rows = []
+        for check in self.measures.checks:
+            outcome = "NOT DONE"
+            if check.done:
+                outcome = "done"
+            time = ""
+            if check.t is not None:
+                time = f"{check.t:.1f} s"
+            rows.append((check.name, outcome, time, check.text))
         yield Table(("check", "", "at", "measured"), rows, fit=True)
         yield ""
-        measured = [("time", f"{m.time:.1f} s of {self.ran.duration:.1f} s")]
-        measured += [(f"path of {n}", f"{p / MM:.0f} mm") for n, p in m.paths.items()]
-        measured += [("clips used", str(m.clips)), ("energy into the organ's bed", f"{m.energy:.0f} J")]
-        measured.append(("largest pull of a grasper", f"{m.largest_pull:.1f} N"))
-        measured.append(("largest slip in the jaws", f"{m.slipped / MM:.1f} mm"))
-        if self.source:
-            measured.append(("replay", "the same bytes" if self.ran.difference is None else "different bytes"))
-        yield Table(("measure", "value"), measured)
+        yield Table(("measure", "value"), self._measure_rows())
         yield ""
         yield from by_severity(self.findings)
 
+    def _measure_rows(self) -> list[tuple[str, str]]:
+        measures = self.measures
+        rows = [("time", f"{measures.time:.1f} s of {self.ran.duration:.1f} s")]
+        for tool, path in measures.paths.items():
+            path_mm = path / MM
+            rows.append((f"path of {tool}", f"{path_mm:.0f} mm"))
+        slipped_mm = measures.slipped / MM
+        rows.append(("clips used", str(measures.clips)))
+        rows.append(("energy into the organ's bed", f"{measures.energy:.0f} J"))
+        rows.append(("largest pull of a grasper", f"{measures.largest_pull:.1f} N"))
+        rows.append(("largest slip in the jaws", f"{slipped_mm:.1f} mm"))
+        if self.source:
+            replay = "different bytes"
+            if self.ran.difference is None:
+                replay = "the same bytes"
+            rows.append(("replay", replay))
+        return rows
+
     def write(self, folder: Path) -> None:
         """Write procedure.csv (the signals that the checks use), and the session file of a simulated surgeon."""
-        kept, p = self.ran.kept, self.procedure
-        columns = {"t_s": kept.t, "seen": kept[f"{p.vessel}.seen"][:, 0]}
-        columns["freed"] = kept[f"{p.organ}.freed"].sum(axis=1)
-        columns |= {f"{n}_depth_m": kept[f"{n}.depth"][:, 0] for n in p.spare}
-        for n in self.measures.paths:
-            columns |= {f"{n}_tip_{axis}_m": kept[f"{n}.tip"][:, k] for k, axis in enumerate("xyz")}
-            columns |= {f"{n}_{what}": kept[f"{n}.{what}"][:, 0] for what in ("carries", "holds")}
-            columns[f"{n}_pull_n"] = np.linalg.norm(kept[f"{n}.pull"], axis=1)
-        body = np.column_stack([*columns.values()])
+        kept = self.ran.kept
+        procedure = self.procedure
+        columns = {"t_s": kept.t, "seen": kept[f"{procedure.vessel}.seen"][:, 0]}
+        columns["freed"] = kept[f"{procedure.organ}.freed"].sum(axis=1)
+        for organ in procedure.spare:
+            columns[f"{organ}_depth_m"] = kept[f"{organ}.depth"][:, 0]
+        for robot in self.measures.paths:
+            tips = kept[f"{robot}.tip"]
+            for k, axis in enumerate("xyz"):
+                columns[f"{robot}_tip_{axis}_m"] = tips[:, k]
+            columns[f"{robot}_carries"] = kept[f"{robot}.carries"][:, 0]
+            columns[f"{robot}_holds"] = kept[f"{robot}.holds"][:, 0]
+            columns[f"{robot}_pull_n"] = np.linalg.norm(kept[f"{robot}.pull"], axis=1)
+        body = np.column_stack(list(columns.values()))
         np.savetxt(folder / "procedure.csv", body, "%.6g", ",", header=",".join(columns), comments="")
         if self.recorded is not None:
             (folder / NAME).write_bytes(self.recorded)
 
 
 def _setup(scene: Scene, task: Task) -> Setup:
-    members = members_of(robots_at(operating_scene.robots_of(Setup(scene, {}, task))))
-    return Setup(scene, members, task, organs=tissue_scene.tissues(scene, anatomy_of(scene)))
+    without_members = Setup(scene, {}, task)
+    robots = robots_at(operating_scene.robots_of(without_members))
+    organs = tissue_scene.tissues(scene, anatomy_of(scene))
+    return Setup(scene, members_of(robots), task, organs=organs)
 
 
 def operate_procedure(
@@ -205,13 +249,17 @@ def replay_procedure(
     """
     path = Path(path)
     session = read_session(path)
-    placed = scene if isinstance(scene, Scene) else load_scene(scene or session.head.scene)
+    if isinstance(scene, Scene):
+        placed = scene
+    else:
+        placed = load_scene(scene or session.head.scene)
     if session.head.task is None:
         raise TwinError(f"{path}: the session has no task")
     task = task_of(placed, session.head.task)
     progress("read CAD", 0.0)
     setup = replace(_setup(placed, task), props=props_of(placed), condition=session.head.condition)
-    ran, organ = procedure_run.replay(session, path, setup, progress), operating_scene.organ_of(setup)
+    ran = procedure_run.replay(session, path, setup, progress)
+    organ = operating_scene.organ_of(setup)
     return ProcedureSession(placed, task, str(path), session.head.seed, "", ran, organ, session.lost)
 
 

@@ -70,12 +70,14 @@ class SceneBundle(Result):
         parameters = []
         for p in self.scene.parameters:
             parameters.append({"name": p.name, "value": p.shown, "unit": p.unit, "provenance": p.provenance})
+        robots = [_placed(place, self.bundles[place.name]) for place in self.scene.places]
+        objects = [_object(movable) for movable in self.scene.objects]
         return {
             "scene": self.scene.name,
             "title": self.scene.title,
             "duration_s": _duration(self.bundles),
-            "robots": [_placed(place, self.bundles[place.name]) for place in self.scene.places],
-            "objects": [_object(o) for o in self.scene.objects],
+            "robots": robots,
+            "objects": objects,
             "checks": list(self.checks),
             "parameters": parameters,
         }
@@ -83,7 +85,9 @@ class SceneBundle(Result):
     def text(self) -> Iterator[Part]:
         """Yield the verdict, findings, a row for each robot, and the deviation of the stage."""
         yield f"{self.scene.name} · {self.scene.title}\n\n  {self.verdict.upper()}\n"
-        yield from (f for f in by_severity(self.findings) if f.severity != "info")
+        for finding in by_severity(self.findings):
+            if finding.severity != "info":
+                yield finding
         rows = []
         for place in self.scene.places:
             bundle = self.bundles[place.name]
@@ -91,11 +95,12 @@ class SceneBundle(Result):
             rows.append((place.name, place.protocol_name or "console", duration, str(len(bundle.checks))))
         yield Table(("robot", "protocol", "duration", "checks"), rows)
         yield ""
-        for c in self.checks:
-            if c["worst"] is not None:
+        for check in self.checks:
+            if check["worst"] is not None:
+                worst_um = check["worst"] / UM
+                limit_um = check["tolerance"] / UM
                 yield (
-                    f"  the scene's stage: maximum deviation from the bundles {c['worst'] / UM:.3f} µm, "
-                    f"limit {c['tolerance'] / UM:g} µm"
+                    f"  the scene's stage: maximum deviation from the bundles {worst_um:.3f} µm, limit {limit_um:g} µm"
                 )
 
 
@@ -148,11 +153,12 @@ def export_scene(
     bundles: dict[str, Bundle] = {}
     with assets.atomic_folder(root) as work:
         for place in scene.places:
+            protocols = [place.protocol] if place.protocol else []
             bundles[place.name] = export(
                 _robot(place),
                 folder=work / place.name,
                 formats=kinds,
-                protocols=[place.protocol] if place.protocol else [],
+                protocols=protocols,
                 budget=budget,
                 progress=lambda label, part, name=place.name: progress(f"{name}: {label}", part),
             )
@@ -186,7 +192,8 @@ def _robot(place: Place) -> Robot:
     if place.protocol:
         return robot
     robot = robot.weighed()
-    rest = robot.reference().solve(start(place, robot.mechanism)).link_poses
+    q_start = start(place, robot.mechanism)
+    rest = robot.reference().solve(q_start).link_poses
     return robot.with_mechanism(replace(robot.mechanism, rest=rest))
 
 
@@ -200,7 +207,7 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
     if organs is None or not duration:
         return []
     times = np.arange(round(duration * _RATE) + 1) / _RATE
-    places = {p.name: p for p in scene.places}
+    places = {place.name: place for place in scene.places}
     tools = []
     poses = []
     for robot, bodies in tissue_scene.touching(scene).items():
@@ -208,8 +215,10 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
         mechanism = bundles[robot].order.mechanism
         for body in bodies:
             tools.append(Tool(robot, mechanism.body(body)))
-            poses.append(places[robot].T_world_base @ between_keys(keys, links[body], times))
-    return tissue_scene.followed(tissue_scene.tissues(scene, organs), tools, poses, 1 / _RATE)
+            Ts_base_body = between_keys(keys, links[body], times)
+            poses.append(places[robot].T_world_base @ Ts_base_body)
+    tissues = tissue_scene.tissues(scene, organs)
+    return tissue_scene.followed(tissues, tools, poses, 1 / _RATE)
 
 
 def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bends: Sequence[Bend]) -> Path:
@@ -222,12 +231,17 @@ def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bend
         if place.protocol_name:
             name += f"_{place.protocol_name}"
         stages[place.name] = Path("..") / place.name / "usd" / f"{name}.usda"
-    mechanisms = {n: b.order.mechanism for n, b in bundles.items()}
+    mechanisms = {name: bundle.order.mechanism for name, bundle in bundles.items()}
     props = props_of(scene)
     stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles), bends)
-    if not any(p.protocol for p in scene.places):  # otherwise drives would oppose the baked motions
+    if not _plays(scene):  # otherwise drives would oppose the baked motions
         write_simulated(scene.name, folder)
     return stage
+
+
+def _plays(scene: Scene) -> bool:
+    """Return whether a robot of the scene plays a protocol."""
+    return any(place.protocol for place in scene.places)
 
 
 def _duration(bundles: Mapping[str, Bundle]) -> float:
@@ -236,7 +250,8 @@ def _duration(bundles: Mapping[str, Bundle]) -> float:
 
 def _seconds(bundle: Bundle) -> float:
     """Return the duration of a robot's motion in s; 0 without motion."""
-    return max((float(c.times[-1]) for c in bundle.order.clips), default=0.0)
+    ends = [float(clip.times[-1]) for clip in bundle.order.clips]
+    return max(ends, default=0.0)
 
 
 def _start(bundle: Bundle) -> dict[str, float]:
@@ -251,27 +266,36 @@ def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> JsonObje
     """Return the maximum deviation between the link poses in the scene's USD stage and in the robots' bundles."""
     from twin.exchange.audit.scene import Shown, deviation
 
-    shown = {p.name: Shown(p.T_world_base, *_keys(bundles[p.name])) for p in scene.places}
+    shown: dict[str, Shown] = {}
+    for place in scene.places:
+        times, links = _keys(bundles[place.name])
+        shown[place.name] = Shown(place.T_world_base, times, links)
     if scene.objects:
-        shown["objects"] = Shown(np.eye(4), np.zeros(1), {o.name: o.T_world_object[None] for o in scene.objects})
-    return _row(*deviation(stage, shown))
+        poses = {movable.name: movable.T_world_object[None] for movable in scene.objects}
+        shown["objects"] = Shown(np.eye(4), np.zeros(1), poses)
+    worst, where, when = deviation(stage, shown)
+    return _row(worst, where, when)
 
 
 def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
     """Return (times (k,) in s, {link: poses (k, 4, 4)}) of the motion; without motion, only the rest pose at time 0."""
     for scene in bundle.order.scenes:
         return scene.clip.times, scene.judged
-    return np.zeros(1), {n: T[None] for n, T in home_poses(bundle.order.mechanism).items()}
+    poses = home_poses(bundle.order.mechanism)
+    return np.zeros(1), {link: T[None] for link, T in poses.items()}
 
 
 def _row(worst: float, where: str, when: str) -> JsonObject:
+    verdict = "disagree"
+    if worst <= _TOLERANCE:
+        verdict = "agree"
     return {
         "check": "every link in the world frame, at the first, middle and last key",
         "tool": "pxr",
         "worst": worst if np.isfinite(worst) else None,
         "unit": "m",
         "tolerance": _TOLERANCE,
-        "verdict": "agree" if worst <= _TOLERANCE else "disagree",
+        "verdict": verdict,
         "where": ", ".join(filter(None, (where, when))),
     }
 
@@ -286,16 +310,19 @@ def _finding(check: JsonObject) -> Finding:
 
 
 def _readme(scene: Scene, formats: Sequence[str]) -> str:
+    names = ", ".join(place.name for place in scene.places)
     lines = [
-        f"{scene.title}",
+        scene.title,
         "",
         "One folder for each robot, with its own README.txt and proof.json:",
-        f"  {', '.join(p.name for p in scene.places)}.",
+        f"  {names}.",
         f"Formats: {', '.join(formats)}. Each file contains one robot with its motion, in its base frame, z up, in m.",
         "scene.json   T_world_base of each robot (4 x 4, row by row), and its protocol; all motions start together.",
     ]
-    if led := [p.name for p in scene.places if not p.protocol]:
-        lines.append(f"A console controls {', '.join(led)}: no motion; scene.json has the joint values of the start.")
+    without_protocol = [place.name for place in scene.places if not place.protocol]
+    if without_protocol:
+        names = ", ".join(without_protocol)
+        lines.append(f"A console controls {names}: no motion; scene.json has the joint values of the start.")
     if scene.objects:
         lines.append("Movable objects: scene.json has their shapes, masses, friction and T_world_object at the start.")
         if "glb" in formats:
@@ -308,6 +335,6 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
             lines.append("  In Unity, the component Deformable Player plays organs.glb after Twin > Import bundle.")
     if scene.tissues and "usd" in formats:
         lines.append("usd/organs.usdc   the organs as time-sampled points; part of the stage with all robots.")
-    if "usd" in formats and not any(p.protocol for p in scene.places):
+    if "usd" in formats and not _plays(scene):
         lines.append(f"usd/{scene.name}_sim.usda   {scene.name}.usda in a physics scene: open this file to simulate.")
     return "\n".join(lines) + "\n"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -60,12 +60,16 @@ def operate_console(
     from twin.simulation.session import run
 
     console_scene.console_of(scene)
-    _require_console(chosen := run.task_of(scene, task))
+    chosen = run.task_of(scene, task)
+    _require_console(chosen)
     _require_scale(scale)
     if mistake and chosen.guide is None:
         raise TwinError(f"task '{chosen.name}': a simulated surgeon makes mistakes only in a task with a ring to guide")
     progress("read CAD", 0.0)
-    robots, setup = _setup(scene, chosen, None if haptics is None else Condition(haptics=haptics))
+    condition = None
+    if haptics is not None:
+        condition = Condition(haptics=haptics)
+    robots, setup = _setup(scene, chosen, condition)
     with Scratch() as folder:
         file = Path(folder) / FILE
         ran = run.perform(setup, file, seed=seed, scale=scale, mistake=mistake, progress=progress)
@@ -107,8 +111,17 @@ def operate_machine(
     progress("read CAD", 0.0)
     robots, setup = _setup(scene, None, Condition(haptics=True))
     with Scratch() as folder, machines_of(scene, robots, running) as machines:
-        file, more = Path(folder) / FILE, {"seed": seed, "triangles": triangles, "scale": scale}
-        ran = machine_run.train(setup, machines.parts, machines.links, file, **more, progress=progress)
+        file = Path(folder) / FILE
+        ran = machine_run.train(
+            setup,
+            machines.parts,
+            machines.links,
+            file,
+            seed=seed,
+            triangles=triangles,
+            scale=scale,
+            progress=progress,
+        )
         recorded = file.read_bytes()
     return _session(setup, robots, ran, "", seed, recorded=recorded, training=_training(setup, ran))
 
@@ -116,8 +129,9 @@ def operate_machine(
 def machines_of(scene: Scene, robots: Mapping[str, Robot], running: Mapping[str, Address] | None = None) -> Machines:
     """Connect to the machines of a scene, or start them; see `Machines`."""
     names = machine_scene.machines(scene)
-    sources = {p.name: p.robot for p in scene.places}
-    return Machines({n: robots[n] for n in names}, sources, running)
+    sources = {place.name: place.robot for place in scene.places}
+    robots_of_machines = {name: robots[name] for name in names}
+    return Machines(robots_of_machines, sources, running)
 
 
 def _require_scale(scale: float | None) -> None:
@@ -146,42 +160,65 @@ def replay_session(
     start = session.head
     if scene is None and start.scene not in assets.scenes():
         raise TwinError(f"{path}: scene '{start.scene}' is not built in: give its folder with --scene")
-    placed = scene if isinstance(scene, Scene) else load_scene(scene or start.scene)
+    if isinstance(scene, Scene):
+        placed = scene
+    else:
+        placed = load_scene(scene or start.scene)
     if start.task is not None and start.task not in placed.tasks:
         raise TwinError(f"{path}: scene '{placed.name}' has no task '{start.task}', the task of the session")
-    task = None if start.task is None else placed.tasks[start.task]
-    if task is not None:
+    task = None
+    if start.task is not None:
+        task = placed.tasks[start.task]
         _require_console(task)
     progress("read CAD", 0.0)
     robots, setup = _setup(placed, task, start.condition)
     run.require_scene(session, path, setup)
-    parts = {n: machine_parts(robots[n]) for n in machine_scene.machines(placed)}
+    parts = {name: machine_parts(robots[name]) for name in machine_scene.machines(placed)}
     ran = run.replay(session, setup, progress, parts)
-    found = _training(setup, ran)
-    return _session(setup, robots, ran, str(path), start.seed, lost=session.lost, training=found)
+    measures_of_machines = _training(setup, ran)
+    return _session(setup, robots, ran, str(path), start.seed, lost=session.lost, training=measures_of_machines)
 
 
 def _session(
-    setup: Setup, robots: Mapping[str, Robot], ran: Ran, source: str, seed: int | None, **more: Any
+    setup: Setup,
+    robots: Mapping[str, Robot],
+    ran: Ran,
+    source: str,
+    seed: int | None,
+    *,
+    lost: str = "",
+    recorded: bytes | None = None,
+    training: Sequence[Training] = (),
 ) -> ConsoleSession:
-    """Return the result of a session with the measures of its task; `more` are further fields of the result."""
-    arms, task = _arms(setup, robots, ran), setup.task
-    if task is not None and task.transfers:
-        more["pegs"] = contact_scene.pegs(setup.scene, setup.props, task)
-    if task is not None and task.guide is not None:
+    """Return the result of a session with the measures of its task."""
+    arms = _arms(setup, robots, ran)
+    task = setup.task
+    session = ConsoleSession(
+        setup.scene, source, seed, task, ran, arms, lost=lost, recorded=recorded, training=training
+    )
+    if task is None:
+        return session
+    if task.transfers:
+        session = replace(session, pegs=contact_scene.pegs(setup.scene, setup.props, task))
+    if task.guide is not None:
         referee = guiding.Referee.of(setup, ran.kept.dt)
         referee.see_all(ran.kept)
-        more |= {"guided": referee.measures(), "wire": referee.course.wire}
-    if task is not None and task.alignment is not None:
-        more["aligned"] = _aligned(setup, task.alignment, ran, arms)
-    return ConsoleSession(setup.scene, source, seed, task, ran, arms, **more)
+        session = replace(session, guided=referee.measures(), wire=referee.course.wire)
+    if task.alignment is not None:
+        session = replace(session, aligned=_aligned(setup, task.alignment, ran, arms))
+    return session
 
 
 def _training(setup: Setup, ran: Ran) -> list[Training]:
     """Return the measures of the machines of a session."""
-    if (table := setup.scene.trainer) is None:
+    table = setup.scene.trainer
+    if table is None:
         return []
-    return [training.measure(ran.kept, table, n, setup.members[n].kin) for n in table.robots]
+    measures_of_machines = []
+    for name in table.robots:
+        kin = setup.members[name].kin
+        measures_of_machines.append(training.measure(ran.kept, table, name, kin))
+    return measures_of_machines
 
 
 def _require_console(task: Task) -> None:
@@ -194,26 +231,38 @@ def _require_console(task: Task) -> None:
 def _setup(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
     """Return a console's robots and setup; props are read only with a `condition`, or if a task grasps or aligns."""
     robots = robots_at(console_scene.led_by(scene))
-    needed = condition is not None or (task is not None and (task.grasps or task.alignment is not None))
-    return robots, Setup(scene, members_of(robots), task, props_of(scene) if needed else None, condition)
+    members = members_of(robots)
+    props_needed = condition is not None
+    if task is not None and (task.grasps or task.alignment is not None):
+        props_needed = True
+    props = None
+    if props_needed:
+        props = props_of(scene)
+    return robots, Setup(scene, members, task, props, condition)
 
 
 def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, Arm]) -> AlignMeasures:
     """Return the measures of an alignment, from the camera's equations and from a picture of the mechanisms."""
     scene, props = setup.scene, setup.props
     camera = scene.cameras[console_scene.console_of(scene).camera]
-    arm, kin = arms[camera.robot], setup.members[camera.robot].kin
+    arm = arms[camera.robot]
+    kin = setup.members[camera.robot].kin
     T_tool_picture = console_scene.picture_in_tool(camera, arm.mechanism)
     Ts_world_picture = arm.place.T_world_base @ kin.forward_many(arm.q) @ T_tool_picture
     frame = arm.mechanism.frame(camera.frame)
     Ts_world_camera = arm.place.T_world_base @ arm.links[frame.body] @ frame.T_body_frame @ camera.in_frame
     seen = camera_task.surfaces(alignment.BODY, [goal.body()], {alignment.BODY: np.eye(4)})
     if props is not None:
-        seen += camera_task.surfaces(props.name, props.bodies, ReferenceModel(props).home().link_poses)
+        home = ReferenceModel(props).home()
+        seen += camera_task.surfaces(props.name, props.bodies, home.link_poses)
     for name, other in arms.items():
-        poses = {link: other.place.T_world_base @ Ts[-1] for link, Ts in other.links.items()}
-        own = frame.body if name == camera.robot else ""  # the lens does not see its own link
-        seen += camera_task.surfaces(name, [b for b in other.mechanism.bodies if b.name != own], poses)
+        poses_at_end = {link: other.place.T_world_base @ Ts[-1] for link, Ts in other.links.items()}
+        bodies = []
+        for body in other.mechanism.bodies:
+            if name == camera.robot and body.name == frame.body:
+                continue  # the lens does not see its own link
+            bodies.append(body)
+        seen += camera_task.surfaces(name, bodies, poses_at_end)
     sight = Sight(seen, Ts_world_camera[-1])
     view = camera.view_deg * DEG
     return camera_task.measure(ran.kept, goal, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
@@ -221,17 +270,25 @@ def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, Arm]) -
 
 def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]:
     """Return {name of a place: motion of its robot}, computed from the robots' mechanisms."""
-    out, table = {}, console_scene.console_of(setup.scene)
-    tip, camera = table.tip, setup.scene.cameras[table.camera].robot
+    table = console_scene.console_of(setup.scene)
+    camera = setup.scene.cameras[table.camera].robot
+    arms: dict[str, Arm] = {}
     for place in console_scene.led_by(setup.scene):
-        mechanism, q = robots[place.name].mechanism, ran.kept[f"{place.name}.q"]
-        solver = robots[place.name].loops
+        robot = robots[place.name]
+        mechanism = robot.mechanism
+        q = ran.kept[f"{place.name}.q"]
+        solver = robot.loops
         closed = solver.forward_many(q)
-        if not np.isfinite(closed.Ts_base_tool).all():
-            k = int(np.flatnonzero(~np.isfinite(closed.Ts_base_tool).all(axis=(1, 2)))[0])
-            raise AssemblyError(f"{place.name}: its loops cannot be closed at {ran.kept.t[k]:.3f} s of the session")
+        is_closed = np.isfinite(closed.Ts_base_tool).all(axis=(1, 2))
+        if not is_closed.all():
+            first_open = int(np.flatnonzero(~is_closed)[0])
+            t = ran.kept.t[first_open]
+            raise AssemblyError(f"{place.name}: its loops cannot be closed at {t:.3f} s of the session")
         links = solver.link_poses(q, closed.states)
-        frame = mechanism.frame(tip if tip is not None and place.name != camera else mechanism.tool)
-        at = place.T_world_base @ links[frame.body] @ frame.T_body_frame
-        out[place.name] = Arm(place, mechanism, q, links, at[:, :3, 3])
-    return out
+        tip = mechanism.tool
+        if table.tip is not None and place.name != camera:
+            tip = table.tip
+        frame = mechanism.frame(tip)
+        Ts_world_tip = place.T_world_base @ links[frame.body] @ frame.T_body_frame
+        arms[place.name] = Arm(place, mechanism, q, links, Ts_world_tip[:, :3, 3])
+    return arms
