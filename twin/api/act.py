@@ -56,10 +56,12 @@ def operate(
         raise TwinError(f"--trials {trials}: the number must be at least 1")
     if not 0 < scale < float("inf"):
         raise TwinError(f"--scale {scale:g}: the scale must be above 0 and finite")
-    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
+    if not isinstance(protocol, Protocol):
+        protocol = robot.protocol(protocol)
     progress("read CAD", 0.0)
-    kin, mechanism = robot.kinematics(), robot.mechanism
-    return run_trials(robot.name, kin, mechanism, chosen, trials, seed, clutch, scale, solver, progress)
+    kin = robot.kinematics()
+    mechanism = robot.mechanism
+    return run_trials(robot.name, kin, mechanism, protocol, trials, seed, clutch, scale, solver, progress)
 
 
 def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
@@ -82,10 +84,13 @@ def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
 
     actors = _actors(scene, progress, at_ports=False)
     organs = None
-    if (drawn := anatomy_of(scene)) is not None:
-        q = {a.place.name: a.trajectory.q[0] for a in actors}
-        links = tissue_scene.links(scene, {a.place.name: a.mechanism for a in actors}, q)
-        organs = Tissues(tissue_scene.tissues(scene, drawn), links, max(1, round(PERIOD / dt)) * dt)
+    anatomy = anatomy_of(scene)
+    if anatomy is not None:
+        mechanisms = {actor.place.name: actor.mechanism for actor in actors}
+        q_start = {actor.place.name: actor.trajectory.q[0] for actor in actors}
+        links = tissue_scene.links(scene, mechanisms, q_start)
+        ticks = max(1, round(PERIOD / dt))
+        organs = Tissues(tissue_scene.tissues(scene, anatomy), links, ticks * dt)
     return scene_play.world(actors, props_of(scene), dt, organs)
 
 
@@ -106,40 +111,52 @@ def _actors(scene: Scene, progress: Progress, *, at_ports: bool = True) -> list[
     from twin.simulation.scene_play import Actor, trocars_of
 
     scene.require_protocols()
-    actors, robots = [], robots_at(scene.places)
+    actors = []
+    robots = robots_at(scene.places)
     for i, place in enumerate(scene.places):
         progress(f"plan {place.name}", i / len(scene.places))
         robot = robots[place.name]
         protocol = robot.protocol(place.protocol)
-        trajectory, mechanism = plan(robot, protocol), robot.bound(protocol).mechanism
-        trocars = trocars_of(place, mechanism, trajectory) if at_ports else {}
+        trajectory = plan(robot, protocol)
+        mechanism = robot.bound(protocol).mechanism
+        trocars = {}
+        if at_ports:
+            trocars = trocars_of(place, mechanism, trajectory)
         actors.append(Actor(place, mechanism, trajectory, trocars))
     return actors
 
 
 def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
     """Return {name of a place: its robot}; for places with the same robot, the files are read only once."""
-    places = tuple(places)
-    kinds = {name: load(name) for name in {p.robot for p in places}}
-    return {p.name: kinds[p.robot] for p in places}
+    loaded: dict[str, Robot] = {}
+    robots: dict[str, Robot] = {}
+    for place in places:
+        if place.robot not in loaded:
+            loaded[place.robot] = load(place.robot)
+        robots[place.name] = loaded[place.robot]
+    return robots
 
 
 def members_of(robots: Mapping[str, Robot]) -> dict[str, Member]:
     """Return {name of a place: mechanism and equations of its robot}; `robots` is {name of a place: robot}."""
     from twin.simulation.setup import Member
 
-    return {n: Member(r.mechanism, r.kinematics()) for n, r in robots.items()}
+    return {name: Member(robot.mechanism, robot.kinematics()) for name, robot in robots.items()}
 
 
 def props_of(scene: Scene) -> Mechanism | None:
     """Return the mechanism of the props of a scene; None without props."""
     from twin.cad.build import read_props
 
-    return None if scene.props is None else read_props(scene.props)
+    if scene.props is None:
+        return None
+    return read_props(scene.props)
 
 
 def anatomy_of(scene: Scene) -> Mechanism | None:
     """Return the mechanism whose bodies are the soft organs of a scene; None without organs."""
     from twin.cad.build import read_props
 
-    return None if scene.anatomy is None else read_props(scene.file.parent / scene.anatomy.file)
+    if scene.anatomy is None:
+        return None
+    return read_props(scene.file.parent / scene.anatomy.file)

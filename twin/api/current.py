@@ -39,13 +39,15 @@ class StageCheck(Result):
     @property
     def findings(self) -> list[Finding]:
         """One finding for each file that differs or is unexpected."""
-        way = f"rebuild the stage with: {self.command}"
-        told = {"differs": "differs from a new build", "unexpected": "is not part of a new build"}
-        return [
-            disagreement(f"build.{code}", name, f"{name} {told[code]}", suggestion=way)
-            for code, names in (("differs", self.differing), ("unexpected", self.unexpected))
-            for name in names
-        ]
+        suggestion = f"rebuild the stage with: {self.command}"
+        findings: list[Finding] = []
+        for name in self.differing:
+            text = f"{name} differs from a new build"
+            findings.append(disagreement("build.differs", name, text, suggestion=suggestion))
+        for name in self.unexpected:
+            text = f"{name} is not part of a new build"
+            findings.append(disagreement("build.unexpected", name, text, suggestion=suggestion))
+        return findings
 
     def content(self) -> JsonMapping:
         """Return {"differing": file names, "unexpected": file names}."""
@@ -57,8 +59,10 @@ class StageCheck(Result):
             yield f"  {self.folder} is current: {self.fresh} files equal a new build"
             return
         yield f"  {self.folder} is not current. Rebuild it with: {self.command}"
-        yield from (f"    differs: {n}" for n in self.differing)
-        yield from (f"    unexpected: {n}" for n in self.unexpected)
+        for name in self.differing:
+            yield f"    differs: {name}"
+        for name in self.unexpected:
+            yield f"    unexpected: {name}"
 
 
 def check_build(robot: Robot, folder: Path | None = None, word: str = "", progress: Progress = silent) -> StageCheck:
@@ -74,11 +78,18 @@ def check_build(robot: Robot, folder: Path | None = None, word: str = "", progre
     current = folder or robot.files.usd
     with Scratch() as work:
         fresh = make.build(robot, Path(work), progress=progress)
-        names = [p.relative_to(work) for p in fresh]
-        differing = tuple(str(n) for n in names if not _same(Path(work) / n, current / n))
-    found = (p.relative_to(current) for p in current.rglob("*.usd*"))
-    extra = tuple(str(p) for p in found if p not in names)
-    return StageCheck(current, len(names), differing, extra, f"twin build {word or robot.name}")
+        names = [path.relative_to(work) for path in fresh]
+        differing = []
+        for name in names:
+            if not _same(Path(work) / name, current / name):
+                differing.append(str(name))
+    unexpected = []
+    for path in current.rglob("*.usd*"):
+        name = path.relative_to(current)
+        if name not in names:
+            unexpected.append(str(name))
+    command = f"twin build {word or robot.name}"
+    return StageCheck(current, len(names), tuple(differing), tuple(unexpected), command)
 
 
 def _same(a: Path, b: Path) -> bool:

@@ -45,12 +45,17 @@ def plan(
     from twin.planning.plan import plan as plan_
     from twin.planning.protocol import Protocol
 
-    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
+    if not isinstance(protocol, Protocol):
+        protocol = robot.protocol(protocol)
     if timing is not None:
-        chosen = replace(chosen, timing=robot.with_timing(timing).timing)
-    robot = robot.bound(chosen)
-    T = robot.mechanism.frame_in_tool(chosen.frame)
-    return plan_(chosen, robot.path_kinematics(), T_tool_frame=T, progress=lambda phase: progress(f"plan {phase}", 0.0))
+        protocol = replace(protocol, timing=robot.with_timing(timing).timing)
+    robot = robot.bound(protocol)
+    T_tool_frame = robot.mechanism.frame_in_tool(protocol.frame)
+
+    def start_phase(phase: str) -> None:
+        progress(f"plan {phase}", 0.0)
+
+    return plan_(protocol, robot.path_kinematics(), T_tool_frame=T_tool_frame, progress=start_phase)
 
 
 def check_plan(robot: Robot, trajectory: Trajectory, protocol: str | Path | Protocol | None = None) -> CheckedPlan:
@@ -67,10 +72,12 @@ def check_plan(robot: Robot, trajectory: Trajectory, protocol: str | Path | Prot
     from twin.planning.protocol import Protocol
     from twin.validation.retimed import CheckedPlan, retimed
 
-    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol or trajectory.protocol)
+    if not isinstance(protocol, Protocol):
+        protocol = robot.protocol(protocol or trajectory.protocol)
     mechanism = robot.mechanism
-    rows, facts, findings = retimed(trajectory, mechanism, chosen)
-    return CheckedPlan(trajectory, [j.is_angle for j in mechanism.active], rows, facts, findings)
+    rows, facts, findings = retimed(trajectory, mechanism, protocol)
+    angles = [joint.is_angle for joint in mechanism.active]
+    return CheckedPlan(trajectory, angles, rows, facts, findings)
 
 
 def validate(
@@ -111,19 +118,40 @@ def validate(
 
     progress("read CAD", 0.0)
     used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss, robot.mechanism.link_length)
-    chosen = robot.protocol(protocol or (trajectory.protocol if trajectory is not None else None))
-    said = None if robot.parameters else protocol or chosen.name  # the printed command line cannot set parameters
+    name_or_path = protocol
+    if not protocol and trajectory is not None:
+        name_or_path = trajectory.protocol
+    chosen = robot.protocol(name_or_path)
+    # the printed command line cannot set parameters
+    commands_possible = not robot.parameters
     robot = robot.bound(chosen)
-    kin = robot.kinematics(variants) if variants is not None or not robot.unwritten else None
-    if kin is not None:
+    kin = None
+    if variants is not None or not robot.unwritten:
+        kin = robot.kinematics(variants)
         check_parameters(kin, robot.cad.description)
     if trajectory is None:
         trajectory = plan(robot, chosen, progress, timing=timing)
     assert robot.files is not None  # the robot has CAD
-    with contextlib.nullcontext(stage) if stage is not None else robot.source.fresh_stage() as root:
-        sides = (kin, robot.cad, chosen, trajectory, root, used)
-        report = judge(Case(*sides, robot.path_kinematics(), baked, _motion(robot, trajectory)), progress)
-    return report if said is None else replace(report, commands=commands(robot.files, kin, said, tolerances))
+    if stage is not None:
+        opened_stage = contextlib.nullcontext(stage)
+    else:
+        opened_stage = robot.source.fresh_stage()
+    with opened_stage as root:
+        case = Case(
+            kin,
+            robot.cad,
+            chosen,
+            trajectory,
+            root,
+            used,
+            paths=robot.path_kinematics(),
+            baked_for_it=baked,
+            motion=_motion(robot, trajectory),
+        )
+        report = judge(case, progress)
+    if not commands_possible:
+        return report
+    return replace(report, commands=commands(robot.files, kin, protocol or chosen.name, tolerances))
 
 
 def _motion(robot: Robot, trajectory: Trajectory) -> LinkMotion | None:
@@ -131,8 +159,9 @@ def _motion(robot: Robot, trajectory: Trajectory) -> LinkMotion | None:
     from twin.planning.trajectory import key_times
     from twin.validation.motion import KEY_RATE
 
+    times = key_times(trajectory.duration, KEY_RATE)
     try:
-        return robot.link_motion(trajectory, key_times(trajectory.duration, KEY_RATE))
+        return robot.link_motion(trajectory, times)
     except AssemblyError:
         return None
 
@@ -165,8 +194,12 @@ def explain(
         raise TwinError(f"tolerance {tolerance / UM:g} um: give a positive length")
     formula = robot.formula  # read first, so that errors of the formula are raised before the CAD is read
     progress("read CAD", 0.0)
-    error = tolerance if tolerance is not None else 10 * robot.cad.placement_loss
-    used = Tolerances().widened(error, robot.mechanism.link_length)
+    if tolerance is None:
+        tolerance = 10 * robot.cad.placement_loss
+    used = Tolerances().widened(tolerance, robot.mechanism.link_length)
+    cad = None
+    if robot.files is not None:
+        cad = robot.cad
     return explain_(
         robot.name,
         formula,
@@ -176,7 +209,7 @@ def explain(
         progress=progress,
         budget=seconds,
         root=Path.cwd(),
-        cad=robot.cad if robot.files is not None else None,
+        cad=cad,
     )
 
 
@@ -209,12 +242,19 @@ def strokes(
             raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")
     chosen = joints or robot.joints
     progress("read CAD", 0.0)
-    kin, model = robot.kinematics(variants), robot.reference()
-    home = model.home().q if robot.mechanism.home is None else robot.mechanism.home
-    found = []
+    kin = robot.kinematics(variants)
+    model = robot.reference()
+    home = robot.mechanism.home
+    if home is None:
+        home = model.home().q
+    unique_standins = tuple(dict.fromkeys(standins))
+    sweeps = []
     for i, joint in enumerate(chosen):
         progress(f"sweep {joint}", (i + 0.5) / len(chosen))
-        found.append(sweep(kin, model, joint, home, tuple(dict.fromkeys(standins))))
-    need = robot.cad.description.requirement if robot.files is not None else None
-    required = (need.tool_um * UM, need.provenance, need.note) if need else None
-    return Strokes(robot.name, tuple(found), required)
+        sweeps.append(sweep(kin, model, joint, home, unique_standins))
+    required = None
+    if robot.files is not None:
+        requirement = robot.cad.description.requirement
+        if requirement is not None:
+            required = (requirement.tool_um * UM, requirement.provenance, requirement.note)
+    return Strokes(robot.name, tuple(sweeps), required)

@@ -70,16 +70,20 @@ def build(
         for i, name in enumerate(chosen):
             progress(f"bake {name}", i / len(chosen))
             try:
-                bound, trajectory = robot.bound(robot.protocol(name)), plan(robot, name)
+                bound = robot.bound(robot.protocol(name))
+                trajectory = plan(robot, name)
             except ProtocolError:
                 if protocols is None and robot.unwritten:  # `twin plan` shows the reason
                     continue
                 raise
             motion = bound.link_motion(trajectory, baked_times(trajectory))
             bake(robot.mechanism, bound.mechanism, trajectory.protocol, motion, work)
-        written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
         first = root.relative_to(work)
-    return [folder / first, *(folder / p for p in written if p != first)]
+        others = []
+        for path in work.rglob("*"):
+            if path.is_file() and path != root:
+                others.append(path.relative_to(work))
+    return [folder / name for name in (first, *sorted(others))]
 
 
 def export(
@@ -111,8 +115,10 @@ def export(
     from twin.exchange.write.order import order
 
     kinds = chosen_formats(formats)
-    assets.require_writable(folder := Path(folder or Path("twin-out") / robot.name / "export"))
-    return write_bundle(order(robot, trajectory, protocols, budget, plan, progress), folder, kinds, audit, progress)
+    folder = Path(folder or Path("twin-out") / robot.name / "export")
+    assets.require_writable(folder)
+    ordered = order(robot, trajectory, protocols, budget, plan, progress)
+    return write_bundle(ordered, folder, kinds, audit, progress)
 
 
 def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: Progress = silent) -> AuditReport:
@@ -142,7 +148,8 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
         raise TwinError(
             f"{path} is an exported scene: omit the robot, or give the folder of one of the scene's robots instead"
         )
-    robot = robot if isinstance(robot, Robot) else load(robot)
+    if not isinstance(robot, Robot):
+        robot = load(robot)
     expected = robot.weighed().mechanism
     truth = _truth(robot, path, progress)
     return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress)
@@ -157,9 +164,14 @@ def _states(mechanism: Mechanism) -> States:
     model = ReferenceModel(mechanism)
     run = joint_range(model, _DRAWN).run
     chosen = np.unique(np.linspace(0, len(run.x) - 1, _COMPARED).astype(int))
-    joints = {j.name: run.q[chosen, i] for i, j in enumerate(mechanism.active)}
-    single = {j.name for j in mechanism.passive if j.type in ("revolute", "prismatic")}
-    joints |= {n: q[chosen] for n, q in run.q_passive.items() if n in single}
+    joints: dict[str, Array] = {}
+    for i, joint in enumerate(mechanism.active):
+        joints[joint.name] = run.q[chosen, i]
+    # `States` has only joints with one coordinate
+    single = {joint.name for joint in mechanism.passive if joint.type in ("revolute", "prismatic")}
+    for name, q in run.q_passive.items():
+        if name in single:
+            joints[name] = q[chosen]
     return States(joints, model.link_poses(run.x[chosen]))
 
 
@@ -172,21 +184,29 @@ def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Arra
     from twin.reference import ReferenceModel
 
     progress("read key times", 0.0)
-    if not (clips := key_times(path)):
+    clips = key_times(path)
+    if not clips:
         return {}
     if robot.files is None:
         raise TwinError(f"{robot.name}: a stage has no protocols; give a robot by name, or its folder")
     known = robot.files.protocols()
-    out = {}
+    poses: dict[str, tuple[Array, dict[str, Array]]] = {}
     for clip, times in clips.items():
-        fits = [p for p in known if clip == p or clip.removesuffix("_ar").endswith(f"_{p}")]
-        if not fits:
+        name_of_clip = clip.removesuffix("_ar")
+        fitting = []
+        for name in known:
+            if clip == name or name_of_clip.endswith(f"_{name}"):
+                fitting.append(name)
+        if not fitting:
             continue
-        protocol = robot.protocol(max(fits, key=len))
+        # the name of one protocol can be the end of another's
+        protocol = robot.protocol(max(fitting, key=len))
         trajectory = plan(robot, protocol, progress)
         inside = np.clip(times, 0.0, trajectory.duration)  # the time of the last key is rounded
         model = ReferenceModel(robot.bound(protocol).mechanism)
-        out[protocol.name] = (times, model.link_poses(trajectory.on(model, inside).x))
-    if not out:
-        raise TwinError(f"{robot.name}: no clip has the name of a protocol of the robot ({', '.join(known) or 'none'})")
-    return out
+        run = trajectory.on(model, inside)
+        poses[protocol.name] = (times, model.link_poses(run.x))
+    if not poses:
+        names_of_protocols = ", ".join(known) or "none"
+        raise TwinError(f"{robot.name}: no clip has the name of a protocol of the robot ({names_of_protocols})")
+    return poses

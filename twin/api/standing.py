@@ -26,7 +26,8 @@ def load_scene(scene: str | Path) -> Scene:
     """
     from twin.model.scene import load_scene as read
 
-    if (file := assets.scene_file(scene)) is None:
+    file = assets.scene_file(scene)
+    if file is None:
         raise TwinError(unknown("scene", str(scene), assets.scenes()))
     return read(file)
 
@@ -37,11 +38,17 @@ def place_of(scene: Scene, name: str, taken: Collection[str] = ()) -> Place:
     Raises:
         TwinError: there is no such place, or the names of all such places are in `taken`.
     """
-    found = [p for p in scene.places if p.name == name] or [p for p in scene.places if p.robot == name]
-    if (place := next((p for p in found if p.name not in taken), None)) is None:
-        left = ", ".join(p.name for p in scene.places if p.name not in taken)
-        raise TwinError(f"scene '{scene.name}' has no {'further ' if found else ''}robot '{name}'; it has: {left}")
-    return place
+    named = [place for place in scene.places if place.name == name]
+    if not named:
+        named = [place for place in scene.places if place.robot == name]
+    for place in named:
+        if place.name not in taken:
+            return place
+    further = ""
+    if named:
+        further = "further "
+    free = ", ".join(place.name for place in scene.places if place.name not in taken)
+    raise TwinError(f"scene '{scene.name}' has no {further}robot '{name}'; it has: {free}")
 
 
 def standing(
@@ -57,7 +64,8 @@ def standing(
     Raises:
         TwinError: there is no such scene, or the robot is not in it.
     """
-    own = place_of(read := load_scene(scene), robot)
+    read = load_scene(scene)
+    own = place_of(read, robot)
     return _loaded(read, {own.name: ""}, own.T_world_base, load, poses or {})
 
 
@@ -86,6 +94,9 @@ def _loaded(
     for place in read.places:
         if place.name not in own:
             other = load(place.robot)
-            mechanisms[place.name] = other.bound(other.protocol(place.protocol or None)).mechanism
-    props = None if read.props is None else read_props(read.props)
+            protocol = other.protocol(place.protocol or None)
+            mechanisms[place.name] = other.bound(protocol).mechanism
+    props = None
+    if read.props is not None:
+        props = read_props(read.props)
     return obstacles(read, own, T_world_base, mechanisms, props, poses)
