@@ -69,20 +69,27 @@ class Info(Result):
         yield title
         yield f"  {data['source']}\n"
         loops = "no loops"
-        closing = [j["name"] for j in data["joints"] if j["closes_loop"]]
+        closing = [joint["name"] for joint in data["joints"] if joint["closes_loop"]]
         if closing:
             loops = f"loops closed by {', '.join(closing)}"
         yield (
             f"  {self.bodies} bodies, {len(data['joints'])} joints, {data['degrees_of_freedom']} degrees of freedom, "
             f"{data['redundant_constraints']} redundant constraints; {loops}"
         )
-        for name, r in data["redundant"].items():
-            yield f"    loop {name}: {r['count']} of its constraints {', '.join(r['among'])} are redundant"
-        yield f"  frames: {', '.join(data['frames'])}   points: {', '.join(data['points']) or 'none'}\n"
-        yield Table(("joint", "type", "between", "limits", ""), [_joint_row(j) for j in data["joints"]])
+        for name, redundant in data["redundant"].items():
+            constraints = ", ".join(redundant["among"])
+            yield f"    loop {name}: {redundant['count']} of its constraints {constraints} are redundant"
+        frames = ", ".join(data["frames"])
+        points = ", ".join(data["points"]) or "none"
+        yield f"  frames: {frames}   points: {points}\n"
+        rows = [_joint_row(joint) for joint in data["joints"]]
+        yield Table(("joint", "type", "between", "limits", ""), rows)
         yield ""
         yield from _motors(data["actuators"], data["transmissions"])
-        yield "  equations and their variants (* in use)" if data["variants"] else "  no equations"
+        if data["variants"]:
+            yield "  equations and their variants (* in use)"
+        else:
+            yield "  no equations"
         for name, choices in data["variants"].items():
             for variant, reason in choices.items():
                 used = "*" if data["chosen"][name] == variant else " "
@@ -122,7 +129,10 @@ class SceneInfo(Result):
         yield Table(("robot", "protocol", "port", "port position [mm]", "base position [mm]"), rows)
         around = data["surroundings"] or "none"
         yield f"\n  surroundings: {around}; required clearance: {data['clearance_mm']:g} mm"
-        yield "\n".join(f"  camera {n}: {c['robot']}, frame {c['frame']}" for n, c in data["cameras"].items())
+        cameras = []
+        for name, camera in data["cameras"].items():
+            cameras.append(f"  camera {name}: {camera['robot']}, frame {camera['frame']}")
+        yield "\n".join(cameras)
         yield "\n  parameters (* assumed: not published)"
         yield _parameters(data["parameters"])
         yield f"\n  commands: {', '.join(data['commands'])}"
@@ -155,7 +165,9 @@ class Listing(Result):
             robots.append((r["name"], r["title"], yes[r["equations"]], yes[r["stage"]], protocols))
         yield Table(("robot", "title", "equations", "stage", "protocols"), robots)
         yield ""
-        scenes = [(s["name"], s["title"], ", ".join(s["robots"])) for s in self.scenes]
+        scenes = []
+        for scene in self.scenes:
+            scenes.append((scene["name"], scene["title"], ", ".join(scene["robots"])))
         yield Table(("scene", "title", "robots"), scenes)
 
 
@@ -190,8 +202,12 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
             parameters = [*kin.formula.parameters, *parameters]
             chosen = dict(kin.variants)
             for equation in kin.formula.equations:
-                if equation.stage != "helper":
-                    variants[equation.name] = {n: equation.reasons.get(n, "") for n in equation.variants}
+                if equation.stage == "helper":
+                    continue
+                reasons: dict[str, str] = {}
+                for variant in equation.variants:
+                    reasons[variant] = equation.reasons.get(variant, "")
+                variants[equation.name] = reasons
     redundant = {}
     for loop, count in mobility.redundant.items():
         if count:
@@ -229,6 +245,10 @@ def info_of_scene(scene: Scene, word: str) -> SceneInfo:
             "position_mm": (place.T_world_base[:3, 3] / MM).tolist(),
         }
         robots.append(robot)
+    cameras = {}
+    for name, camera in scene.cameras.items():
+        cameras[name] = {"robot": camera.robot, "frame": camera.frame}
+    commands = [f"twin {command} {word}" for command in scene_commands(scene)]
     surroundings = None
     if scene.props is not None:
         surroundings = scene.props.stem
@@ -237,12 +257,12 @@ def info_of_scene(scene: Scene, word: str) -> SceneInfo:
         "title": scene.title,
         "source": scene.source,
         "robots": robots,
-        "cameras": {n: {"robot": c.robot, "frame": c.frame} for n, c in scene.cameras.items()},
+        "cameras": cameras,
         "surroundings": surroundings,
         "clearance_mm": scene.clearance / MM,
-        "touching": sorted(sorted(t) for t in scene.touching),
+        "touching": sorted(sorted(pair) for pair in scene.touching),
         "parameters": [vars(p) for p in scene.parameters],
-        "commands": [f"twin {c} {word}" for c in scene_commands(scene)],
+        "commands": commands,
     }
     return SceneInfo(data)
 

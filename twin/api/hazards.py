@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import math
 import time
 import tomllib
 from collections.abc import Iterator
@@ -98,32 +99,43 @@ def hazards(
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)
     log = _log(folder, robot, path, plan, parts)
-    left = [i for i in range(len(plan)) if i not in log.rows][: len(plan) if sessions is None else sessions]
-    count, many = max(1, min(processes or usable(), len(left))), len(left)
-    streams: list[Stream[JsonObject]] = [Stream(outcomes) for _ in range(count if left else 0)]
+    left = [index for index in range(len(plan)) if index not in log.rows]
+    if sessions is not None:
+        left = left[:sessions]
+    to_run = len(left)
+    count = 0
+    if left:
+        count = max(1, min(processes or usable(), to_run))
+    streams: list[Stream[JsonObject]] = []
+    for _ in range(count):
+        streams.append(Stream(outcomes))
 
     def give(stream: Stream[JsonObject]) -> None:
         """Send the next sessions to a process: fewer in each call, so that all processes end at about the same time."""
-        size = -(-len(left) // (2 * count))
-        share, left[:size] = tuple(left[:size]), []
-        stream.start(Share(source or robot.name, str(path.resolve()), share, software))
+        size = math.ceil(len(left) / (2 * count))
+        indices = tuple(left[:size])
+        del left[:size]
+        stream.start(Share(source or robot.name, str(path.resolve()), indices, software))
 
     try:
         for stream in streams:
             give(stream)
-        running, done = list(streams), 0
+        running = list(streams)
+        done = 0
         while running:
             for stream in list(running):
                 rows, state = stream.poll()
                 for row in rows:
                     log.add(row)
                     done += 1
-                    progress(f"session {row['index']}", done / many)
+                    progress(f"session {row['index']}", done / to_run)
+                if state is None:  # this process still runs
+                    continue
                 if state:
                     raise TwinError(f"a process of the campaign failed: {state}; {_kept(log)}")
-                if state == "" and left:
+                if left:
                     give(stream)
-                elif state == "":
+                else:
                     running.remove(stream)
             time.sleep(_POLL)
     except KeyboardInterrupt:
@@ -132,11 +144,14 @@ def hazards(
         for stream in streams:
             stream.close()
         log.close()
-    assumed = [
-        f"  ASSUMED {p.name} = {p.shown:g}{'' if p.unit == '1' else f' {p.unit}'}: {p.note}"
-        for p in (*parts.settings.parameters(), *plan.parameters())
-        if p.provenance == "ASSUMED"
-    ]
+    assumed = []
+    for parameter in (*parts.settings.parameters(), *plan.parameters()):
+        if parameter.provenance != "ASSUMED":
+            continue
+        value = f"{parameter.shown:g}"
+        if parameter.unit != "1":
+            value += f" {parameter.unit}"
+        assumed.append(f"  ASSUMED {parameter.name} = {value}: {parameter.note}")
     rows = [log.rows[i] for i in sorted(log.rows)]
     return Hazards(robot.name, plan.table, len(plan), rows, assumed)
 
@@ -150,9 +165,17 @@ def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -
     """Open or create a campaign's log in a folder; raise `TwinError` if the log has sessions of another campaign."""
     from twin.simulation.hazards.log import Log
 
-    s, digest = parts.settings, hashlib.sha256(file.read_bytes()).hexdigest()
-    run = {"mode": s.mode, "overdrive": s.overdrive, "released": s.released.model_dump()}
-    log = Log(folder / FILE, {"log": "twin-hazards", "version": 2, "robot": robot.name, "campaign": digest, **run})
+    settings = parts.settings
+    head = {
+        "log": "twin-hazards",
+        "version": 2,
+        "robot": robot.name,
+        "campaign": hashlib.sha256(file.read_bytes()).hexdigest(),
+        "mode": settings.mode,
+        "overdrive": settings.overdrive,
+        "released": settings.released.model_dump(),
+    }
+    log = Log(folder / FILE, head)
     try:
         _require_own(plan, log)
     except TwinError:
@@ -169,17 +192,28 @@ def _require_own(plan: Campaign, log: Log) -> None:
     """
     from twin.simulation.hazards.attacked import Outcome
 
-    needed = {"response", *(f.name for f in fields(Outcome))}
+    required = {"response", *(field.name for field in fields(Outcome))}
     for index, row in log.rows.items():
-        drawn = asdict(plan.draw(index)) if 0 <= index < len(plan) else {"index": f"0 to {len(plan) - 1}"}
-        wrong = [key for key, value in drawn.items() if row.get(key) != value] or sorted(needed - row.keys())
-        if wrong:
-            said = f"{wrong[0]} is {row[wrong[0]]!r}" if wrong[0] in row else f"{wrong[0]} is missing"
-            expected = f"; expected {drawn[wrong[0]]!r}" if wrong[0] in drawn else ""
-            raise OutputError(
-                f"{log.path}: session {index}: {said}{expected}. Delete the line of this session to run the session "
-                "again, or give another --out"
-            )
+        if 0 <= index < len(plan):
+            drawn = asdict(plan.draw(index))
+        else:
+            last = len(plan) - 1
+            drawn = {"index": f"0 to {last}"}
+        wrong = [key for key, value in drawn.items() if row.get(key) != value]
+        if not wrong:
+            wrong = sorted(required - row.keys())
+        if not wrong:
+            continue
+        key = wrong[0]
+        fault = f"{key} is missing"
+        if key in row:
+            fault = f"{key} is {row[key]!r}"
+        if key in drawn:
+            fault += f"; expected {drawn[key]!r}"
+        raise OutputError(
+            f"{log.path}: session {index}: {fault}. Delete the line of this session to run the session "
+            "again, or give another --out"
+        )
 
 
 def outcomes(share: Share) -> Iterator[JsonObject]:
@@ -193,9 +227,13 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
             partial(plan.faults, drawn), drawn.start, drawn.length, drawn.mass, drawn.friction, drawn.scale
         )
         found = arena.run(session)
-        trained = found.noticeable and index < plan.table.trained
-        response = arena.respond(session, plan.reaction(index)) if trained else None
-        yield asdict(drawn) | asdict(found) | {"response": None if response is None else asdict(response)}
+        response = None
+        if found.noticeable and index < plan.table.trained:
+            response = arena.respond(session, plan.reaction(index))
+        response_data = None
+        if response is not None:
+            response_data = asdict(response)
+        yield {**asdict(drawn), **asdict(found), "response": response_data}
 
 
 @lru_cache(maxsize=1)
@@ -241,5 +279,7 @@ def campaign_file(robot: Robot, campaign: str | Path) -> Path:
     known: JsonObject = {}
     with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign reports the error
         known = tomllib.loads(path.read_text(encoding="utf-8"))
-    other = known.get("same_as") if len(known) == 1 else None
-    return (path.parent / other).resolve() if isinstance(other, str) else path
+    other = known.get("same_as")
+    if len(known) == 1 and isinstance(other, str):
+        return (path.parent / other).resolve()
+    return path

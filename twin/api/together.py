@@ -104,7 +104,8 @@ class _Arm:
         from twin.planning.free_phase import kept
 
         row = self.at(phase)
-        own = kept(self.kinematics, Anchor.at(self.kinematics, self._Ts[[row]], self.q[[row]]))
+        anchor = Anchor.at(self.kinematics, self._Ts[[row]], self.q[[row]])
+        own = kept(self.kinematics, anchor)
         T_base_world = spatial.inverse(self.place.T_world_base)
         n = self.q.shape[1]
 
@@ -156,13 +157,15 @@ def plan_together(
     if read.props is not None:
         props_files(read.props)  # before planning, because a plan that cannot be written would be lost
     found: list[_Arm] = []
+    taken: set[str] = set()
     for name, (robot, protocol) in arms.items():
-        place = place_of(read, name, {a.name for a in found})
+        place = place_of(read, name, taken)
         if robot.name != place.robot:
             raise TwinError(
                 f"'{name}' in scene '{read.name}' is the robot {place.robot}; a plan of {robot.name} does not apply"
             )
         found.append(_Arm(place, robot, avoiding(protocol, scene, clearance, seed)))
+        taken.add(place.name)
     if len(found) < 2:
         raise TwinError("to plan several arms at once, name at least two")
 
@@ -203,7 +206,9 @@ class _Plan:
         self.load = cache(load)
         self.owners: Mapping[str, str] = {}
         progress("bodies of robots and scene", 0.0)
-        self.spaces = [self._space(k).interruptible(check) for k in range(1, len(arms) + 1)]
+        self.spaces: list[JointSpace] = []
+        for count in range(1, len(arms) + 1):
+            self.spaces.append(self._space(count).interruptible(check))
 
     def _space(self, count: int) -> JointSpace:
         """Return the joint space of the first `count` arms.
@@ -214,8 +219,8 @@ class _Plan:
         from twin.reference import ReferenceModel
         from twin.reference.space import JointSpace
 
-        names = [a.name for a in self.arms]
-        parts = {a.name: (a.mechanism, a.place.T_world_base) for a in self.arms[:count]}
+        names = [arm.name for arm in self.arms]
+        parts = _placed(self.arms[:count])
         self.owners = owners(parts)
         return JointSpace(
             lambda: ReferenceModel(joined(parts)),
@@ -227,23 +232,37 @@ class _Plan:
     @property
     def count(self) -> int:
         """Number of phases."""
-        return max(len(a.q) - 1 for a in self.arms)
+        waypoints = [len(arm.q) for arm in self.arms]
+        return max(waypoints) - 1
 
     def require_ends(self) -> None:
         """Raise an error if a waypoint exceeds a limit or has too little clearance, or if no arm moves in a phase."""
         for phase in range(self.count + 1):
             self.check()
-            for a in self.arms:
-                if reason := a.beyond(phase):
-                    raise ProtocolError(f"{a.name} at '{a.waypoint(phase)}': {reason}. Change this waypoint")
-            starts = [a.ends(phase)[0] for a in self.arms]
-            if reason := self.spaces[-1].why(np.concatenate(starts)):
-                where = ", ".join(f"{a.name} at '{a.waypoint(phase)}'" for a in self.arms)
-                lower = ", or lower the clearance" if " mm apart (" in reason else ""
-                raise ProtocolError(f"{where}: {reason}. Change a waypoint{lower}")
-            if phase < self.count and not any(a.moves(phase) for a in self.arms):
-                where = ", ".join(f"{a.name} stays at '{a.waypoint(phase)}'" for a in self.arms)
+            starts = []
+            for arm in self.arms:
+                reason = arm.beyond(phase)
+                if reason:
+                    raise ProtocolError(f"{arm.name} at '{arm.waypoint(phase)}': {reason}. Change this waypoint")
+                start, _ = arm.ends(phase)
+                starts.append(start)
+            reason = self.spaces[-1].why(np.concatenate(starts))
+            if reason:
+                where = self._waypoints(phase, "at")
+                advice = "Change a waypoint"
+                if " mm apart (" in reason:
+                    advice += ", or lower the clearance"
+                raise ProtocolError(f"{where}: {reason}. {advice}")
+            if phase < self.count and not any(arm.moves(phase) for arm in self.arms):
+                where = self._waypoints(phase, "stays at")
                 raise ProtocolError(f"phase {self._named(phase)}: no arm moves: {where}. Change a waypoint")
+
+    def _waypoints(self, phase: int, verb: str) -> str:
+        """Return the names of all arms and their waypoints at the start of a phase, as text."""
+        texts = []
+        for arm in self.arms:
+            texts.append(f"{arm.name} {verb} '{arm.waypoint(phase)}'")
+        return ", ".join(texts)
 
     def made(self) -> PlannedTogether:
         """Return the plan.
@@ -270,7 +289,8 @@ class _Plan:
             certificates.append(self.spaces[-1].certify_each(path, self._kind))
 
         self.progress("timing", 0.0)
-        made = trajectories([a.timed for a in self.arms], self._courses(paths))
+        timed = [arm.timed for arm in self.arms]
+        made = trajectories(timed, self._courses(paths))
         longest = max(made, key=lambda trajectory: len(trajectory.t))
         q: dict[str, Array] = {}
         checked = {}
@@ -280,8 +300,7 @@ class _Plan:
             checked[arm.name] = trajectory.findings
 
         self.progress("distances between the arms", 0.0)
-        placed = {a.name: (a.mechanism, a.place.T_world_base) for a in self.arms}
-        arm_distances = distances(placed, q, longest.t, self.check)
+        arm_distances = distances(_placed(self.arms), q, longest.t, self.check)
         q_all = np.column_stack(list(q.values()))
         phases = []
         for phase, span in enumerate(longest.phases):
@@ -292,13 +311,15 @@ class _Plan:
                     near[kind] = nearest_at(certificate, paths[phase], q_all[rows], longest.t[rows])
             if "between_arms" in near:
                 near["between_arms"] = near["between_arms"].among(arm_distances, span.t0, span.t1)
-            whole = nearest(n.seen for n in near.values())
+            whole = nearest(pair.seen for pair in near.values())
             name = self._named(phase)
             phases.append(CommonPhase(name, span.t0, span.t1, whole, near, span.solver or "", rounds[phase]))
 
         robots = {}
         for arm, trajectory in zip(self.arms, made, strict=True):
-            spans = [PhaseTimes(p.name, p.waypoint or "", p.t0, p.t1) for p in trajectory.phases]
+            spans = []
+            for span in trajectory.phases:
+                spans.append(PhaseTimes(span.name, span.waypoint or "", span.t0, span.t1))
             robots[arm.name] = RobotSamples(arm.protocol, _joints(arm.mechanism), q[arm.name], spans)
         planned = list(robots)
         robots |= self._resting()
@@ -310,8 +331,9 @@ class _Plan:
         start = 0
         for arm in self.arms:
             stop = start + arm.q.shape[1]
-            own = [_Course(path, slice(start, stop), self.check) for path in paths[: len(arm.q) - 1]]
-            courses.append(own)
+            columns = slice(start, stop)
+            own_phases = len(arm.q) - 1  # an arm with fewer phases than the others rests afterwards
+            courses.append([_Course(path, columns, self.check) for path in paths[:own_phases]])
             start = stop
         return courses
 
@@ -329,8 +351,8 @@ class _Plan:
         """Return the scene's robots that are not planned, each at rest in the pose that it has as an obstacle."""
         from twin.planning.plan_files import RobotSamples
 
-        planned = {a.name for a in self.arms}
-        out = {}
+        planned = {arm.name for arm in self.arms}
+        resting: dict[str, RobotSamples] = {}
         for place in self.read.places:
             if place.name in planned:
                 continue
@@ -338,11 +360,12 @@ class _Plan:
             robot = self.load(place.robot)
             protocol = robot.protocol(place.protocol or None)
             robot = robot.bound(protocol)
-            out[place.name] = RobotSamples(protocol, _joints(robot.mechanism), robot.reference().home().q[None])
-        return out
+            q = robot.reference().home().q
+            resting[place.name] = RobotSamples(protocol, _joints(robot.mechanism), q[None])
+        return resting
 
     def _named(self, phase: int) -> str:
-        return " / ".join(a.named(phase) for a in self.arms)
+        return " / ".join(arm.named(phase) for arm in self.arms)
 
     def _path(self, phase: int) -> tuple[Path, Mapping[str, SearchRounds]]:
         """Return the common path of all arms in a phase, and {arm: rounds of its path search}."""
@@ -359,9 +382,11 @@ class _Plan:
             label = f"{arm.name}: path around obstacles"
             moving = ""
             if before:
-                label += f" and {', '.join(before)}"
+                names = ", ".join(before)
+                label += f" and {names}"
                 verb = "move" if len(before) > 1 else "moves"
-                moving = f" while {' and '.join(before)} {verb}"
+                subjects = " and ".join(before)
+                moving = f" while {subjects} {verb}"
             rounds: list[SearchRound] = []
             options = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f), "ended": rounds.append}
             try:
@@ -378,8 +403,13 @@ class _Plan:
         return path, found
 
 
+def _placed(arms: Sequence[_Arm]) -> dict[str, tuple[Mechanism, Array]]:
+    """Return {name of an arm: (mechanism, T_world_base)}."""
+    return {arm.name: (arm.mechanism, arm.place.T_world_base) for arm in arms}
+
+
 def _joints(mechanism: Mechanism) -> list[tuple[str, bool]]:
-    return [(j.name, j.is_angle) for j in mechanism.active]
+    return [(joint.name, joint.is_angle) for joint in mechanism.active]
 
 
 class _Course:
