@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from difflib import get_close_matches
 from functools import cache
-from typing import Any
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from twin.core.json_types import JsonObject
-from twin.schema.lines import Keys, nearest_line, spell
+from twin.schema.lines import Key, Keys, nearest_line, spell
 
 UNITS = (
     *("mm", "um", "cm", "m", "in", "deg", "rad", "s", "ms", "min", "kg", "g", "n", "nm", "hz", "percent"),
@@ -28,20 +28,29 @@ def explain_syntax(text: str, name: str, error: Exception) -> str:
     """Return the message for invalid TOML: file, line, reason, and the text of the line."""
     message = str(error)
     found = re.search(r"\(at line (\d+), column (\d+)\)", message)
-    line = int(found[1]) if found else text.count("\n") + 1
+    if found is not None:
+        line = int(found[1])
+    else:  # tomllib names no line for a mistake at the end of the text
+        line = text.count("\n") + 1
+    reason = re.sub(r" \(at .*\)$", "", message)
+    explanation = f"{name}:{line}: not valid TOML: {reason}"
     rows = text.splitlines()
-    row = rows[line - 1].strip()[:_SHOWN] if 0 < line <= len(rows) else ""
-    message = re.sub(r" \(at .*\)$", "", message)
-    return f"{name}:{line}: not valid TOML: {message}" + (f", in: {row}" if row else "")
+    row = ""
+    if 0 < line <= len(rows):
+        row = rows[line - 1].strip()[:_SHOWN]
+    if row:
+        explanation += f", in: {row}"
+    return explanation
 
 
 def first_mistake(error: ValidationError) -> tuple[str, str]:
     """Return (location, message) of the first mistake; the location is keys joined by dots, "" for the whole input."""
     first = error.errors(include_url=False, include_input=False, include_context=False)[0]
-    return ".".join(map(str, first["loc"])), first["msg"]
+    location = ".".join(str(key) for key in first["loc"])
+    return location, first["msg"]
 
 
-def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
+def explain(error: ValidationError, data: JsonObject, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
     """Return the message of a validation error: one line for each mistake, in the order of the file."""
     schema = _schema(model)
     found: dict[Keys, tuple[int, str]] = {}
@@ -56,7 +65,7 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
             if meant:
                 replaced.add((*keys[:-1], meant))
         else:
-            text = _problem(item, keys, value, _nodes(schema, data, keys), data)
+            text = _problem(item, keys, value, _nodes(schema, data, keys))
         kinds[keys] = item["type"]
         found[keys] = (nearest_line(lines, keys), f"{spell(keys)}{_shown(item, value)}: {text}")
     for keys in list(found):  # the deepest matching branch of a union explains the error best
@@ -64,7 +73,9 @@ def explain(error: ValidationError, data: dict, lines: dict[Keys, int], model: t
             if kinds.get(keys[:depth]) in _KINDS:
                 replaced.add(keys[:depth])
     rows = [row for keys, row in found.items() if keys not in replaced]
-    return "\n".join(f"{name}:{line}: {text}" for line, text in sorted(rows, key=lambda row: row[0]))
+    rows.sort(key=lambda row: row[0])  # by line; several mistakes of a line keep their order
+    messages = [f"{name}:{line}: {text}" for line, text in rows]
+    return "\n".join(messages)
 
 
 @cache
@@ -73,59 +84,89 @@ def _schema(model: type[BaseModel]) -> JsonObject:
     return model.model_json_schema()
 
 
-def _raw_keys(item: Any, data: Any) -> tuple[Keys, Any]:
+def _raw_keys(item: ErrorDetails, data: object) -> tuple[Keys, object]:
     """Return (keys of the faulty value in the file, the value); union branches, which pydantic adds, are omitted."""
-    loc, keys, here = [*item["loc"], *item.get("ctx", {}).get("keys", ())], [], data
-    for i, key in enumerate(loc):
-        if _inside(here, key):
-            here = _step(here, key)
-        elif i == len(loc) - 1 and item["type"] in ("missing", "at_key"):
-            here = None
+    location = [*item["loc"], *item.get("ctx", {}).get("keys", ())]
+    keys: list[Key] = []
+    value = data
+    for i, key in enumerate(location):
+        if _inside(value, key):
+            value = _step(value, key)
+        elif i == len(location) - 1 and item["type"] in ("missing", "at_key"):
+            value = None
         else:
             continue
         keys.append(key)
-    return tuple(keys), here
+    return tuple(keys), value
 
 
-def _inside(here: Any, key: Any) -> bool:
-    if isinstance(here, list):
-        return isinstance(key, int) and key < len(here)
-    return isinstance(here, dict) and key in here
+def _inside(value: object, key: Key) -> bool:
+    if isinstance(value, list):
+        return isinstance(key, int) and key < len(value)
+    return isinstance(value, dict) and key in value
 
 
-def _step(here: Any, key: Any) -> Any:
-    return here[key] if _inside(here, key) else None
+def _step(value: object, key: Key) -> object:
+    """Return the value at a key of a table or an index of a list; None if there is none."""
+    if isinstance(value, list) and isinstance(key, int) and key < len(value):
+        return value[key]
+    if isinstance(value, dict):
+        return value.get(key)
+    return None
 
 
-def _shown(item: Any, value: Any) -> str:
+def _shown(item: ErrorDetails, value: object) -> str:
     if item["type"] in ("missing", "extra_forbidden") or isinstance(value, dict) or value is None:
         return ""
     text = json.dumps(value, ensure_ascii=False)
-    return f" = {text if len(text) <= _SHOWN else text[: _SHOWN - 3] + '...'}"
+    if len(text) > _SHOWN:
+        text = text[: _SHOWN - 3] + "..."
+    return f" = {text}"
 
 
-def _unknown_key(keys: Keys, nodes: list[dict]) -> tuple[str, str | None]:
+def _unknown_key(keys: Keys, nodes: list[JsonObject]) -> tuple[str, str | None]:
     """Return (message for an unknown key, most similar known key or None)."""
-    key, known = str(keys[-1]), sorted({p for node in nodes for p in node.get("properties", {})})
-    bare, other = [], []  # known keys: this key with a unit added; this key with another unit
+    key = str(keys[-1])
+    names: set[str] = set()
+    for node in nodes:
+        names.update(node.get("properties", {}))
+    known = sorted(names)
+    with_unit: list[str] = []  # known keys that are this key with a unit added
+    other_units: list[str] = []
+    with_other_unit: list[str] = []  # known keys that are this key with another unit
     for name in known:
-        for unit in sorted(UNITS, key=len, reverse=True):
-            if not name.endswith("_" + unit):
-                continue
-            stem = name[: -len(unit) - 1]
-            if key == stem:
-                bare.append(name)
-            elif key.startswith(stem + "_") and key[len(stem) + 1 :] in UNITS:
-                other.append((unit.replace("_", "/"), name))
-            break
-    if bare:
-        return f"the unit is missing: write {' or '.join(bare)}", bare[0]
-    if other:
-        units, names = (" or ".join(words) for words in zip(*other, strict=True))
-        return f"the unit is {units} here: write {names}", other[0][1]
+        unit = _unit_of(name)
+        if unit is None:
+            continue
+        stem = name.removesuffix(f"_{unit}")
+        if key == stem:
+            with_unit.append(name)
+        elif key.startswith(f"{stem}_") and key.removeprefix(f"{stem}_") in UNITS:
+            other_units.append(unit.replace("_", "/"))
+            with_other_unit.append(name)
+    if with_unit:
+        choices = " or ".join(with_unit)
+        return f"the unit is missing: write {choices}", with_unit[0]
+    if with_other_unit:
+        units = " or ".join(other_units)
+        choices = " or ".join(with_other_unit)
+        return f"the unit is {units} here: write {choices}", with_other_unit[0]
+    hint = ""
+    similar = None
     close = get_close_matches(key, known, n=1, cutoff=0.7)
-    hint = f"; did you mean {close[0]}?" if close else ""
-    return f"unknown key{hint}; known keys: {', '.join(known) or 'none'}", close[0] if close else None
+    if close:
+        similar = close[0]
+        hint = f"; did you mean {similar}?"
+    choices = ", ".join(known) or "none"
+    return f"unknown key{hint}; known keys: {choices}", similar
+
+
+def _unit_of(name: str) -> str | None:
+    """Return the longest unit that is the suffix of a key's name ("mm_s", not "s"); None if there is none."""
+    for unit in sorted(UNITS, key=len, reverse=True):
+        if name.endswith(f"_{unit}"):
+            return unit
+    return None
 
 
 _KINDS = {"float_type": "a number", "int_type": "a whole number", "string_type": "text in quotes"}
@@ -133,37 +174,50 @@ _KINDS |= {"bool_type": "true or false", "tuple_type": "a list", "list_type": "a
 _KINDS |= {"model_type": "a table", "model_attributes_type": "a table", "int_from_float": "a whole number"}
 
 
-def _problem(item: Any, keys: Keys, value: Any, nodes: list[dict], data: Any) -> str:
-    kind, context = item["type"], item.get("ctx", {})
+def _problem(item: ErrorDetails, keys: Keys, value: object, nodes: list[JsonObject]) -> str:
+    """Return the message about a value that does not match the JSON Schema nodes of its place."""
+    kind = item["type"]
+    context = item.get("ctx", {})
     allowed = _allowed(nodes)
-    also = f"; allowed: {allowed}" if allowed else ""
+    also = ""
+    if allowed:
+        also = f"; allowed: {allowed}"
     if kind == "missing":
         if isinstance(keys[-1], int):
             return f"the list is too short: value {keys[-1] + 1} is missing{also}"
-        return "this key is missing" + (
-            f"; its value must be {'one of ' * (',' in allowed)}{allowed}" if allowed else ""
-        )
+        if not allowed:
+            return "this key is missing"
+        one_of = "one of " if "," in allowed else ""
+        return f"this key is missing; its value must be {one_of}{allowed}"
     if kind == "union_tag_not_found":
         tag = context["discriminator"].strip("'")
-        tags = [v for n in nodes for v in _choices(n.get("properties", {}).get(tag, {}))]
-        return f"the key {tag} is missing; its value must be one of {', '.join(tags)}"
+        tags: list[str] = []
+        for node in nodes:
+            tags += _choices(node.get("properties", {}).get(tag, {}))
+        choices = ", ".join(tags)
+        return f"the key {tag} is missing; its value must be one of {choices}"
     if kind == "union_tag_invalid":
+        tag = context["discriminator"].strip("'")
+        found = context["tag"]
         known = re.findall(r"'([^']*)'", context["expected_tags"])
-        return (
-            f"unknown {context['discriminator'].strip(chr(39))} '{context['tag']}'"
-            f"{_close(context['tag'], known)}; allowed: {', '.join(known)}"
-        )
+        choices = ", ".join(known)
+        return f"unknown {tag} '{found}'{_close(found, known)}; allowed: {choices}"
     if kind in ("literal_error", "enum"):
-        known = [v for node in nodes for v in _choices(node)]
-        return f"not known{_close(value, known)}; allowed: {', '.join(known) or context.get('expected', '')}"
+        known = []
+        for node in nodes:
+            known += _choices(node)
+        choices = ", ".join(known) or context.get("expected", "")
+        return f"not known{_close(value, known)}; allowed: {choices}"
     if kind.startswith(("greater_than", "less_than")):
         return f"out of range{also}"
     if kind in ("finite_number", "json_invalid"):
         return f"must be a finite number{also}"
     if kind in _KINDS:
-        also = "" if allowed == _KINDS[kind] else also
-        return f"{_KINDS[kind]} is expected, not {_kind_of(value)}{also}{_as_number(value, kind)}"
-    if kind in ("too_long", "too_short"):
+        expected = _KINDS[kind]
+        if allowed == expected:
+            also = ""
+        return f"{expected} is expected, not {_kind_of(value)}{also}{_as_number(value, kind)}"
+    if kind in ("too_long", "too_short") and isinstance(value, Sized):
         return f"the list has {len(value)} values{also}"
     if kind == "string_pattern_mismatch":
         return "must begin with a lower-case letter and contain only lower-case letters, digits and _"
@@ -172,17 +226,19 @@ def _problem(item: Any, keys: Keys, value: Any, nodes: list[dict], data: Any) ->
     return item["msg"].removeprefix("Value error, ") + also
 
 
-def _close(value: Any, known: list[str]) -> str:
+def _close(value: object, known: list[str]) -> str:
     close = get_close_matches(str(value).lower(), known, n=1)
-    return f"; did you mean '{close[0]}'?" if close else ""
+    if not close:
+        return ""
+    return f"; did you mean '{close[0]}'?"
 
 
-def _kind_of(value: Any) -> str:
+def _kind_of(value: object) -> str:
     names = {bool: "true or false", str: "text", list: "a list", dict: "a table"}
     return names.get(type(value), "a number")
 
 
-def _as_number(value: Any, kind: str) -> str:
+def _as_number(value: object, kind: str) -> str:
     if isinstance(value, str) and kind in ("float_type", "int_type"):
         try:
             return f"; write {float(value):g} without quotes"
@@ -191,12 +247,13 @@ def _as_number(value: Any, kind: str) -> str:
     return ""
 
 
-def _nodes(schema: dict, data: Any, keys: Keys) -> list[dict]:
+def _nodes(schema: JsonObject, data: object, keys: Keys) -> list[JsonObject]:
     """Return the JSON Schema nodes of the value at `keys`; union branches are chosen by their tag."""
 
-    def expand(node: dict, value: Any) -> Iterator[dict]:
+    def expand(node: JsonObject, value: object) -> Iterator[JsonObject]:
         if "$ref" in node:
-            yield from expand(schema["$defs"][node["$ref"].rsplit("/", 1)[1]], value)
+            _, definition = node["$ref"].rsplit("/", 1)
+            yield from expand(schema["$defs"][definition], value)
             return
         branches = node.get("anyOf") or node.get("oneOf")
         if not branches:
@@ -208,41 +265,64 @@ def _nodes(schema: dict, data: Any, keys: Keys) -> list[dict]:
         for branch in branches:
             yield from expand(branch, value)
 
-    nodes, here = list(expand(schema, data)), data
+    nodes = list(expand(schema, data))
+    value = data
     for key in keys:
-        here = _step(here, key)
-        children: list[dict] = []
+        value = _step(value, key)
+        children: list[JsonObject] = []
         for node in nodes:
-            if isinstance(key, int):
-                prefix = node.get("prefixItems", [])
-                child = prefix[key] if key < len(prefix) else node.get("items")
-            else:
-                patterns = [v for p, v in node.get("patternProperties", {}).items() if re.search(p, key)]
-                other = patterns[0] if patterns else node.get("additionalProperties")
-                child = node.get("properties", {}).get(key, other)
+            child = _child(node, key)
             if isinstance(child, dict):
-                children += expand(child, here)
+                children += expand(child, value)
         nodes = children
     return nodes
 
 
-def _allowed(nodes: list[dict]) -> str:
-    return " or ".join(dict.fromkeys(text for text in map(_allowed_one, nodes) if text))
+def _child(node: JsonObject, key: Key) -> object:
+    """Return the JSON Schema of the value at a key or an index; no dict: any value is allowed, or none."""
+    if isinstance(key, int):
+        prefix = node.get("prefixItems", [])
+        if key < len(prefix):
+            return prefix[key]
+        return node.get("items")
+    properties = node.get("properties", {})
+    if key in properties:
+        return properties[key]
+    for pattern, child in node.get("patternProperties", {}).items():
+        if re.search(pattern, key):
+            return child
+    return node.get("additionalProperties")
 
 
-def _choices(node: dict) -> list[str]:
-    return [str(v) for v in node.get("enum", [node.get("const")]) if v is not None]
+def _allowed(nodes: list[JsonObject]) -> str:
+    texts: list[str] = []
+    for node in nodes:
+        text = _allowed_one(node)
+        if text and text not in texts:
+            texts.append(text)
+    return " or ".join(texts)
 
 
-def _allowed_one(node: dict) -> str:
-    if choices := _choices(node):
+def _choices(node: JsonObject) -> list[str]:
+    values = node.get("enum", [node.get("const")])
+    return [str(value) for value in values if value is not None]
+
+
+def _allowed_one(node: JsonObject) -> str:
+    choices = _choices(node)
+    if choices:
         return ", ".join(choices)
     kind = node.get("type")
     if kind in ("number", "integer"):
+        text = "a number" if kind == "number" else "a whole number"
         signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
         bounds = [f"{sign} {node[key]:g}" for key, sign in signs.items() if key in node]
-        return ("a number" if kind == "number" else "a whole number") + (f" {' and '.join(bounds)}" if bounds else "")
+        if bounds:
+            text += " " + " and ".join(bounds)
+        return text
     if kind == "array":
-        low, high = node.get("minItems"), node.get("maxItems")
-        return f"a list of {low} values" if low == high and low is not None else "a list"
+        shortest = node.get("minItems")
+        if shortest is not None and shortest == node.get("maxItems"):
+            return f"a list of {shortest} values"
+        return "a list"
     return {"string": "text", "boolean": "true or false", "object": "a table"}.get(str(kind), "")

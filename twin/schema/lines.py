@@ -19,7 +19,12 @@ def spell(keys: Keys) -> str:
     """Return keys in TOML-like notation, such as phases[2].depth_mm."""
     text = ""
     for key in keys:
-        text += f"[{key}]" if isinstance(key, int) else "." * bool(text) + key
+        if isinstance(key, int):
+            text += f"[{key}]"
+        elif text:
+            text += f".{key}"
+        else:
+            text = key
     return text or "the file"
 
 
@@ -46,7 +51,9 @@ class _Scanner:
     _BARE = re.compile(r"[^,\]}#\n]*")
 
     def __init__(self, text: str) -> None:
-        self.text, self.i, self.lines = text, 0, dict[Keys, int]()
+        self.text = text
+        self.i = 0
+        self.lines: dict[Keys, int] = {}
         self.ends = [found.start() for found in re.finditer("\n", text)]
         self.sizes: dict[Keys, int] = {}  # number of elements found in each [[list of tables]]
         table: Keys = ()
@@ -76,32 +83,40 @@ class _Scanner:
             found = self.match(self._NAME)
             self.i = found.end()
             raw = found[1]
-            names.append(next(iter(tomllib.loads(f"{raw}=0"))) if raw[0] == '"' else raw.strip("'"))
+            if raw[0] == '"':  # with escapes, which tomllib resolves
+                (name,) = tomllib.loads(f"{raw}=0")
+            else:
+                name = raw.strip("'")
+            names.append(name)
             if self.text[self.i : self.i + 1] != ".":
                 return tuple(names)
             self.i += 1
 
     def header(self) -> Keys:
-        start, many = self.i, self.text.startswith("[[", self.i)
-        self.i += 2 if many else 1
+        start = self.i
+        is_list = self.text.startswith("[[", start)
+        brackets = 2 if is_list else 1
+        self.i += brackets
         table: Keys = ()
         names = self.name()
         for depth, key in enumerate(names):
             table = (*table, key)
-            if many and depth == len(names) - 1:
+            if is_list and depth == len(names) - 1:
                 self.sizes[table] = self.sizes.get(table, 0) + 1
             if table in self.sizes:
                 table = (*table, self.sizes[table] - 1)
-        end, self.i = self.i, start
+        end = self.i
+        self.i = start  # `note` takes the line at this place
         for depth in range(len(table)):
             self.note(table[: depth + 1])
-        self.i = end + (2 if many else 1)
+        self.i = end + brackets
         return table
 
     def pair(self, table: Keys) -> None:
         start = self.i
         names = self.name()
-        end, self.i = self.i, start
+        end = self.i
+        self.i = start  # `note` takes the line at this place
         for depth in range(len(names)):
             self.note((*table, *names[: depth + 1]))
         self.i = end + 1  # past the equals sign
@@ -124,4 +139,5 @@ class _Scanner:
                     self.i += 1
             self.i += 1
         else:
-            self.i = self.match(self._TEXT if opening in ("'", '"') else self._BARE).end()
+            pattern = self._TEXT if opening in ("'", '"') else self._BARE
+            self.i = self.match(pattern).end()

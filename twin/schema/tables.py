@@ -11,7 +11,7 @@ import json
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -38,7 +38,14 @@ from twin.schema.lines import Key, Keys, key_lines, nearest_line, spell
 M = TypeVar("M", bound=BaseModel)
 
 
-Origin = Annotated[Provenance, BeforeValidator(lambda said: EARLIER.get(said, said) if isinstance(said, str) else said)]
+def _present_name(provenance: object) -> object:
+    """Return the present name of a provenance; other values unchanged, which the validation then refuses."""
+    if isinstance(provenance, str):
+        return EARLIER.get(provenance, provenance)
+    return provenance
+
+
+Origin = Annotated[Provenance, BeforeValidator(_present_name)]
 """Provenance of a number in a table; former provenance names are also accepted."""
 
 
@@ -54,9 +61,12 @@ class Table(BaseModel):
                 if name != low and not name.startswith(low + "_"):
                     continue
                 other = high + name[len(low) :]
-                a, b = getattr(self, name), getattr(self, other, None)
-                if isinstance(a, int | float) and isinstance(b, int | float) and a > b:
-                    raise at(name, f"limits are swapped: {name} {a:g} is above {other} {b:g}")
+                lower = getattr(self, name)
+                upper = getattr(self, other, None)
+                if not isinstance(lower, int | float) or not isinstance(upper, int | float):
+                    continue
+                if lower > upper:
+                    raise at(name, f"limits are swapped: {name} {lower:g} is above {other} {upper:g}")
         return self
 
 
@@ -75,17 +85,21 @@ class Sourced(Table):
         for name, value, unit in rows:
             if value is None:
                 continue
-            numbers = {"": value} if isinstance(value, int | float) else dict(zip("xyz", value, strict=True))
+            if isinstance(value, int | float):
+                numbers = {"": value}
+            else:
+                numbers = dict(zip("xyz", value, strict=True))
+            scale = SI.get(unit, 1.0)
             for axis, shown in numbers.items():
-                full = " ".join(part for part in (label, name, axis) if part)
-                yield Parameter(full, shown * SI.get(unit, 1.0), unit, float(shown), self.provenance, self.note)
+                full_name = " ".join(part for part in (label, name, axis) if part)
+                yield Parameter(full_name, shown * scale, unit, float(shown), self.provenance, self.note)
 
 
 def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
-    if limits[0] > limits[1]:
-        raise PydanticCustomError(
-            "swapped", "{text}", {"text": f"limits are swapped: write [{limits[1]:g}, {limits[0]:g}]"}
-        )
+    first, second = limits
+    if first > second:
+        text = f"limits are swapped: write [{second:g}, {first:g}]"
+        raise PydanticCustomError("swapped", "{text}", {"text": text})
     return limits
 
 
@@ -141,7 +155,8 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
 def error_at(path: str | Path, keys: Keys, message: str) -> DescriptionError:
     """Return an error that points at one key of a file, for checks outside the model."""
     try:
-        line = nearest_line(key_lines(Path(path).read_text(encoding="utf-8")), keys)
+        text = Path(path).read_text(encoding="utf-8")
+        line = nearest_line(key_lines(text), keys)
     except (OSError, UnicodeDecodeError):
         line = 1
     return DescriptionError(f"{path}:{line}: {spell(keys)}: {message}")
@@ -157,8 +172,13 @@ def _text(path: Path, read: Read) -> str:
         return read_text(path, "TOML", read=read)
     except FileNotFoundError:
         parent = path.parent
-        there = sorted(p.name for p in parent.glob("*.toml")) if parent.is_dir() else []
-        hint = f" In {parent}: {', '.join(there)}." if there else ""
+        hint = ""
+        existing = []
+        if parent.is_dir():
+            existing = sorted(file.name for file in parent.glob("*.toml"))
+        if existing:
+            names = ", ".join(existing)
+            hint = f" In {parent}: {names}."
         raise DescriptionError(f"{path}: the file does not exist.{hint}") from None
     except UnicodeDecodeError as error:
         raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None
@@ -166,10 +186,13 @@ def _text(path: Path, read: Read) -> str:
         raise DescriptionError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def _dates(value: Any, keys: Keys = ()) -> Iterator[Keys]:
+def _dates(value: object, keys: Keys = ()) -> Iterator[Keys]:
     """Yield the keys of TOML dates: JSON has no dates, so dates would be accepted as text."""
     if isinstance(value, datetime.date | datetime.time):
         yield keys
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, child in items:
-        yield from _dates(child, (*keys, key))
+    elif isinstance(value, dict):
+        for key, child in value.items():
+            yield from _dates(child, (*keys, key))
+    elif isinstance(value, list):
+        for i, child in enumerate(value):
+            yield from _dates(child, (*keys, i))
