@@ -37,12 +37,15 @@ def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
     Raises:
         TwinError: names are mixed with EQ=NAME pairs, several names are given, or an equation is given twice.
     """
-    bare = [t for t in texts if "=" not in t]
+    bare = [text for text in texts if "=" not in text]
     if bare and len(texts) > 1:
         raise TwinError("--variant: give one variant name alone, or only EQ=NAME pairs")
     if bare:
         return bare[0]
-    pairs = dict(t.split("=", 1) for t in texts)
+    pairs: dict[str, str] = {}
+    for text in texts:
+        equation, _, variant = text.partition("=")
+        pairs[equation] = variant
     if len(pairs) < len(texts):
         raise TwinError("--variant: an equation is given twice; give each equation once")
     return pairs or None
@@ -62,14 +65,22 @@ def variants_of_each(robot: Robot, texts: Sequence[str]) -> list[dict[str, str] 
         return [None]
     choices = robot.variants
     if isinstance(chosen, str):
-        having = [eq for eq, names in choices.items() if chosen in names]
-        if not having:
-            raise TwinError(f"--variant: {unknown('variant', chosen, {n for v in choices.values() for n in v})}")
-        alone: list[dict[str, str] | None] = [{eq: chosen} for eq in having]
-        return [*alone, dict.fromkeys(having, chosen)] if len(having) > 1 else alone
-    for eq, name in chosen.items():
-        if eq not in choices:
-            raise TwinError(f"--variant: {unknown('equation', eq, choices)}")
-        if name not in choices[eq]:
-            raise TwinError(f"--variant {eq}: {unknown('variant', name, choices[eq])}")
+        existing: set[str] = set()
+        alone: list[dict[str, str] | None] = []
+        together: dict[str, str] = {}
+        for equation, names in choices.items():
+            existing.update(names)
+            if chosen in names:
+                alone.append({equation: chosen})
+                together[equation] = chosen
+        if not alone:
+            raise TwinError(f"--variant: {unknown('variant', chosen, existing)}")
+        if len(alone) == 1:
+            return alone
+        return [*alone, together]
+    for equation, name in chosen.items():
+        if equation not in choices:
+            raise TwinError(f"--variant: {unknown('equation', equation, choices)}")
+        if name not in choices[equation]:
+            raise TwinError(f"--variant {equation}: {unknown('variant', name, choices[equation])}")
     return [chosen]

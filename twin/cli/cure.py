@@ -34,7 +34,8 @@ class Cures:
     """Cache of the fixes of a robot's equations; a fix depends only on the variants and the trocar positions."""
 
     def __init__(self, robot: Robot, seconds: float = SECONDS) -> None:
-        self.robot, self.seconds = robot, seconds
+        self.robot = robot
+        self.seconds = seconds
         self._known: dict[tuple[object, ...], str] = {}
 
     def of(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
@@ -43,7 +44,8 @@ class Cures:
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
         robot = self.robot.bound(self.robot.protocol(protocol))
-        key = (*sorted(report.variants.items()), *(tuple(p) for p in robot.mechanism.trocar_places.values()))
+        trocars = [tuple(position) for position in robot.mechanism.trocar_places.values()]
+        key = (*sorted(report.variants.items()), *trocars)
         if key not in self._known:
             self._known[key] = self._look(robot, report, progress)
         return replace(report, cure=self._known[key])
@@ -82,10 +84,13 @@ def tolerance(report: Report) -> tuple[float, float]:
     """Return the tolerances of a report: (position in m, rotation in rad)."""
     from twin.validation.rows import Tolerances
 
-    judged = [r for r in report.residuals if r.pair == "A-B" and r.quantity in ("point", "driven", "passive", "tool")]
-    default = {"m": Tolerances().position, "rad": Tolerances().rotation}
-    used = default | {r.unit: r.tolerance for r in judged if r.tolerance and r.unit in default}
-    return used["m"], used["rad"]
+    tolerances = {"m": Tolerances().position, "rad": Tolerances().rotation}
+    for row in report.residuals:
+        if row.pair != "A-B" or row.quantity not in ("point", "driven", "passive", "tool"):
+            continue
+        if row.tolerance and row.unit in tolerances:
+            tolerances[row.unit] = row.tolerance
+    return tolerances["m"], tolerances["rad"]
 
 
 def text(found: Explanation, command: str) -> str:
@@ -93,41 +98,64 @@ def text(found: Explanation, command: str) -> str:
 
     `command` is a command line that shows details; where necessary, the text refers to this command.
     """
-    parts = [*_edits(found, command), *_numbers(found), *dict.fromkeys(c.message for c in found.conventions)]
+    conventions = dict.fromkeys(convention.message for convention in found.conventions)
+    parts = [*_edits(found, command), *_numbers(found), *conventions]
     if not parts:
         return ""
-    rest = "every row then agrees" if found.explained else f"other rows still disagree, see {command}"
-    return f"{'; '.join(parts)}; {rest}"
+    if found.explained:
+        parts.append("every row then agrees")
+    else:
+        parts.append(f"other rows still disagree, see {command}")
+    return "; ".join(parts)
 
 
 def _edits(found: Explanation, command: str) -> list[str]:
     """Return one text for each edit, even if an edit changes several rows; of equivalent edits, only the first."""
-    rows: dict[tuple[str, ...], list[str]] = {}
-    lines: dict[tuple[str, ...], set[int]] = {}
-    tied: set[tuple[str, ...]] = set()
+    symbols: dict[tuple[str, str, str], list[str]] = {}
+    lines: dict[tuple[str, str, str], set[int]] = {}
+    ambiguous: set[tuple[str, str, str]] = set()
     for repair in found.repairs:
-        readings = [r for cure in repair.cures for r in cure]
+        readings: list[Reading] = []
+        for cure in repair.cures:
+            readings += cure
         if not readings:
             continue
         first = readings[0]
-        key = (repair.rows[0].partition(".")[0], first.changes[0].file, _words(first))
-        rows.setdefault(key, []).extend(r.partition(".")[2] for r in repair.rows)
-        lines.setdefault(key, set()).update(c.line for c in first.changes)
-        tied |= {key} if len(readings) > 1 else set()
-    return [
-        f"in {key[0]}, {', '.join(symbols)}: replace {key[2]} ({key[1]}:{', '.join(map(str, sorted(lines[key])))})"
-        + (f" or an equivalent edit, see {command}" if key in tied else "")
-        for key, symbols in rows.items()
-    ]
+        equation, _, _ = repair.rows[0].partition(".")
+        edit = (equation, first.changes[0].file, _words(first))
+        of_edit = symbols.setdefault(edit, [])
+        for row in repair.rows:
+            _, _, symbol = row.partition(".")
+            of_edit.append(symbol)
+        lines.setdefault(edit, set()).update(change.line for change in first.changes)
+        if len(readings) > 1:
+            ambiguous.add(edit)
+    texts: list[str] = []
+    for edit, symbols_of_edit in symbols.items():
+        equation, file, replacement = edit
+        names = ", ".join(symbols_of_edit)
+        numbers = ", ".join(str(line) for line in sorted(lines[edit]))
+        text = f"in {equation}, {names}: replace {replacement} ({file}:{numbers})"
+        if edit in ambiguous:
+            text += f" or an equivalent edit, see {command}"
+        texts.append(text)
+    return texts
 
 
 def _words(reading: Reading) -> str:
-    return " and ".join(c.edit.replace(" -> ", " by ") for c in reading.changes)
+    edits = [change.edit.replace(" -> ", " by ") for change in reading.changes]
+    return " and ".join(edits)
 
 
 def _numbers(found: Explanation) -> list[str]:
     fit = found.identified
     if fit is None or not fit.exact or not fit.moved:
         return []
-    values = [f"{m.name} = {m.fitted:.9g} {m.unit} instead of {m.formula:.9g} {m.unit}" for m in fit.moved]
-    return [f"set {(' or ' if fit.alternatives else ', ').join(values)}"]
+    values: list[str] = []
+    for number in fit.moved:
+        old = f"{number.formula:.9g} {number.unit}"
+        new = f"{number.fitted:.9g} {number.unit}"
+        values.append(f"{number.name} = {new} instead of {old}")
+    conjunction = " or " if fit.alternatives else ", "
+    texts = conjunction.join(values)
+    return [f"set {texts}"]

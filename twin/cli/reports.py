@@ -11,7 +11,10 @@ from twin.cli import pages, show
 
 def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
     """Return the name of a report's folder, made of protocol and variants."""
-    return "-".join([protocol, *(f"{k}-{v}" for k, v in (variants or {}).items())])
+    name = protocol
+    for equation, variant in (variants or {}).items():
+        name += f"-{equation}-{variant}"
+    return name
 
 
 def write(report, folder: Path, root: Path) -> None:
@@ -22,17 +25,29 @@ def write(report, folder: Path, root: Path) -> None:
 
 def finish(reports, args: argparse.Namespace) -> int:
     """Print the reports; return the exit code of the most severe verdict."""
-    code = max(r.exit_code for r, _ in reports)
+    most_severe, _ = max(reports, key=lambda written: written[0].exit_code)
+    code = most_severe.exit_code
     if args.json:
-        data = [{**r.as_dict(), "folder": str(folder)} for r, folder in reports]
-        worst = max(reports, key=lambda r: r[0].exit_code)[0].verdict
-        print(show.as_json(data[0] if len(data) == 1 else show.record("reports", {"reports": data}, judged=worst)))
+        data = []
+        for report, folder in reports:
+            data.append({**report.as_dict(), "folder": str(folder)})
+        if len(data) == 1:
+            print(show.as_json(data[0]))
+        else:
+            print(show.as_json(show.record("reports", {"reports": data}, judged=most_severe.verdict)))
         return code
     for report, folder in reports:
         show.finish(report, args)
-        print(f"  report: {folder / 'report.html'}")
-        print(f"\n  what to do: {report.what_to_do}\n" if report.what_to_do else "")
+        page = folder / "report.html"
+        print(f"  report: {page}")
+        advice = ""
+        if report.what_to_do:
+            advice = f"\n  what to do: {report.what_to_do}\n"
+        print(advice)
     if len(reports) > 1:
-        rows = [(r.protocol, ", ".join(f"{k}={v}" for k, v in r.variants.items()), r.verdict) for r, _ in reports]
+        rows = []
+        for report, _ in reports:
+            variants = ", ".join(f"{equation}={variant}" for equation, variant in report.variants.items())
+            rows.append((report.protocol, variants, report.verdict))
         print(show.table(rows, ("protocol", "variants", "verdict")))
     return code

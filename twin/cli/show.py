@@ -58,8 +58,10 @@ def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
         task = bar.add_task("start", total=None)
 
         def update(label: str, fraction: float) -> None:
-            # If the completed fraction is unknown (0), a moving bar is shown.
-            bar.update(task, description=label, total=1.0 if fraction else None, completed=fraction)
+            total = None  # if the completed fraction is unknown (0), a moving bar is shown
+            if fraction:
+                total = 1.0
+            bar.update(task, description=label, total=total, completed=fraction)
 
         yield update
 
@@ -76,15 +78,21 @@ def finish(
     `files` are the names of the written files in `folder`, which are listed; `text` replaces the text of the result.
     """
     if args.json:
-        print(as_json({**result.as_dict(), **({} if folder is None else {"folder": str(folder)})}))
+        data = dict(result.as_dict())
+        if folder is not None:
+            data["folder"] = str(folder)
+        print(as_json(data))
         return result.exit_code
-    for part in result.text() if text is None else text:
+    if text is None:
+        text = result.text()
+    for part in text:
         if isinstance(part, Line):
             _styled(part)
         else:
             print(plain(part))
     for name in files:
-        print(f"  {folder / name if folder else name}")
+        path = folder / name if folder else name
+        print(f"  {path}")
     return result.exit_code
 
 
@@ -94,9 +102,11 @@ def micrometres(option: str, value: float | None) -> float | None:
     Raises:
         TwinError: the value is not positive or not finite.
     """
-    if value is not None and not (math.isfinite(value) and value > 0):
+    if value is None:
+        return None
+    if not math.isfinite(value) or value <= 0:
         raise TwinError(f"{option} {value:g}: give a positive number of micrometres")
-    return None if value is None else value * UM
+    return value * UM
 
 
 def folder(args: argparse.Namespace, *default: str) -> Path:
@@ -124,7 +134,11 @@ def plain(part: Part) -> str:
     """Return a part of a result (text, table or finding) as printable text."""
     if isinstance(part, Table):
         return table(part.rows, part.header, fit=part.fit)
-    return finding(part) if isinstance(part, Finding) else part.text if isinstance(part, Line) else part
+    if isinstance(part, Finding):
+        return finding(part)
+    if isinstance(part, Line):
+        return part.text
+    return part
 
 
 def _styled(line: Line) -> None:
@@ -136,21 +150,37 @@ def _styled(line: Line) -> None:
 
 def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str = "  ", *, fit: bool = False) -> str:
     """Return a table as aligned text; with `fit`, lines longer than the terminal's width are cut."""
-    lines = [list(header), *rows] if header else [list(r) for r in rows]
-    if not lines:
-        return ""
-    widths = [max(len(str(r[i])) for r in lines) for i in range(len(lines[0]))]
-    out = [indent + "  ".join(str(c).ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in lines]
+    rows_of_text = [list(row) for row in rows]
     if header:
-        out.insert(1, indent + "  ".join("-" * w for w in widths))
+        rows_of_text.insert(0, list(header))
+    if not rows_of_text:
+        return ""
+    widths: list[int] = []
+    for column in zip(*rows_of_text, strict=True):
+        widths.append(max(len(str(cell)) for cell in column))
+    lines = [_aligned(row, widths, indent) for row in rows_of_text]
+    if header:
+        rule = "  ".join("-" * width for width in widths)
+        lines.insert(1, indent + rule)
     if fit and sys.stdout.isatty():
-        width = shutil.get_terminal_size().columns
-        out = [line if len(line) <= width else f"{line[: width - 1]}…" for line in out]
-    return "\n".join(out)
+        columns = shutil.get_terminal_size().columns
+        for i, line in enumerate(lines):
+            if len(line) > columns:
+                lines[i] = f"{line[: columns - 1]}…"
+    return "\n".join(lines)
+
+
+def _aligned(row: Sequence[str], widths: Sequence[int], indent: str) -> str:
+    cells = [str(cell).ljust(width) for cell, width in zip(row, widths, strict=True)]
+    return indent + "  ".join(cells).rstrip()
 
 
 def finding(f: Finding) -> str:
     """Return a finding as text of one or two lines."""
-    place = ", ".join(x for x in (f.where, f.when) if x)
-    head = f"  {_MARKS[f.severity]} {f.message}" + (f"  [{place}]" if place else "")
-    return head + (f"\n      {f.suggestion}" if f.suggestion else "")
+    text = f"  {_MARKS[f.severity]} {f.message}"
+    place = ", ".join(part for part in (f.where, f.when) if part)
+    if place:
+        text += f"  [{place}]"
+    if f.suggestion:
+        text += f"\n      {f.suggestion}"
+    return text

@@ -36,29 +36,47 @@ def run(args: argparse.Namespace) -> int:
         "build123d": "redraw the CAD (make cad-check)",
     }
     programs = {"chromium": "pictures of the viewer", "uv": "the locked environment"}
-    rows = [(n, _installed(n) or "MISSING", "needed") for n in packages]
-    rows += [(n, _installed(n) or "-", f"optional: {why}") for n, why in extras.items()]
-    rows += [(n, shutil.which(n) or "-", f"optional: {why}") for n, why in programs.items()]
-    missing = [n for n in packages if _installed(n) is None]
+    rows: list[tuple[str, str, str]] = []
+    missing: list[str] = []
+    for name in packages:
+        installed = _installed(name)
+        if installed is None:
+            missing.append(name)
+        rows.append((name, installed or "MISSING", "needed"))
+    for name, purpose in extras.items():
+        rows.append((name, _installed(name) or "-", f"optional: {purpose}"))
+    for name, purpose in programs.items():
+        rows.append((name, shutil.which(name) or "-", f"optional: {purpose}"))
     if args.json:
-        content = {"python": platform.python_version(), "found": {n: v for n, v, _ in rows}, "missing": missing}
-        lacking = [error("doctor.missing", n, f"{n} is not installed", suggestion=_CURE) for n in missing]
-        print(show.as_json(show.record("doctor", content, lacking)))
+        found = {name: version for name, version, _ in rows}
+        content = {"python": platform.python_version(), "found": found, "missing": missing}
+        findings = []
+        for name in missing:
+            findings.append(error("doctor.missing", name, f"{name} is not installed", suggestion=_CURE))
+        print(show.as_json(show.record("doctor", content, findings)))
     else:
         print(f"  python {platform.python_version()} on {platform.system()} {platform.machine()}")
         print(f"  data in {assets.data_folder()}\n")
         print(show.table(rows, ("package", "found", "")))
         if missing:
-            print(f"\n  missing: {', '.join(missing)}. {_CURE}")
-    return 2 if missing else 0
+            names = ", ".join(missing)
+            print(f"\n  missing: {names}. {_CURE}")
+    if missing:
+        return 2
+    return 0
 
 
 def _needed() -> list[str]:
     """Return the required packages of twin, without the packages of optional extras."""
     from importlib.metadata import requires
 
-    asked = [line for line in requires("twin-robotics") or () if "extra ==" not in line]
-    return [re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in asked]
+    packages: list[str] = []
+    for line in requires("twin-robotics") or ():
+        if "extra ==" in line:
+            continue
+        name, *_ = re.split(r"[^\w.-]", line, maxsplit=1)  # before the version
+        packages.append(name)
+    return packages
 
 
 def _installed(name: str) -> str | None:
