@@ -57,15 +57,23 @@ def track(
 
     if not 0 <= mismatch < 1:
         raise TwinError(f"mismatch {100 * mismatch:g} %: give at least 0 % and less than 100 %")
-    chosen = protocol if isinstance(protocol, Protocol) else robot.protocol(protocol)
-    robot = robot.bound(chosen)
-    known = robot.files is not None and (robot.files.cad / masses.NAME).is_file()
-    source = inertia or ("cited" if known else "cad")
+    if not isinstance(protocol, Protocol):
+        protocol = robot.protocol(protocol)
+    robot = robot.bound(protocol)
+    has_table = robot.files is not None and (robot.files.cad / masses.NAME).is_file()
+    if inertia is not None:
+        source = inertia
+    elif has_table:
+        source = "cited"
+    else:
+        source = "cad"
     if source == "cited" and robot.files is None:
         raise TwinError(f"{robot.name} was loaded from a USD stage: it has no {masses.NAME}")
-    table = masses.of_robot(robot.files.cad) if robot.files is not None and (known or source == "cited") else None
+    table = None
+    if robot.files is not None and (has_table or source == "cited"):
+        table = masses.of_robot(robot.files.cad)
     progress("read CAD", 0.0)
-    trajectory = plan(robot, chosen, progress)
+    trajectory = plan(robot, protocol, progress)
     if source == "cad" and robot.files is not None:
         progress("compute masses", 0.0)
         robot = robot.weighed()
@@ -74,19 +82,28 @@ def track(
         from twin.exchange.formats.mjcf.write import mjcf_text
 
         arm = replace(arm, mjcf=mjcf_text(arm.mechanism))
-    t = trajectory
-    motion = Motion(t.t, t.q, t.qd, t.qdd, robot.mechanism.frame_in_tool(t.frame), t.shaft_axis, t.rcm)
-    exact, percent = Conditions(plant=plant), 100 * mismatch
+    motion = Motion(
+        trajectory.t,
+        trajectory.q,
+        trajectory.qd,
+        trajectory.qdd,
+        robot.mechanism.frame_in_tool(trajectory.frame),
+        trajectory.shaft_axis,
+        trajectory.rcm,
+    )
+    exact = Conditions(plant=plant)
+    percent = 100 * mismatch
     cases = {EXACT: exact, f"links {percent:+g} %": exact.realistic(mismatch)}
     if mismatch:
         cases[f"links {-percent:+g} %"] = exact.realistic(-mismatch)
-        cases |= {f"links ±{percent:g} %, seed {s}": exact.realistic(mismatch, s) for s in _SEEDS}
+        for seed in _SEEDS:
+            cases[f"links ±{percent:g} %, seed {seed}"] = exact.realistic(mismatch, seed)
     runs: dict[str, Run] = {}
     for name, conditions in cases.items():
         runs[name] = run(arm, motion, conditions, partial(progress, f"control, {name}"))
     curves = {}
     if curve:
-        for name, c in {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}.items():
-            curves[name] = over(arm, motion, _CURVE, c, lambda part: progress("error curve", part))
-    phases = tuple((p.name, p.type, p.t0, p.t1) for p in t.phases)
-    return Tracking(robot.name, chosen.name, chosen.title, source, arm, motion, phases, mismatch, runs, curves)
+        for name, conditions in {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}.items():
+            curves[name] = over(arm, motion, _CURVE, conditions, lambda part: progress("error curve", part))
+    phases = tuple((phase.name, phase.type, phase.t0, phase.t1) for phase in trajectory.phases)
+    return Tracking(robot.name, protocol.name, protocol.title, source, arm, motion, phases, mismatch, runs, curves)

@@ -84,9 +84,15 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
     from twin.ui.session.exercise import Exercise
 
     scene = loaded.scene
-    task = None if args.task is None else task_of(scene, args.task)
-    session = None if args.session is None else Path(args.session)
-    condition = None if args.haptics is None else Condition(haptics=args.haptics == "on")
+    task = None
+    if args.task is not None:
+        task = task_of(scene, args.task)
+    session = None
+    if args.session is not None:
+        session = Path(args.session)
+    condition = None
+    if args.haptics is not None:
+        condition = Condition(haptics=args.haptics == "on")
     if args.participant is not None:
         condition = randomised(args.participant, args.run)
     if args.fulcrum is not None and not console_of(scene).instrument_mm:
@@ -113,8 +119,11 @@ def _refuse(args: argparse.Namespace, options: Sequence[str], message: str) -> N
     """Raise `TwinError` if one of the options is given; the option's name replaces `_OPTION` in the message."""
     for name in options:
         if getattr(args, name) is not None:
-            hint = "; --record records what clients see" if name == "session" else ""
-            raise TwinError(message.replace(_OPTION, f"--{name.replace('_', '-')}") + hint)
+            option = "--" + name.replace("_", "-")
+            text = message.replace(_OPTION, option)
+            if name == "session":
+                text += "; --record records what clients see"
+            raise TwinError(text)
 
 
 def _require_compatible(args: argparse.Namespace) -> None:
@@ -149,7 +158,9 @@ async def serve_until_stopped(
     stopping = asyncio.Event()
     _on_ctrl_c(stopping)
     shown = make()
-    live, source, recording = shown.live, shown.live, None
+    live = shown.live
+    source = live
+    recording = None
     try:
         if args.replay is not None:
             source = Replay(Path(args.replay), name, shown.model_hash)
@@ -157,9 +168,10 @@ async def serve_until_stopped(
             recording = Recording(Path(args.record), name, shown.model_hash, live.links, live.joints, live.version)
         web = Path(str(resources.files("twin.ui.headset"))) / "web" / "dist"
         own = ChainMap(files.page_files(web, shown.preload) | shown.files, shown.late)
-        advice = "" if context is not None else _ADVICE
-        address = Address(args.host, port, context is not None, name, advice)
-        rules = AccessRules(args.host, port, context is not None, address.say)
+        is_https = context is not None
+        advice = "" if is_https else _ADVICE
+        address = Address(args.host, port, is_https, name, advice)
+        rules = AccessRules(args.host, port, is_https, address.say)
         server = StreamServer(source, shown.hello, own, rules, recording)
         server.stopping = stopping
         await server.start(args.host, port, context)
@@ -175,8 +187,10 @@ async def serve_until_stopped(
         await server.run()
     finally:
         live.close()
-    saved = args.session is not None and Path(args.session).is_file()
-    print(f"\n  twin session {args.session}" if saved else "")
+    next_command = ""
+    if args.session is not None and Path(args.session).is_file():
+        next_command = f"\n  twin session {args.session}"
+    print(next_command)
 
 
 def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:

@@ -35,7 +35,10 @@ _ADVICE = "every connected client can move and load robots, but cannot write to 
 
 def view(args: argparse.Namespace) -> int:
     """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit."""
-    port = free_port(args.host, 0 if args.html is not None else args.port)  # a recording needs no certain port
+    port = args.port
+    if args.html is not None:
+        port = 0  # a recording needs no certain port
+    port = free_port(args.host, port)
     title, load = _what(args)
     if args.html is not None:
         assets.require_writable_file(Path(args.html))
@@ -45,7 +48,10 @@ def view(args: argparse.Namespace) -> int:
         from twin.cli.terminal import Terminal
         from twin.ui.viewer.front import Front  # after the server is up, so that the browser loads its page meanwhile
 
-        front = load(server, {"stopping": stopping, "local": local, "terminal": Terminal.here() if local else None})
+        terminal = None
+        if local:
+            terminal = Terminal.here()
+        front = load(server, {"stopping": stopping, "local": local, "terminal": terminal})
         if isinstance(front, Front):
             front.load_soon()
         return front
@@ -73,7 +79,9 @@ def show_page(
     from twin.ui.access.rules import AccessRules
     from twin.ui.viewer.server import serve, stop
 
-    front, server, stopping = None, None, threading.Event()
+    front = None
+    server = None
+    stopping = threading.Event()
 
     def end(*_: object) -> None:
         """End the loop without an exception; a second Ctrl-C raises KeyboardInterrupt."""
@@ -92,7 +100,9 @@ def show_page(
         front = open_page(server, stopping, not rules.needs_token)
         front.run()
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
+        if before is None:  # the handler before was not set by Python
+            before = signal.default_int_handler
+        signal.signal(signal.SIGINT, before)
         if front is not None:
             front.close()
         elif server is not None:
@@ -108,10 +118,9 @@ def _write(
     from twin.ui.viewer.front import Front
     from twin.ui.viewer.server import serve, stop
 
-    front, server = (
-        None,
-        serve(f"twin · {title}", args.host, port, AccessRules(args.host, port, False, lambda token: None)),
-    )
+    rules = AccessRules(args.host, port, False, lambda token: None)
+    server = serve(f"twin · {title}", args.host, port, rules)
+    front = None
     try:
         front = load(server, {})
         assert isinstance(front, Front)
@@ -174,7 +183,10 @@ def _what(
         from twin.ui.viewer.page import open_page
 
         loaded = scenes.with_organs(scenes.load(scene))
-        actors = [Actor(p.name, p.robot, Desk(loaded.robots[p.name]), p.T_world_base, p.protocol) for p in scene.places]
+        actors = []
+        for place in scene.places:
+            desk = Desk(loaded.robots[place.name])
+            actors.append(Actor(place.name, place.robot, desk, place.T_world_base, place.protocol))
         return open_page(f"twin · {scene.name}", actors, loaded.props, server, feed=loaded.feed, **more)
 
     def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
@@ -188,7 +200,9 @@ def _what(
 
     if args.watch is not None:
         return scene.name, lambda server, more: _spectator(scene, server, more["stopping"], args.watch)
-    return scene.name, of_scene if plays else of_console
+    if plays:
+        return scene.name, of_scene
+    return scene.name, of_console
 
 
 def _plays(scene: Scene, args: argparse.Namespace) -> bool:
@@ -218,16 +232,18 @@ def _page(front: Front, path: Path, quiet: bool) -> int:
 
     with show.progress(quiet) as progress:
         progress("plan", 0.0)
-        for a in front.actors:
-            front.load(a, a.protocol)
+        for actor in front.actors:
+            front.load(actor, actor.protocol)
         while front.planning:
             front.step()
             time.sleep(0.05)
-        failed = [a.name for a in front.actors if a.playback is None]
+        failed = [actor.name for actor in front.actors if actor.playback is None]
         if failed:
-            raise TwinError(f"{', '.join(failed)}: no recording is possible: {front.panels.why}")
+            names = ", ".join(failed)
+            raise TwinError(f"{names}: no recording is possible: {front.panels.why}")
         html = recording.page(front, lambda part: progress("record", part))
     with assets.atomic_folder(path.parent) as work:
         (work / path.name).write_text(html, encoding="utf-8")
-    print(f"{path}: {len(html) / 1e6:.1f} MB, {front.clock.duration:.1f} s; any browser plays it")
+    megabytes = len(html) / 1e6
+    print(f"{path}: {megabytes:.1f} MB, {front.clock.duration:.1f} s; any browser plays it")
     return 0
