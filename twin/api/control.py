@@ -14,7 +14,7 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     from twin.planning.protocol import Protocol
     from twin.simulation.dynamics.result import Tracking
-    from twin.simulation.dynamics.track import PlantName
+    from twin.simulation.dynamics.track import Conditions, PlantName
 
 _SEEDS = (0, 1)
 """Seeds of the runs in which the errors of masses and friction have random signs."""
@@ -51,7 +51,7 @@ def track(
     from twin.planning.protocol import Protocol
     from twin.reference import inertia as masses
     from twin.simulation.dynamics.arm import arm as arm_of
-    from twin.simulation.dynamics.result import EXACT, Tracking
+    from twin.simulation.dynamics.result import Tracking
     from twin.simulation.dynamics.track import Conditions, Motion, Run, run
     from twin.simulation.dynamics.track import curve as over
 
@@ -73,7 +73,7 @@ def track(
     if robot.files is not None and (has_table or source == "cited"):
         table = masses.of_robot(robot.files.cad)
     progress("read CAD", 0.0)
-    trajectory = plan(robot, protocol, progress)
+    planned = plan(robot, protocol, progress)
     if source == "cad" and robot.files is not None:
         progress("compute masses", 0.0)
         robot = robot.weighed()
@@ -82,28 +82,28 @@ def track(
         from twin.exchange.formats.mjcf.write import mjcf_text
 
         arm = replace(arm, mjcf=mjcf_text(arm.mechanism))
-    motion = Motion(
-        trajectory.t,
-        trajectory.q,
-        trajectory.qd,
-        trajectory.qdd,
-        robot.mechanism.frame_in_tool(trajectory.frame),
-        trajectory.shaft_axis,
-        trajectory.rcm,
-    )
+    T_tool_frame = robot.mechanism.frame_in_tool(planned.frame)
+    motion = Motion(planned.t, planned.q, planned.qd, planned.qdd, T_tool_frame, planned.shaft_axis, planned.rcm)
     exact = Conditions(plant=plant)
+    runs: dict[str, Run] = {}
+    for name, conditions in _cases(exact, mismatch).items():
+        runs[name] = run(arm, motion, conditions, partial(progress, f"control, {name}"))
+    curves = {}
+    if curve:
+        for name, conditions in {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}.items():
+            curves[name] = over(arm, motion, _CURVE, conditions, lambda part: progress("error curve", part))
+    phases = tuple((phase.name, phase.type, phase.t0, phase.t1) for phase in planned.phases)
+    return Tracking(robot.name, protocol.name, protocol.title, source, arm, motion, phases, mismatch, runs, curves)
+
+
+def _cases(exact: Conditions, mismatch: float) -> dict[str, Conditions]:
+    """Return {name in reports: conditions}: the exact model, and models with wrong masses."""
+    from twin.simulation.dynamics.result import EXACT
+
     percent = 100 * mismatch
     cases = {EXACT: exact, f"links {percent:+g} %": exact.realistic(mismatch)}
     if mismatch:
         cases[f"links {-percent:+g} %"] = exact.realistic(-mismatch)
         for seed in _SEEDS:
             cases[f"links ±{percent:g} %, seed {seed}"] = exact.realistic(mismatch, seed)
-    runs: dict[str, Run] = {}
-    for name, conditions in cases.items():
-        runs[name] = run(arm, motion, conditions, partial(progress, f"control, {name}"))
-    curves = {}
-    if curve:
-        for name, conditions in {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}.items():
-            curves[name] = over(arm, motion, _CURVE, conditions, lambda part: progress("error curve", part))
-    phases = tuple((phase.name, phase.type, phase.t0, phase.t1) for phase in trajectory.phases)
-    return Tracking(robot.name, protocol.name, protocol.title, source, arm, motion, phases, mismatch, runs, curves)
+    return cases

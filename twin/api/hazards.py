@@ -7,7 +7,7 @@ import hashlib
 import math
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache, partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from twin.api.robot import Progress, Robot, load, silent
 from twin.core.errors import OutputError, TwinError
 from twin.core.json_types import JsonObject
 from twin.core.processors import usable
+from twin.core.provenance import Parameter
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.attacked import Arena
@@ -144,16 +145,22 @@ def hazards(
         for stream in streams:
             stream.close()
         log.close()
-    assumed = []
-    for parameter in (*parts.settings.parameters(), *plan.parameters()):
+    rows = [log.rows[i] for i in sorted(log.rows)]
+    assumed = _assumed([*parts.settings.parameters(), *plan.parameters()])
+    return Hazards(robot.name, plan.table, len(plan), rows, assumed)
+
+
+def _assumed(parameters: Sequence[Parameter]) -> list[str]:
+    """Return a line of text for each assumed number."""
+    lines: list[str] = []
+    for parameter in parameters:
         if parameter.provenance != "ASSUMED":
             continue
         value = f"{parameter.shown:g}"
         if parameter.unit != "1":
             value += f" {parameter.unit}"
-        assumed.append(f"  ASSUMED {parameter.name} = {value}: {parameter.note}")
-    rows = [log.rows[i] for i in sorted(log.rows)]
-    return Hazards(robot.name, plan.table, len(plan), rows, assumed)
+        lines.append(f"  ASSUMED {parameter.name} = {value}: {parameter.note}")
+    return lines
 
 
 def _kept(log: Log) -> str:
