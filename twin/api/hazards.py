@@ -100,16 +100,12 @@ def hazards(
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)
     log = _log(folder, robot, path, plan, parts)
-    left = [index for index in range(len(plan)) if index not in log.rows]
-    if sessions is not None:
-        left = left[:sessions]
+    left = _left(plan, log, sessions)
     to_run = len(left)
     count = 0
     if left:
         count = max(1, min(processes or usable(), to_run))
-    streams: list[Stream[JsonObject]] = []
-    for _ in range(count):
-        streams.append(Stream(outcomes))
+    streams: list[Stream[JsonObject]] = [Stream(outcomes) for _ in range(count)]
 
     def give(stream: Stream[JsonObject]) -> None:
         """Send the next sessions to a process: fewer in each call, so that all processes end at about the same time."""
@@ -148,6 +144,14 @@ def hazards(
     rows = [log.rows[i] for i in sorted(log.rows)]
     assumed = _assumed([*parts.settings.parameters(), *plan.parameters()])
     return Hazards(robot.name, plan.table, len(plan), rows, assumed)
+
+
+def _left(plan: Campaign, log: Log, sessions: int | None) -> list[int]:
+    """Return the indices of the sessions that are not in the log; of these, only the first `sessions`."""
+    indices = [index for index in range(len(plan)) if index not in log.rows]
+    if sessions is None:
+        return indices
+    return indices[:sessions]
 
 
 def _assumed(parameters: Sequence[Parameter]) -> list[str]:
