@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from twin.cli.parser import Command
@@ -30,7 +31,9 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli.chosen import protocols
 
     robot = api.load(args.robot).with_timing(args.timing)
-    chosen = protocols(robot, args) if args.protocol else None
+    chosen = None
+    if args.protocol:
+        chosen = protocols(robot, args)
     if args.check and chosen:
         raise TwinError("--check compares the whole stage: omit --protocol")
     with show.progress(args.quiet or args.json) as progress:
@@ -39,15 +42,19 @@ def run(args: argparse.Namespace) -> int:
             return show.finish(api.check_build(robot, folder, args.robot, progress), args)
         written = api.build(robot, folder, protocols=chosen, progress=progress)
     if args.json:
-        print(show.as_json(show.record("build", {"files": [str(p) for p in written]})))
-    else:
-        for path in written:
-            print(f"  {path}  ({-(-path.stat().st_size // 1000)} kB)")
-        baked = {path.stem.removeprefix(f"{robot.name}_") for path in written}
-        for name in robot.files.protocols() if robot.files is not None and robot.unwritten and not chosen else ():
-            if name not in baked:
-                print(
-                    f"  protocol {name} is left out, because the mechanism cannot follow it; to see the reason, run "
-                    f"twin plan {args.robot} {name}"
-                )
+        files = [str(path) for path in written]
+        print(show.as_json(show.record("build", {"files": files})))
+        return 0
+    for path in written:
+        kilobytes = math.ceil(path.stat().st_size / 1000)
+        print(f"  {path}  ({kilobytes} kB)")
+    if robot.files is None or chosen or not robot.unwritten:
+        return 0
+    baked = {path.stem.removeprefix(f"{robot.name}_") for path in written}
+    for name in robot.files.protocols():
+        if name not in baked:
+            print(
+                f"  protocol {name} is left out, because the mechanism cannot follow it; to see the reason, run "
+                f"twin plan {args.robot} {name}"
+            )
     return 0

@@ -50,11 +50,16 @@ def run(args: argparse.Namespace) -> int:
     from twin.exchange.write.bundle import chosen_formats
     from twin.exchange.write.clip import Budget
 
-    formats = chosen_formats(None if args.to is None else [f.strip() for f in args.to.split(",") if f.strip()])
+    names = None
+    if args.to is not None:
+        names = [name.strip() for name in args.to.split(",") if name.strip()]
+    formats = chosen_formats(names)
     budget = Budget()
-    if (size := show.micrometres("--budget-um", args.budget_um)) is not None:
+    size = show.micrometres("--budget-um", args.budget_um)
+    if size is not None:
         budget = Budget(size, budget.rotation * size / budget.position, size)
-    if (scene := assets.scene_file(args.robot)) is not None:
+    scene = assets.scene_file(args.robot)
+    if scene is not None:
         return _scene(scene, args, formats, budget)
     robot = load(args.robot, tool=args.tool).with_timing(args.timing)
     show.tool_note(robot, args.quiet)

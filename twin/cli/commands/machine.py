@@ -43,8 +43,12 @@ def run(args: argparse.Namespace) -> int:
     if not math.isfinite(args.tilt_deg):
         raise TwinError(f"--tilt-deg {args.tilt_deg:g}: give a finite number of degrees")
     robot = api.load(args.robot)
-    timeout = None if args.master_timeout_ms is None else args.master_timeout_ms / 1e3
-    released = None if args.released is None else args.released.split(",")
+    timeout = None
+    if args.master_timeout_ms is not None:
+        timeout = args.master_timeout_ms / 1e3
+    released = None
+    if args.released is not None:
+        released = args.released.split(",")
     parts = machine_parts(robot, mode=args.mode, overdrive=args.overdrive, master_timeout=timeout, released=released)
     arm = made(
         parts,
@@ -63,15 +67,19 @@ def run(args: argparse.Namespace) -> int:
         for number in parts.settings.parameters():
             if number.provenance == "ASSUMED":
                 said(f"  ASSUMED {number.name} = {number.value:g} {number.unit}: {number.note}")
+    duration = float("inf")
+    if args.duration is not None:
+        duration = args.duration
     if args.start:
         arm.start()
     try:
-        server.run(float("inf") if args.duration is None else args.duration, said)
+        server.run(duration, said)
     except KeyboardInterrupt:
         said("stopped")
     finally:
         server.close()
-    pace, receiver = server.pace.summary(), arm.receiver
+    pace = server.pace.summary()
+    receiver = arm.receiver
     found = {
         "robot": robot.name,
         "level": arm.plc.level.name,
@@ -84,8 +92,10 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(show.as_json(show.record("machine", found)))
         return 0
-    why = f": {receiver.reason}" if receiver.reason else ""
-    said(f"packets: {receiver.accepted} accepted, {receiver.refused} refused{why}")
+    packets = f"packets: {receiver.accepted} accepted, {receiver.refused} refused"
+    if receiver.reason:
+        packets += f": {receiver.reason}"
+    said(packets)
     said(
         f"{pace['ticks']} ticks, {pace['late']} more than 1 ms late; delay p50 {pace['p50_ms']:.2f} ms, "
         f"p99 {pace['p99_ms']:.2f} ms, largest {pace['max_ms']:.2f} ms"

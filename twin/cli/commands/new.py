@@ -29,7 +29,10 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin new`."""
     command.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
     command.add_argument("file", nargs="?", help="the file to read, as --from")
-    suffixes = ", ".join(suffix for format in imported() for suffix in format.sources)
+    known: list[str] = []
+    for format in imported():
+        known += format.sources
+    suffixes = ", ".join(known)
     command.text("--from", "FILE", f"a file with one of these suffixes: {suffixes}", dest="source")
     command.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
     text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
@@ -52,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
     if given is None:
         known = suffixes()
         if source.suffix.lower() not in known:
-            raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({', '.join(known)})")
+            readable = ", ".join(known)
+            raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({readable})")
         name = identifier(source.stem)
     elif identifier(name) != name:
         raise TwinError(f"'{name}' is not a valid robot name; use [a-z][a-z0-9_]*, as in {identifier(name)}")
@@ -63,8 +67,12 @@ def run(args: argparse.Namespace) -> int:
         print(show.as_json(show.record("new", data, findings)))
         return 0
     _print(findings)
-    loops = f", {data['loops']} loops closed within {data['worst_gap_m']:.2g} m" if data["loops"] else ""
-    first = "" if data["active"] else f"name the joints in {data['files'][0]}, then "
+    loops = ""
+    if data["loops"]:
+        loops = f", {data['loops']} loops closed within {data['worst_gap_m']:.2g} m"
+    first = ""
+    if not data["active"]:
+        first = f"name the joints in {data['files'][0]}, then "
     text = (
         f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "
         f"changes and omissions: {target}/IMPORT.md\n"
@@ -92,23 +100,26 @@ def _make(
             raise TwinError(f"{source}: --closures and --root do not apply to a STEP file")
         skeleton = read_skeleton(source)
         progress("write the skeleton", 0.5)
-        written, m = write_skeleton(skeleton, name, target, source, args.force)
-        findings, worst = skeleton.findings, 0.0
+        written, mechanism = write_skeleton(skeleton, name, target, source, args.force)
+        findings = skeleton.findings
+        worst = 0.0
     else:
-        imported = read(source, Path(args.closures) if args.closures else None, args.root)
+        closures = Path(args.closures) if args.closures else None
+        imported = read(source, closures, args.root)
         progress("close loops", 0.4)
         imported = close(imported)
         progress("write the folder", 0.8)
         written = write_folder(imported, name, target, source, args.force)
-        m, findings = imported.mechanism, imported.findings
-        worst = ReferenceModel(m).home().worst_gap
+        mechanism = imported.mechanism
+        findings = imported.findings
+        worst = ReferenceModel(mechanism).home().worst_gap
     data = {
         "robot": name,
-        "files": [str(p) for p in written],
-        "bodies": len(m.bodies),
-        "joints": len(m.joints),
-        "active": [j.name for j in m.active],
-        "loops": len(m.loops),
+        "files": [str(path) for path in written],
+        "bodies": len(mechanism.bodies),
+        "joints": len(mechanism.joints),
+        "active": [joint.name for joint in mechanism.active],
+        "loops": len(mechanism.loops),
         "worst_gap_m": worst,
     }
     return data, findings

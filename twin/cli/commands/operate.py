@@ -63,7 +63,8 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.core import assets
 
-    if (file := assets.scene_file(args.robot)) is not None:
+    file = assets.scene_file(args.robot)
+    if file is not None:
         return _at_console(file, args)
     if args.haptics is not None:
         raise TwinError(f"--haptics applies to the console of a scene; {args.robot} is a robot")
@@ -109,12 +110,12 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
         raise TwinError(
             f"--machine requires a scene with a section [trainer] in {file.name}, and cannot be used with --task"
         )
-    wrong = [n for n, v in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
-    if wrong:
-        raise TwinError(
-            f"--{wrong[0]} can be used only with a single robot; options for a scene with a console are --task, "
-            "--seed, --scale, --haptics and --mistake"
-        )
+    for option, default in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")):
+        if getattr(args, option) != default:
+            raise TwinError(
+                f"--{option} can be used only with a single robot; options for a scene with a console are --task, "
+                "--seed, --scale, --haptics and --mistake"
+            )
     task = task_of(scene, args.task)
     folder = show.folder(args, scene.name, f"{task.name}-operator")
     if task.procedure is not None:
@@ -122,9 +123,18 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     if args.mistake is not None and task.guide is None:
         raise TwinError(f"--mistake applies to a procedure or a ring to guide; task '{task.name}' is neither")
     with show.progress(args.quiet or args.json) as progress:
-        haptics = None if args.haptics is None else args.haptics == "on"
-        more = {"seed": args.seed, "scale": args.scale, "haptics": haptics, "mistake": args.mistake or ""}
-        found = operate_console(scene, task.name, **more, progress=progress)
+        haptics = None
+        if args.haptics is not None:
+            haptics = args.haptics == "on"
+        found = operate_console(
+            scene,
+            task.name,
+            seed=args.seed,
+            scale=args.scale,
+            haptics=haptics,
+            mistake=args.mistake or "",
+            progress=progress,
+        )
     return show.store(found, args, folder, [FILE])
 
 
@@ -134,16 +144,22 @@ def _machine(scene: Scene, args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.cli.machines import running
 
-    given = [n for n in ("haptics", "mistake") if getattr(args, n) is not None]
-    given += [n for n, v in (("clutch", "corrected"), ("solver", "damped")) if getattr(args, n) != v]
-    if given:
-        raise TwinError(
-            f"--{given[0]} does not apply to machines; their options are --seed, --trials, --scale, --machine"
-        )
+    defaults = {"haptics": None, "mistake": None, "clutch": "corrected", "solver": "damped"}
+    for option, default in defaults.items():
+        if getattr(args, option) != default:
+            raise TwinError(
+                f"--{option} does not apply to machines; their options are --seed, --trials, --scale, --machine"
+            )
     folder = show.folder(args, scene.name, "machine-operator")
     with show.progress(args.quiet or args.json) as progress:
-        more = {"seed": args.seed, "triangles": args.trials, "scale": args.scale, "progress": progress}
-        found = operate_machine(scene, running=running(args.machine), **more)
+        found = operate_machine(
+            scene,
+            seed=args.seed,
+            triangles=args.trials,
+            scale=args.scale,
+            running=running(args.machine),
+            progress=progress,
+        )
     return show.store(found, args, folder, [FILE])
 
 
@@ -153,9 +169,11 @@ def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) 
     from twin.cli import show
     from twin.simulation.session.file import NAME
 
-    given = [n for n, v in (("scale", args.scale), ("haptics", args.haptics)) if v is not None]
-    if given:
-        raise TwinError(f"--{given[0]} applies to a console; the options of a procedure are --task, --seed, --mistake")
+    for option in ("scale", "haptics"):
+        if getattr(args, option) is not None:
+            raise TwinError(
+                f"--{option} applies to a console; the options of a procedure are --task, --seed, --mistake"
+            )
     with show.progress(args.quiet or args.json) as progress:
         found = operate_procedure(scene, task, seed=args.seed, mistake=args.mistake or "", progress=progress)
     return show.store(found, args, folder, [NAME])

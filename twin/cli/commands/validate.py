@@ -45,16 +45,25 @@ def run(args: argparse.Namespace) -> int:
 
     width = show.micrometres("--tolerance-um", args.tolerance_um)
     robot = load(args.robot).with_timing(args.timing)
-    tolerances = None if width is None else Tolerances().widened(width, robot.mechanism.link_length)
+    tolerances = None
+    if width is not None:
+        tolerances = Tolerances().widened(width, robot.mechanism.link_length)
     if args.sweep or args.compare:
         return _strokes(robot, args)
-    jobs = [(p, v) for p in protocols(robot, args) for v in variants_of_each(robot, args.variant)]
-    root = Path(args.out) if args.out else Path("twin-out") / robot.name
+    chosen = protocols(robot, args)
+    jobs: list[tuple[str, dict[str, str] | None]] = []
+    for protocol in chosen:
+        for variants in variants_of_each(robot, args.variant):
+            jobs.append((protocol, variants))
+    root = Path("twin-out") / robot.name
+    if args.out:
+        root = Path(args.out)
     for protocol, variants in jobs:
         assets.require_writable(root / reports.folder(robot.protocol(protocol).name, variants))
-    found, cures = [], Cures(robot)
+    cures = Cures(robot)
+    found = []
     with show.progress(args.quiet or args.json) as progress:
-        trajectories = {p: plan(robot, p, progress) for p in dict.fromkeys(p for p, _ in jobs)}
+        trajectories = {protocol: plan(robot, protocol, progress) for protocol in dict.fromkeys(chosen)}
         progress("USD stage", 0.0)
         with robot.source.fresh_stage() as stage:
             for protocol, variants in jobs:
@@ -88,8 +97,10 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     from twin.cli.chosen import asked
     from twin.core import assets
 
-    standins = tuple(filter(None, (args.compare or "").split(",")))
-    joints = () if args.sweep in (None, "all") else tuple(args.sweep.split(","))
+    standins = tuple(name for name in (args.compare or "").split(",") if name)
+    joints: tuple[str, ...] = ()
+    if args.sweep not in (None, "all"):
+        joints = tuple(args.sweep.split(","))
     variants = asked(args.variant)
     if isinstance(variants, str):
         raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
