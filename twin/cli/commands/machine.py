@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import argparse
 import math
+from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command, port_number
 from twin.core.errors import TwinError
 from twin.core.units import DEG
+
+if TYPE_CHECKING:
+    from twin.api.robot import Robot
+    from twin.simulation.machine.machine import Parts
 
 EXAMPLES = """\
   twin machine raven_left --port 36000 --state-port 36001 --start
@@ -34,7 +39,6 @@ def run(args: argparse.Namespace) -> int:
     """Run the machine for --duration or until Ctrl-C; print the delays of its control ticks. The exit code is 0."""
     from twin import api
     from twin.api.machine import machine as made
-    from twin.api.machine import machine_parts
     from twin.cli import show
     from twin.simulation.machine.server import HOST, Server
 
@@ -43,13 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if not math.isfinite(args.tilt_deg):
         raise TwinError(f"--tilt-deg {args.tilt_deg:g}: give a finite number of degrees")
     robot = api.load(args.robot)
-    timeout = None
-    if args.master_timeout_ms is not None:
-        timeout = args.master_timeout_ms / 1e3
-    released = None
-    if args.released is not None:
-        released = args.released.split(",")
-    parts = machine_parts(robot, mode=args.mode, overdrive=args.overdrive, master_timeout=timeout, released=released)
+    parts = _parts(robot, args)
     arm = made(
         parts,
         mass=1 + args.mass_error / 100,
@@ -101,3 +99,16 @@ def run(args: argparse.Namespace) -> int:
         f"p99 {pace['p99_ms']:.2f} ms, largest {pace['max_ms']:.2f} ms"
     )
     return 0
+
+
+def _parts(robot: Robot, args: argparse.Namespace) -> Parts:
+    """Return the compiled parts of the machine, with the software that the options state."""
+    from twin.api.machine import machine_parts
+
+    timeout = None
+    if args.master_timeout_ms is not None:
+        timeout = args.master_timeout_ms / 1e3
+    released = None
+    if args.released is not None:
+        released = args.released.split(",")
+    return machine_parts(robot, mode=args.mode, overdrive=args.overdrive, master_timeout=timeout, released=released)
