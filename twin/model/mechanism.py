@@ -295,17 +295,21 @@ class Mechanism:
         known: dict[tuple[tuple[float, ...], Finish], Material] = {}
         taken: set[str] = set()
         out = {}
-        for mesh in (m for b in self.bodies for m in b.meshes):
-            key = (mesh.color_rgba, mesh.finish)
-            if key not in known:
-                color = units.hex_digits(mesh.color_rgba)
-                made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
-                # A number is added if only the finish differs, or if different colours are equal in 8 bits.
-                names = (f"{made_of}_{color}", *(f"{made_of}_{n}_{color}" for n in range(2, len(taken) + 3)))
-                name = next(n for n in names if n not in taken)
-                taken.add(name)
-                known[key] = Material(name, mesh.color_rgba, mesh.finish)
-            out[mesh.name] = known[key]
+        for body in self.bodies:
+            for mesh in body.meshes:
+                key = (mesh.color_rgba, mesh.finish)
+                if key not in known:
+                    color = units.hex_digits(mesh.color_rgba)
+                    made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
+                    name = f"{made_of}_{color}"
+                    number = 2
+                    # A number is added if only the finish differs, or if different colours are equal in 8 bits.
+                    while name in taken:
+                        name = f"{made_of}_{number}_{color}"
+                        number += 1
+                    taken.add(name)
+                    known[key] = Material(name, mesh.color_rgba, mesh.finish)
+                out[mesh.name] = known[key]
         return out
 
     def body(self, name: str) -> Body:
@@ -336,7 +340,10 @@ class Mechanism:
 
     def transmission_of(self, joint: str) -> Transmission | None:
         """Return the transmission that moves a joint; None if the joint is driven directly, or passive."""
-        return next((t for t in self.transmissions if joint in t.joints), None)
+        for transmission in self.transmissions:
+            if joint in transmission.joints:
+                return transmission
+        return None
 
     def point(self, name: str) -> Point:
         """Return the point called `name`, or raise a `MechanismError` that lists all names."""
@@ -489,10 +496,19 @@ def _check(m: Mechanism) -> None:
                 fail(f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
         if joint.active and len(joint.free_axes) != 1:
             fail(f"active joint '{joint.name}' must have one coordinate; a {joint.type} joint does not")
-    active, joints, own = ([j.name for j in js] for js in (m.active, m.joints, (j for j in m.joints if j.drive)))
-    for *_, text in faults(m.actuators, m.transmissions, active, joints, own):
+    active = []
+    with_drive = []
+    single = []
+    for joint in m.joints:
+        if joint.active:
+            active.append(joint.name)
+        if joint.drive:
+            with_drive.append(joint.name)
+        if len(joint.free_axes) == 1:
+            single.append(joint.name)
+    joints = [joint.name for joint in m.joints]
+    for *_, text in faults(m.actuators, m.transmissions, active, joints, with_drive):
         fail(text)
-    single = {j.name: j for j in m.joints if len(j.free_axes) == 1}
     for coupling in m.couplings:
         for name in coupling.joints:
             if name not in single:
@@ -500,7 +516,7 @@ def _check(m: Mechanism) -> None:
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
             fail(f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
     for name in m.trocars:
-        if next((j.parent for j in m.joints if j.name == name), None) != m.base:
+        if name not in joints or m.joint(name).parent != m.base:
             fail(f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
         if m.trocars.count(name) > 1:
             fail(f"trocar '{name}' is listed twice")
@@ -518,13 +534,20 @@ def _check(m: Mechanism) -> None:
     for name, T in m.rest.items():
         if name in names and not spatial.is_pose(T, 1e-6):
             fail(f"body '{name}': its rest pose is not rigid")
-    if lost := ", ".join(sorted(names - {m.base} - {j.child for j in m.tree})):
-        fail(f"no joints connect base '{m.base}' to: {lost}. Add joints, or move these bodies to the props of a scene.")
+    connected = {joint.child for joint in m.tree}
+    unconnected = sorted(names - {m.base} - connected)
+    if unconnected:
+        listed = ", ".join(unconnected)
+        fail(
+            f"no joints connect base '{m.base}' to: {listed}. Add joints, or move these bodies to the props of a scene."
+        )
     for posture, values in m.postures.items():
-        if wrong := sorted(set(values) ^ set(active)):
+        wrong = sorted(set(values) ^ set(active))  # names without a value, and values of no active joint
+        if wrong:
             fail(f"posture '{posture}' must have exactly one value for each active joint; check: {', '.join(wrong)}")
-        for name, value in ((n, v) for n, v in values.items() if not np.isfinite(v)):
-            fail(f"posture '{posture}': {name} = {value} is not finite")
+        for name, value in values.items():
+            if not np.isfinite(value):
+                fail(f"posture '{posture}': {name} = {value} is not finite")
     for joint in m.loops:
         if joint.active:
             fail(f"active joint '{joint.name}' would close a loop; list it before the passive joints of its loop")

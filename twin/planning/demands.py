@@ -137,16 +137,22 @@ def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
         return np.column_stack([robot.joints(s, order) for robot in robots])
 
     def extra(s: Array) -> tuple[Array, Array]:
-        derivatives = [robot.extra(s) for robot in robots]
-        first = np.column_stack([d[0] for d in derivatives])
-        second = np.column_stack([d[1] for d in derivatives])
-        return first, second
+        first = []
+        second = []
+        for robot in robots:
+            first_of_robot, second_of_robot = robot.extra(s)
+            first.append(first_of_robot)
+            second.append(second_of_robot)
+        return np.column_stack(first), np.column_stack(second)
 
     def load(s: Array, sd: Array, sdd: Array) -> tuple[Array, Array]:
-        loads = [robot.load(s, sd, sdd) for robot in robots]
-        speed = np.max([v for v, _ in loads], axis=0)
-        acceleration = np.max([a for _, a in loads], axis=0)
-        return speed, acceleration
+        speeds = []
+        accelerations = []
+        for robot in robots:
+            speed_of_robot, acceleration_of_robot = robot.load(s, sd, sdd)
+            speeds.append(speed_of_robot)
+            accelerations.append(acceleration_of_robot)
+        return np.max(speeds, axis=0), np.max(accelerations, axis=0)
 
     jerks = [robot.jerk for robot in robots if robot.jerk is not None]
 
@@ -154,8 +160,14 @@ def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
         return max(of_robot(s, sd, sdd) for of_robot in jerks)
 
     # first the joints of all robots, then their further coordinates, as in `joints` and `extra`
-    speed = [robot.speed for robot in robots] + [robot.extra_speed for robot in robots]
-    acceleration = [robot.acceleration for robot in robots] + [robot.extra_acceleration for robot in robots]
+    speed = []
+    acceleration = []
+    for robot in robots:
+        speed.append(robot.speed)
+        acceleration.append(robot.acceleration)
+    for robot in robots:
+        speed.append(robot.extra_speed)
+        acceleration.append(robot.extra_acceleration)
     return time_path(
         joints,
         np.concatenate(speed),

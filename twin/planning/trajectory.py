@@ -101,14 +101,24 @@ def motors_of(mechanism: Mechanism) -> MotorLimits:
             rows.append(row)
     if not actuators:
         return NO_MOTORS
-    limits = np.array([actuator.limits or (-np.inf, np.inf) for actuator in actuators], float)
+    names = []
+    limits = []
+    max_speeds = []
+    revolute = []
+    for actuator in actuators:
+        names.append(actuator.name)
+        limits.append(actuator.limits or (-np.inf, np.inf))
+        max_speeds.append(actuator.max_speed or np.inf)
+        revolute.append(actuator.is_angle)
+    motors_of_joints = mechanism.motors(np.eye(len(mechanism.active))).T
+    ranges = np.array(limits, float)
     return MotorLimits(
-        names=tuple(actuator.name for actuator in actuators),
-        rows=mechanism.motors(np.eye(len(mechanism.active))).T[rows],
-        lower=limits[:, 0],
-        upper=limits[:, 1],
-        max_speed=np.array([actuator.max_speed or np.inf for actuator in actuators]),
-        revolute=tuple(actuator.is_angle for actuator in actuators),
+        names=tuple(names),
+        rows=motors_of_joints[rows],
+        lower=ranges[:, 0],
+        upper=ranges[:, 1],
+        max_speed=np.array(max_speeds),
+        revolute=tuple(revolute),
     )
 
 
@@ -190,8 +200,26 @@ def without_equations(
     """Return the planning data of a robot without equations, from its joints, limits and mechanism."""
     active = mechanism.active
     hard = mechanism.limits
-    soft = np.array([j.soft_limits or j.limits or (-np.inf, np.inf) for j in active]).reshape(-1, 2)
-    order = [j.name for j in active]
+    order = []
+    soft_ranges = []
+    max_speeds = []
+    max_accelerations = []
+    max_jerks = []
+    revolute = []
+    for joint in active:
+        order.append(joint.name)
+        soft_ranges.append(joint.soft_limits or joint.limits or (-np.inf, np.inf))
+        max_speeds.append(joint.max_speed or np.inf)
+        max_accelerations.append(joint.max_acceleration or np.inf)
+        max_jerks.append(joint.max_jerk or np.inf)
+        revolute.append(joint.is_angle)
+    soft = np.array(soft_ranges).reshape(-1, 2)
+    rail_gaps = []
+    for a, b, smallest in gaps:
+        rail_gaps.append(Gap(order.index(a), order.index(b), smallest, f"{a}-{b}"))
+    auxiliary = {}
+    for _, name, _, drawn in mechanism.extra_joints(()):
+        auxiliary[name] = drawn
     return PathKinematics(
         joint_names=tuple(order),
         inverse=lambda Ts: np.full((len(Ts), len(order)), np.nan),
@@ -202,15 +230,15 @@ def without_equations(
         upper=hard[:, 1],
         soft_lower=soft[:, 0],
         soft_upper=soft[:, 1],
-        max_speed=np.array([j.max_speed or np.inf for j in active]),
-        max_acceleration=np.array([j.max_acceleration or np.inf for j in active]),
-        max_jerk=np.array([j.max_jerk or np.inf for j in active]),
-        gaps=tuple(Gap(order.index(a), order.index(b), g, f"{a}-{b}") for a, b, g in gaps),
+        max_speed=np.array(max_speeds),
+        max_acceleration=np.array(max_accelerations),
+        max_jerk=np.array(max_jerks),
+        gaps=tuple(rail_gaps),
         motors=motors_of(mechanism),
-        revolute=tuple(j.is_angle for j in active),
+        revolute=tuple(revolute),
         carrier=carrier,
         space=space,
-        auxiliary={name: value for _, name, _, value in mechanism.extra_joints(())},
+        auxiliary=auxiliary,
         takes=lambda Ts: False,
     )
 

@@ -125,8 +125,11 @@ class Boundary:
             far = wander(self.motions, self._valid, self._drawn)
             self._pool = np.concatenate([self._drawn, far])
             self._values = self._at(self._pool)
-            known = [np.abs(v[np.isfinite(v)]) for v in self._values.T]
-            self._size = np.array([float(np.median(v)) if len(v) else 1.0 for v in known])
+            sizes = []
+            for values in self._values.T:
+                finite = np.abs(values[np.isfinite(values)])
+                sizes.append(float(np.median(finite)) if len(finite) else 1.0)
+            self._size = np.array(sizes)
             # A measure goes through zero as the square root of a margin, and so does its error.
             lengths = np.array([kind == "reach" for kind in stated.kinds])
             self._off = np.where(lengths, error, np.sqrt(error / LENGTH_SCALE) * self._size)
@@ -138,11 +141,14 @@ class Boundary:
         if self._why:
             return [self._row(i, "not judged", self._why) for i in rows]
         out: dict[int, Judged] = {}
+        undecided = []
         for i in rows:
             found = self._plain(i)
-            if found is not None:
+            if found is None:
+                undecided.append(i)
+            else:
                 out[i] = found
-        out |= self._walked([i for i in rows if i not in out])
+        out |= self._walked(undecided)
         return [out[i] for i in rows]
 
     # -- checks at known states -------------------------------------------------------------------------------
@@ -177,8 +183,11 @@ class Boundary:
         k = int(np.argmax(off))
         if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "dimensionless number"
-            much, usual = (f"{x / scale:.4g} {unit}".rstrip() for x in (large[k], v[k]))
-            text = f"the row is not a {what}: multiplying all lengths by {_LARGER:g} changes it from {usual} to {much}"
+            before = f"{v[k] / scale:.4g} {unit}".rstrip()  # a measure has no unit
+            after = f"{large[k] / scale:.4g} {unit}".rstrip()
+            text = (
+                f"the row is not a {what}: multiplying all lengths by {_LARGER:g} changes it from {before} to {after}"
+            )
             return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
         return None
 
@@ -233,7 +242,9 @@ class Boundary:
 
     def _seek(self, rows: list[int], picks: list[Index], aside: tuple[bool, ...], valid: Valid, seed: int) -> Walks:
         row = np.repeat(np.array(rows, np.intp), len(picks))
-        starts = self._pool[np.array([p[i] for i in rows for p in picks])]
+        # rows of `chosen`: the picks of one row after the other, as in `row`
+        chosen = np.array(picks)[:, rows].T.ravel()
+        starts = self._pool[chosen]
         return seek(self.motions, self._at, valid, starts, row, np.array(aside * len(rows)), self._size, seed)
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
@@ -298,15 +309,19 @@ class Boundary:
 
     def _unfound(self, i: int, walks: list[Walks]) -> Judged:
         s = self.stated
-        ends = [(abs(w.value[j]), w.slope[j], w.states[j]) for w in walks for j in np.flatnonzero(w.row == i)]
-        value, slope, x = min(ends, key=lambda e: e[0])
+        ends = []
+        for walk in walks:
+            for j in np.flatnonzero(walk.row == i):
+                ends.append((abs(walk.value[j]), walk.slope[j], walk.states[j]))
+        value, slope, x = min(ends, key=lambda end: end[0])
         reach = s.kinds[i] == "reach"
         least = f"{value / MM:.4g} mm" if reach else f"{value:.4g}"
         flat = slope < _FLAT * max(value, self._size[i])
         if reach and flat and self.motions.of(x[None])[0, 2] < _DEGENERATE:
             if value <= self._error:
                 return self._row(i, "agrees", f"the mechanism reaches its limit where the margin is {least}")
-            others = [j for j, kind in enumerate(s.kinds) if kind == "reach" and j != i]
+            others = np.array([kind == "reach" for kind in s.kinds])
+            others[i] = False
             near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
             if not near[others].any():
                 text = (
@@ -341,9 +356,14 @@ class Boundary:
 
 def summary(rows: list[Judged]) -> str:
     """Return, as text, the number of checked rows, and the unchecked rows with their reasons."""
-    left = [r for r in rows if r.status == "not judged"]
-    text = f"{len(rows) - len(left)} of {len(rows)}"
-    return text + (f"; not judged: {'; '.join(f'{r.name}: {r.why}' for r in left)}" if left else "")
+    reasons = []
+    for row in rows:
+        if row.status == "not judged":
+            reasons.append(f"{row.name}: {row.why}")
+    text = f"{len(rows) - len(reasons)} of {len(rows)}"
+    if not reasons:
+        return text
+    return f"{text}; not judged: {'; '.join(reasons)}"
 
 
 _WHAT = {"reach": "margin of reach", "aspect": "aspect"}
@@ -351,19 +371,27 @@ _WHAT = {"reach": "margin of reach", "aspect": "aspect"}
 
 def disagreements(rows: list[Judged]) -> list[Finding]:
     """Return a finding for each row that the mechanism contradicts."""
-    return [
-        disagreement(
-            f"margin.{r.kind if r.kind in _WHAT else 'singularity'}",
-            f"{r.equation}.{r.symbol}" if r.equation else r.symbol,
-            f"{_WHAT.get(r.kind, 'singularity measure')} '{r.name}' (row {r.symbol}): {r.why}",
-            None if r.size is None else Quantity(r.size, r.unit),
+    findings = []
+    for row in rows:
+        if row.status != "disagrees":
+            continue
+        what = _WHAT.get(row.kind, "singularity measure")
+        code = row.kind if row.kind in _WHAT else "singularity"  # type1 and type2 have one code
+        where = f"{row.equation}.{row.symbol}" if row.equation else row.symbol
+        size = None
+        if row.size is not None:
+            size = Quantity(row.size, row.unit)
+        finding = disagreement(
+            f"margin.{code}",
+            where,
+            f"{what} '{row.name}' (row {row.symbol}): {row.why}",
+            size,
             suggestion="`twin explain` shows the line of this row",
-            when=r.at,
+            when=row.at,
             word="",
         )
-        for r in rows
-        if r.status == "disagrees"
-    ]
+        findings.append(finding)
+    return findings
 
 
 def _anywhere(states: Array) -> Mask:

@@ -63,5 +63,9 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
 
 def _strictest(used: Sequence[Limits]) -> Limits:
     """Return the minimum of each limit over `used`."""
-    numbers = [f.name for f in fields(Limits) if isinstance(getattr(used[0], f.name), (int, float))]
-    return replace(used[0], **{name: min(getattr(limits, name) for limits in used) for name in numbers})
+    smallest = {}
+    for limit in fields(Limits):
+        values = [getattr(limits, limit.name) for limits in used]
+        if isinstance(values[0], (int, float)):
+            smallest[limit.name] = min(values)
+    return replace(used[0], **smallest)
