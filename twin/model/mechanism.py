@@ -498,14 +498,14 @@ def _check(m: Mechanism) -> None:
             fail(f"active joint '{joint.name}' must have one coordinate; a {joint.type} joint does not")
     active = []
     with_drive = []
-    single = []
+    single: set[str] = set()  # couplings connect joints with one coordinate only
     for joint in m.joints:
         if joint.active:
             active.append(joint.name)
         if joint.drive:
             with_drive.append(joint.name)
         if len(joint.free_axes) == 1:
-            single.append(joint.name)
+            single.add(joint.name)
     joints = [joint.name for joint in m.joints]
     for *_, text in faults(m.actuators, m.transmissions, active, joints, with_drive):
         fail(text)

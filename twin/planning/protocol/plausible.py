@@ -38,14 +38,21 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
             turned = ", ".join(f"{np.rad2deg(a):.4g}" for a in w.angles_deg)
             text = f"waypoint '{name}': angles ({shown}) deg look like radians: converted, they are ({turned}) deg"
             yield _warning(text, file, "degrees are expected; multiply by 180/pi")
-    positions = {n: np.linalg.norm(w.position_mm) for n, w in table.waypoints.items() if w.position_mm is not None}
-    far = max(positions.values(), default=0.0)
-    for name, r in positions.items():
+    distances = {}
+    depths = {}
+    for name, w in table.waypoints.items():
+        if w.position_mm is not None:
+            distances[name] = np.linalg.norm(w.position_mm)
+        if w.depth_mm is not None:
+            depths[f"waypoint '{name}'"] = w.depth_mm
+    for phase in table.phases:
+        if isinstance(phase, InsertionTable):
+            depths[f"phase '{phase.name}'"] = phase.depth_mm
+    far = max(distances.values(), default=0.0)
+    for name, r in distances.items():
         if 0 < r < _NEAR and far > _FAR:
             text = f"waypoint '{name}' is {r:.3g} mm from the origin, another waypoint {far:.4g} mm"
             yield _warning(f"{text}: the position of '{name}' looks like metres", file, "positions are in mm")
-    depths = {f"waypoint '{n}'": w.depth_mm for n, w in table.waypoints.items() if w.depth_mm is not None}
-    depths |= {f"phase '{p.name}'": p.depth_mm for p in table.phases if isinstance(p, InsertionTable)}
     for what, depth in depths.items():
         if 0 < abs(depth) < _DEPTH:
             yield _warning(f"{what}: a depth of {depth:g} mm looks like metres", file, "depths are in mm")
@@ -75,14 +82,16 @@ def plausible(table: ProtocolTable, file: str) -> Iterator[Finding]:
 
 def _radians(angles: tuple[float, ...] | list[float]) -> bool:
     """Return whether angles given in degrees look like radians: converted to degrees, they become round numbers."""
-    some = [a for a in angles if a != 0]
-    if not some or max(abs(a) for a in some) > 2 * np.pi + 1e-3:
+    written = np.array(angles, float)
+    written = written[written != 0]  # zero is the same in both units
+    if not len(written) or np.abs(written).max() > 2 * np.pi + 1e-3:
         return False
-    in_degrees = np.rad2deg(some)
+    in_degrees = np.rad2deg(written)
     # tolerance of 0.02 deg: rounding of radians with four digits
-    round_there = all(abs(a - round(a)) < 0.02 and abs(a) > 0.9 for a in in_degrees)
-    round_here = any(abs(20 * a - round(20 * a)) < 1e-6 for a in some)
-    return round_there and not round_here
+    round_in_degrees = (np.abs(in_degrees - np.round(in_degrees)) < 0.02) & (np.abs(in_degrees) > 0.9)
+    twentieths = 20 * written  # people write degrees in steps of 0.05
+    round_as_written = np.abs(twentieths - np.round(twentieths)) < 1e-6
+    return bool(round_in_degrees.all() and not round_as_written.any())
 
 
 def _warning(text: str, file: str, suggestion: str) -> Finding:
