@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -312,30 +312,36 @@ def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
             if robot not in names:
                 raise error_at(path, ("tool", name, "robots"), unknown("robot", robot, names))
     for name, t in table.task.items():
-        if (p := t.procedure) is None:
+        procedure = t.procedure
+        if procedure is None:
             continue
         keys = ("task", name, "procedure")
-        for key, what, value, known in (
-            ("organ", "tissue", p.organ, table.tissue),
-            ("vessel", "vessel", p.vessel, table.vessel),
-            ("camera", "camera", p.camera, table.camera),
-            *(("spare", "tissue", organ, table.tissue) for organ in p.spare),
-            *(("start", "robot", robot, names) for robot in p.start),
-            *(("start", "tool", first, table.tool) for first in p.start.values()),
-        ):
+        named: list[tuple[str, str, str, Collection[str]]] = [
+            ("organ", "tissue", procedure.organ, table.tissue),
+            ("vessel", "vessel", procedure.vessel, table.vessel),
+            ("camera", "camera", procedure.camera, table.camera),
+        ]
+        for organ in procedure.spare:
+            named.append(("spare", "tissue", organ, table.tissue))
+        for robot in procedure.start:
+            named.append(("start", "robot", robot, names))
+        for first_tool in procedure.start.values():
+            named.append(("start", "tool", first_tool, table.tool))
+        for key, what, value, known in named:
             if value not in known:
                 raise error_at(path, (*keys, key), unknown(what, value, known))
-        for robot, first in p.start.items():
-            if robot not in table.tool[first].robots:
-                raise error_at(
-                    path,
-                    (*keys, "start"),
-                    f"{robot} cannot carry '{first}'; only {', '.join(table.tool[first].robots)} can carry it",
-                )
+        for robot, first_tool in procedure.start.items():
+            carriers = table.tool[first_tool].robots
+            if robot not in carriers:
+                listed = ", ".join(carriers)
+                message = f"{robot} cannot carry '{first_tool}'; only {listed} can carry it"
+                raise error_at(path, (*keys, "start"), message)
 
 
 def _ports(r: RobotTable) -> dict[str, str]:
-    return dict(r.ports) if r.port is None else {"": r.port}
+    if r.port is None:
+        return dict(r.ports)
+    return {"": r.port}  # "" is the only trocar or the first RCM, see `Place`
 
 
 def _parameters(table: SceneTable) -> Iterator[Parameter]:
