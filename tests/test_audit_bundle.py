@@ -377,6 +377,12 @@ def test_defects_of_a_unity_package(name, bundle):
     assert code in codes(folder), [(f.code, f.message) for f in audit(folder).findings]
 
 
+def test_a_package_is_audited_as_one_from_inside_its_folder(bundle, monkeypatch):
+    folder = bundle(UNITY["missing .meta"][0], "unity")
+    monkeypatch.chdir(folder / "unity")
+    assert "unity.meta_missing" in codes(Path())
+
+
 # ------------------------------------------------------------------------------------------------------- proof
 
 

@@ -161,6 +161,11 @@ FAULTS = {
     ),
     "half": ("eq4", lambda law: lambda *a: [x / 2 for x in law(*a)], {"roll.angle", "roll.opposed"}),
     "no clip": ("eq5", lambda law: EQUATIONS["eq5"].variants["paper"], {"force.pull", "force.largest"}),
+    "no number when the tool moves outwards": (
+        "eq5",
+        lambda law: lambda x, v: np.nan if v < 0 else law(x, v),
+        {"force.pull", "force.largest"},
+    ),
     "N/m": ("eq5", lambda law: lambda x, v: law(x, v) / 1000, {"force.size"}),
     "compares eq. (2)": ("eq7", lambda law: EQUATIONS["eq7"].variants["paper"], {"error.right", "error.blind"}),
     "sees nothing": ("eq7", lambda law: lambda *a: np.eye(4), {"error.blind"}),

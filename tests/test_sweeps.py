@@ -279,6 +279,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
         (["--tilt-deg", "200"], "--tilt-deg 200: give degrees from 0 to 180"),
         (["--turns", "0"], "--turns 0: give at least 1"),
         (["--step-mm", "0.01"], "positions; the limit is 5e+07. Increase --step-mm"),
+        (["--step-mm", "1e-20"], "positions; the limit is 5e+07. Increase --step-mm"),
         (["--count", "1e30"], "positions; the limit is 5e+07. Increase --step-mm or reduce --count"),
         (["--step-mm", "5000"], "none of 1 positions, 5e+03 mm apart, is reached in a box of 567 x 628 x 344 mm"),
         (["--joints", "--scheduler", "local"], "--scheduler: joint samples run on this machine"),

@@ -122,11 +122,12 @@ def _grid(low: Array, extent: Array, flat: np.ndarray, step: float | None) -> Gr
     step = step or float(max(extent.max(), 1e-6)) / 64
     # The first samples do not reach the border of the workspace.
     margin = np.where(flat, 0, 0.05 * extent + 2 * step)
-    shape = np.where(flat, 1, np.ceil((extent + 2 * margin) / step).astype(int) + 1)
+    # As floats, the numbers of cells have no largest value.
+    shape = np.where(flat, 1.0, np.ceil((extent + 2 * margin) / step) + 1)
     if shape.prod() > _CELLS:
         text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
         raise TwinError(text)
-    nx, ny, nz = shape.tolist()
+    nx, ny, nz = shape.astype(int).tolist()
     return Grid(low - margin, step, (nx, ny, nz), np.eye(3))
 
 

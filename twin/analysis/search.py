@@ -76,7 +76,8 @@ def workspace(
         return by_joints(robot, count, step, progress)
     if step is None:
         step = float((np.prod(high - low) * turns / count) ** (1 / 3))
-    nx, ny, nz = (np.floor((high - low) / step).astype(int) + 1).tolist()
+    # Integers of Python have no largest value, those of numpy have one.
+    nx, ny, nz = [int(count) + 1 for count in np.floor((high - low) / step).tolist()]
     grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     if grid.positions > _POSITIONS:
         raise TwinError(

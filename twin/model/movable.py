@@ -120,7 +120,10 @@ def _turned(r: Array, z: Array) -> Array:
 
 
 def _cells(rows: int, cells: int) -> np.ndarray:
-    """Return the triangles (`_AROUND`, cells, 2, 3) of a turned profile with `rows` vertices; both directions close."""
+    """Return the triangles (`_AROUND`, cells, 2, 3) of a turned profile with `rows` vertices.
+
+    The triangles close around the axis. The profile closes only if `cells` equals `rows`.
+    """
     i, j = np.meshgrid(np.arange(_AROUND), np.arange(cells), indexing="ij")
     next_i = (i + 1) % _AROUND
     next_j = (j + 1) % rows

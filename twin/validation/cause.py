@@ -150,7 +150,7 @@ def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
 
 
 def _largest(findings: list[Finding]) -> Finding:
-    """Return the largest of the findings that have the unit of the first; the first finding if none has a size."""
+    """Return the first of the findings, in the unit of the first, that is about as large as the largest of them."""
     first = findings[0]
     comparable: list[tuple[float, Finding]] = []
     for finding in findings:

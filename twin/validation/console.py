@@ -229,7 +229,7 @@ def _camera(c: Laws) -> Iterator[Clause]:
 
 def _origin(c: Laws) -> Iterator[Clause]:
     T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
-    P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
+    P = _pose((0, 40 * _MM, -90 * _MM))
     W_0 = _pose((10 * _MM, 0, 0))
     W_1 = _pose((15 * _MM, 5 * _MM, 0), (0.1, 0, 0.2))
     # the same motion of the hand, seen from another origin of {H}
@@ -461,10 +461,11 @@ def _force(c: Laws) -> Iterator[Clause]:
         f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pull:.2f} N",
         "set a force that points inwards to 0",
     )
-    largest = 0.0
+    forces = []
     for depth in (1, 5, 10, 20):
         for rate in (-0.1, 0.0, 0.1):
-            largest = max(largest, abs(c.force(depth * _MM, rate)))
+            forces.append(c.force(depth * _MM, rate))
+    largest = float(np.abs(forces).max())  # not a number if one of the forces is none: no limit holds then
     yield _within(
         "force.largest",
         "eq5",

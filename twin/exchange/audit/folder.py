@@ -104,7 +104,12 @@ def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     for format in audited():
         if format.marker:
             folders = [f.parent for f in files if f.name == format.marker and format.accepts(f)]
-            outer = [folder for folder in folders if not _within(folder.parent, folders)]
+            outer = []
+            for folder in folders:
+                # The working directory "." is its own parent: only other folders can contain a folder.
+                others = [other for other in folders if other != folder]
+                if not _within(folder, others):
+                    outer.append(folder)
             found.append((format, outer))
     return found
 

@@ -370,13 +370,13 @@ def _differences(
         if "prismatic" not in (own[a].kind, own[b].kind):  # the line of a slide has no place
             shifted = np.abs(distance - expected_distance).max(axis=1)
         at = int(np.argmax(shifted))
-        if shifted[at] > LINE_TOL:
-            shown = float(np.abs(distance[at]).max())
-            expected = float(np.abs(expected_distance[at]).max())
-        else:
+        if shifted[at] <= LINE_TOL:
             at = int(np.argmax(turned))
             shown = _degrees(cosine[at])
             expected = _degrees(expected_cosine[at])
+        else:  # also if the distance is not a number
+            shown = float(np.abs(distance[at]).max())
+            expected = float(np.abs(expected_distance[at]).max())
         parts_of_a = {part[own[a].parent], part[own[a].child]}
         parts_of_b = {part[own[b].parent], part[own[b].child]}
         rigid = bool(parts_of_a & parts_of_b)

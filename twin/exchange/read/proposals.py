@@ -195,7 +195,7 @@ def _joint(
     except CadError as error:
         numbers = given(spatial.pose(on_parent.R, p.face.point))
         why += f" NOT MEASURED: both frames are given as numbers, because {error}"
-        return Proposal(name, kind, parent, child, Side(numbers, {}), Side(numbers, {}), pair, 0.0, 0.0, why)
+        return Proposal(name, kind, parent, child, Side(numbers, {}), Side(dict(numbers), {}), pair, 0.0, 0.0, why)
     offset, tilt = locked_error(spatial.inverse(T_parent) @ T_child, kind)
     return Proposal(name, kind, parent, child, on_parent.side(), on_child.side(), pair, offset, tilt, why)
 

@@ -200,7 +200,7 @@ def write_bundle(
 
 def _require_more_than_motions(order: Order, formats: Sequence[str]) -> None:
     """Raise an error if all chosen formats contain only motions: without a motion, there would be no files."""
-    chosen = [named(name) for name in formats]
+    chosen = [format for format in exported() if format.name in formats]
     if chosen and all(Holds.COORDINATES in format.holds for format in chosen):
         titles = ", ".join(format.title for format in chosen)
         text = f"{titles} contain only motions: choose another format as well, such as glb,{','.join(formats)}"

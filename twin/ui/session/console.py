@@ -169,7 +169,7 @@ class LiveConsole:
         recorder = None
         if path is not None and tape is not None:
             recorder = Recorder(path, head_of(self._setup, world, device), tape)
-        # Nothing above changes this console: an error leaves the present attempt as it is.
+        # An error above leaves the present attempt as it is, except the exchange with the machines.
         self.world: World = world
         self._state = ConsoleState(self._setup, world)
         self._peaks = peaks

@@ -48,8 +48,9 @@ class Links:
         return self._T_world_base @ self._links[body]
 
     def _solve(self, q: Array) -> None:
+        links = self._loops(q)  # if the loops cannot be closed, the last state remains
         self._q = q
-        self._links = self._loops(q)
+        self._links = links
 
 
 class Tissues(Block):
