@@ -56,7 +56,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
             else:
                 low = middle
         where = f"from {100 * high:.1f} % of the phase on"
-    (cause, name), margin = next(item for item in margins.items() if item[1][first] < -ROUNDING)
+    cause, name, margin = _first_negative(margins, first)
     worst = int(np.nanargmin(np.where(np.isnan(margin), 0.0, margin)))
     text = _cause(kinematics, cause, name, float(-margin[worst]))
     if cause not in ("branch", "inverse", "singularity"):  # the margins of these three are no distances
@@ -144,6 +144,14 @@ def violation(kinematics: PathKinematics, margins: Margins) -> str:
         if margin[0] < -ROUNDING:
             return _cause(kinematics, cause, name, float(-margin[0]))
     return ""
+
+
+def _first_negative(margins: Margins, k: int) -> tuple[Cause, str, Array]:
+    """Return (cause, name, margin) of the first margin that is negative at point k; there is one."""
+    for (cause, name), margin in margins.items():
+        if margin[k] < -ROUNDING:
+            return cause, name, margin
+    raise AssertionError(f"no margin is negative at point {k}")
 
 
 def _spread(rows: np.ndarray, values: Array) -> Array:

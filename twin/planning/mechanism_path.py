@@ -68,7 +68,9 @@ class MechanismPath(PhasePath):
 
     def motion(self, s: Array) -> Motion:
         """Return the motion of the phase at the path parameters s (k,)."""
-        place, place1, place2 = (self.place(s, order) for order in (0, 1, 2))
+        place = self.place(s, 0)
+        place1 = self.place(s, 1)
+        place2 = self.place(s, 2)
         R = place[:, 3:].reshape(-1, 3, 3)
         R1 = place1[:, 3:].reshape(-1, 3, 3)
         R2 = place2[:, 3:].reshape(-1, 3, 3)

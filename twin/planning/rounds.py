@@ -51,17 +51,23 @@ class SearchRounds:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data without times, so that every run returns the same data; a cost None means "no path"."""
-        return {
-            "cost": self.cost,
-            "unit": self.unit,
-            "samples": [r.samples for r in self.rounds],
-            "tree": [_finite(r.tree) for r in self.rounds],
-            "best": [_finite(r.best) for r in self.rounds],
-        }
+        samples = []
+        tree = []
+        best = []
+        for search_round in self.rounds:
+            samples.append(search_round.samples)
+            tree.append(_finite(search_round.tree))
+            best.append(_finite(search_round.best))
+        return {"cost": self.cost, "unit": self.unit, "samples": samples, "tree": tree, "best": best}
 
     def times(self) -> dict[str, list[float]]:
         """Return processor time and wall-clock time in s at the end of each round."""
-        return {"processor_s": [r.processor for r in self.rounds], "wall_s": [r.wall for r in self.rounds]}
+        processor = []
+        wall = []
+        for search_round in self.rounds:
+            processor.append(search_round.processor)
+            wall.append(search_round.wall)
+        return {"processor_s": processor, "wall_s": wall}
 
 
 def _finite(value: float) -> float | None:

@@ -173,11 +173,16 @@ def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -
         links[-1] = links[-1] + _inertia(table.instrument)
     poses = ReferenceModel(mechanism).solve(np.zeros(len(mechanism.active))).link_poses
     moved = {j.name: j.child for j in mechanism.tree}
-    masses = {
-        moved[link.joint]: inertia.seen_from(spatial.inverse(poses[moved[link.joint]]) @ T)
-        for link, inertia, T in zip(table.link, links, _frames(table, mechanism, poses), strict=True)
-    }
-    return replace(mechanism, bodies=tuple(replace(b, inertia=masses.get(b.name)) for b in mechanism.bodies))
+    inertias = {}
+    frames = _frames(table, mechanism, poses)
+    for link, inertia, T_base_link in zip(table.link, links, frames, strict=True):
+        body_name = moved[link.joint]
+        T_body_link = spatial.inverse(poses[body_name]) @ T_base_link
+        inertias[body_name] = inertia.seen_from(T_body_link)
+    bodies = []
+    for body in mechanism.bodies:
+        bodies.append(replace(body, inertia=inertias.get(body.name)))
+    return replace(mechanism, bodies=tuple(bodies))
 
 
 def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> list[Array]:
@@ -239,15 +244,23 @@ def _inertia(solid: _Solid) -> Inertia:
 
 def parameters(table: Inertias) -> Iterator[Parameter]:
     """Yield every number of the file with its provenance."""
-    for owner, solid in (*((link.joint, link) for link in table.link), ("instrument", table.instrument)):
-        if solid is None:
-            continue
+    solids: list[tuple[str, Link | Instrument]] = [(link.joint, link) for link in table.link]
+    if table.instrument is not None:
+        solids.append(("instrument", table.instrument))
+    for owner, solid in solids:
         for key in ("mass", "centre", "tensor", "rotor", "friction", "torque"):
             entry = getattr(solid, key, None)
             if entry is None:
                 continue
-            values = entry.value if isinstance(entry.value, tuple) else (entry.value,)
-            labels = ("",) if len(values) == 1 else (".x", ".y", ".z") if key == "centre" else _PRODUCTS[: len(values)]
+            values = entry.value
+            if not isinstance(values, tuple):
+                values = (values,)
+            if len(values) == 1:
+                labels = ("",)
+            elif key == "centre":
+                labels = (".x", ".y", ".z")
+            else:
+                labels = _PRODUCTS[: len(values)]  # a tensor may be given by its diagonal alone
             for label, value in zip(labels, values, strict=True):
                 name = f"inertia.{owner}.{key}{label}"
                 yield Parameter(name, value, entry.unit, value, entry.provenance, entry.note)

@@ -80,10 +80,13 @@ class Pairs:
         neighbours = apart(model.mechanism)
         stills = [s for s in stills if s.body.meshes]
         own = self._own_shapes(model, neighbours, bool(stills))
-        places = [self._tree.body(name) for name in own]
         self.shapes = list(own.values())
-        numbers = [number for number, _ in places]
-        Ts = [T_joint_body for _, T_joint_body in places]
+        numbers = []
+        Ts = []
+        for name in own:
+            number, T_joint_body = self._tree.body(name)
+            numbers.append(number)
+            Ts.append(T_joint_body)
         for still in stills:
             self.shapes.append(Shape(still.name, still.name, still.body.meshes))
             numbers.append(0)
@@ -107,11 +110,20 @@ class Pairs:
             # a body is inside its bounding box, so the corners' distance from an axis is an upper bound
             corners = shape.corners @ T[:3, :3].T + T[:3, 3]
             placed_boxes.append((int(number), corners))
-        self.reach = Reach(self._tree, [(placed_boxes[a], placed_boxes[b]) for a, b in self.rows])
-        diagonals = np.array([s.corners[-1] - s.corners[0] for s in self.shapes])
-        sums = np.array([s.corners[-1] + s.corners[0] for s in self.shapes])
-        self._half = diagonals.reshape(-1, 3) / 2
-        self._middle = sums.reshape(-1, 3) / 2
+        box_pairs = []
+        for a, b in self.rows:
+            box_pairs.append((placed_boxes[a], placed_boxes[b]))
+        self.reach = Reach(self._tree, box_pairs)
+        diagonals = []
+        sums = []
+        for shape in self.shapes:
+            # the first corner of a box is its lowest, the last its highest
+            lowest = shape.corners[0]
+            highest = shape.corners[-1]
+            diagonals.append(highest - lowest)
+            sums.append(highest + lowest)
+        self._half = np.array(diagonals).reshape(-1, 3) / 2
+        self._middle = np.array(sums).reshape(-1, 3) / 2
         self._radii = np.linalg.norm(self._half, axis=1)
         self.bounds = Bounds([s.triangles for s in self.shapes], self.rows)
         self._cells: dict[tuple[int, ...], bool] = {}
