@@ -18,12 +18,18 @@ from twin.core.units import DEG
 from twin.simulation.devices.hand import Hand
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
-_STROKES, _PRESSES = 25, 12
-"""Maximum number of strokes per press of the pedal, and of presses; after these presses, the surgeon gives up."""
+_STROKES = 25
+"""Maximum number of strokes per press of the pedal."""
 
-_TURNED, _ASIDE = 0.08 * DEG, 0.01
-"""Largest errors that the surgeon accepts, ASSUMED: angle in rad between line and upper side; distance between
-corresponding ends of line and upper side, divided by the length of the line."""
+_PRESSES = 12
+"""Maximum number of presses of the pedal, after which the surgeon gives up."""
+
+_TURNED = 0.08 * DEG
+"""Largest angle in rad between line and upper side that the surgeon accepts; ASSUMED."""
+
+_ASIDE = 0.01
+"""Largest distance between corresponding ends of line and upper side, divided by the length of the line, that the
+surgeon accepts; ASSUMED."""
 
 _ACUITY = 0.02 * DEG
 """Standard deviation in rad of the surgeon's error in seeing the angle; ASSUMED."""
@@ -48,11 +54,15 @@ class CameraSurgeon(SurgeonHands):
             upper: (2, 3) left and right end of the rectangle's upper side in m in the World.
             line: length of the line divided by the height of the picture.
         """
-        self.task, self.upper, self.line = task, np.array(upper, float), line
+        self.task = task
+        self.upper = np.array(upper, float)
+        self.line = line
         super().__init__(seat, HABITS)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
-        return super()._said(k) | {"surgeon.target": 0.0}
+        values = super()._said(k)
+        values["surgeon.target"] = 0.0
+        return values
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
@@ -63,8 +73,8 @@ class CameraSurgeon(SurgeonHands):
             yield from self._align()
             self._camera = False
             yield from self._rest(self.habits.settle)
-            way, turn = self._seen()
-            if self._near(way, turn):
+            displacement, angle = self._seen()
+            if self._near(displacement, angle):
                 break
         else:
             self.missed.append(self.task)
@@ -74,28 +84,34 @@ class CameraSurgeon(SurgeonHands):
         """Move the camera by strokes of both hands until the upper side lies on the line."""
         right, left = self.arms
         for _ in range(_STROKES):
-            way, turn = self._seen()
-            if self._near(way, turn):
+            displacement, angle = self._seen()
+            if self._near(displacement, angle):
                 return
-            together = self._misjudged(way) / self.habits.drag
-            against = float(self._misjudged(np.array([0.0, 0.0, turn]))[2])
-            half = (self._p[right] - self._p[left]) / 2
-            apart = spatial.rotation_z(against) @ half - half
-            yield from self._stroke({right: together + apart, left: together - apart}, self.habits.settle)
+            common = self._misjudged(displacement) / self.habits.drag
+            roll = float(self._misjudged(np.array([0.0, 0.0, angle]))[2])
+            half_distance = (self._p[right] - self._p[left]) / 2
+            opposite = spatial.rotation_z(roll) @ half_distance - half_distance
+            strokes = {right: common + opposite, left: common - opposite}
+            yield from self._stroke(strokes, self.habits.settle)
 
-    def _near(self, way: Array, turn: float) -> bool:
-        """Return whether the surgeon accepts the remaining displacement `way` (3,) in m and rotation `turn` in rad."""
+    def _near(self, displacement: Array, angle: float) -> bool:
+        """Return whether the surgeon accepts the remaining displacement (3,) in m and the remaining angle in rad."""
         length = float(np.linalg.norm(self.upper[1] - self.upper[0]))
-        far = length / (2 * self._half * self.line)  # at this distance, the rectangle appears as long as the line
-        return abs(turn) < _TURNED and float(np.abs(way / [length, length, far]).max()) < _ASIDE
+        depth = length / (2 * self._half * self.line)  # here, the rectangle appears as long as the line
+        relative = np.abs(displacement / [length, length, depth])
+        return abs(angle) < _TURNED and float(relative.max()) < _ASIDE
 
     def _seen(self) -> tuple[Array, float]:
         """Return the displacement (3,) in m and the angle in rad by which the scene has to move in the picture."""
         ends = self._in_picture({"left": self.upper[0], "right": self.upper[1]})
-        a, b = ends["left"], ends["right"]
-        across = b[:2] / -b[2] - a[:2] / -a[2]  # the upper side as it appears in the picture
-        turn = -float(np.arctan2(across[1], across[0])) + _ACUITY * float(self._rng.normal())
-        longer = float(np.linalg.norm(across)) / (2 * self._half * self.line)
-        middle = (a[:2] / -a[2] + b[:2] / -b[2]) / 2
-        depth = -(a[2] + b[2]) / 2
-        return np.array([*(-middle * depth), depth * (1 - longer)]), turn
+        left = ends["left"]
+        right = ends["right"]
+        left_seen = left[:2] / -left[2]  # the camera looks along -z
+        right_seen = right[:2] / -right[2]
+        across = right_seen - left_seen
+        angle = -float(np.arctan2(across[1], across[0])) + _ACUITY * float(self._rng.normal())
+        ratio = float(np.linalg.norm(across)) / (2 * self._half * self.line)
+        middle = (left_seen + right_seen) / 2
+        depth = -(left[2] + right[2]) / 2
+        displacement = np.array([*(-middle * depth), depth * (1 - ratio)])
+        return displacement, angle

@@ -73,11 +73,17 @@ class GivenHands(Block):
         """
         if len(hands) != 2:
             raise WorldError(f"device '{device}' has {len(hands)} hands; it needs two, right and left")
-        self.device, self.hands, self.patience = device, tuple(hands), patience
+        self.device = device
+        self.hands = tuple(hands)
+        self.patience = patience
         self._new: list[HandState] = []
         self._last: list[HandState | None] = [None, None]
-        self._heard, self._lost, self._ignored, self._scale = [-math.inf] * 2, [0, 0], 0, scale
-        self._left, self._haptics = False, True
+        self._heard = [-math.inf, -math.inf]
+        self._lost = [0, 0]
+        self._ignored = 0
+        self._scale = scale
+        self._left = False
+        self._haptics = True
         self._settings = dict(settings or {})
         self.outputs = self._signals(0.0)
 
@@ -88,7 +94,8 @@ class GivenHands(Block):
     def leave(self) -> None:
         """Disconnect the hands: they are silent in the next tick, even if new states arrive."""
         self._new.clear()
-        self._heard, self._left = [-math.inf] * 2, True
+        self._heard = [-math.inf, -math.inf]
+        self._left = True
 
     def rescale(self, scale: float) -> None:
         """Set the motion scale from the next tick on; ignore and count a value that is not finite and positive."""
@@ -114,7 +121,10 @@ class GivenHands(Block):
     @property
     def heard(self) -> int:
         """Smaller of the two hands' last received sequence numbers; -1 until both hands have sent a state."""
-        return min(-1 if last is None else last.number for last in self._last)
+        right, left = self._last
+        if right is None or left is None:
+            return -1
+        return min(right.number, left.number)
 
     def silent(self, hand: int, t: float) -> bool:
         """Return whether a hand has been silent for longer than `patience`, at time t in s."""
@@ -122,36 +132,53 @@ class GivenHands(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike]:
         """Use the states that arrived since the last tick."""
-        new, self._new = self._new, []
+        # Another thread may call `give` meanwhile: its state goes to the new list, and waits for the next tick.
+        new = self._new
+        self._new = []
         for state in new:
-            self._order(state, t)
-        out = self._signals(t)
+            self._accept(state, t)
+        values = self._signals(t)
         if self._left:
-            self._left, out[f"{self.device}.silent"] = False, 1.0
-        return out
+            self._left = False
+            values[f"{self.device}.silent"] = 1.0
+        return values
 
-    def _order(self, state: HandState, t: float) -> None:
-        hand, last = state.hand, self._last[state.hand]
-        silent = self.silent(hand, t)
-        if (
-            last is not None and self._heard[hand] > -math.inf
-        ):  # after `leave`, another sender starts with its own number
-            ahead = (state.number - last.number + 2**31) % 2**32 - 2**31
-            if not silent and not 0 < ahead <= _LEAP:
+    def _accept(self, state: HandState, t: float) -> None:
+        """Store a state, unless it is late or repeated; count the states that are missing before it."""
+        hand = state.hand
+        last = self._last[hand]
+        # after `leave`, another sender starts with its own number
+        if last is not None and self._heard[hand] > -math.inf:
+            # sequence numbers have 32 bits, and begin again at 0
+            gap = (state.number - last.number + 2**31) % 2**32 - 2**31
+            in_order = 0 < gap <= _LEAP
+            if not in_order and not self.silent(hand, t):
                 self._ignored += 1
                 return
-            if 0 < ahead <= _LEAP:
-                self._lost[hand] += ahead - 1
-        self._last[hand], self._heard[hand] = state, t
+            if in_order:
+                self._lost[hand] += gap - 1
+        self._last[hand] = state
+        self._heard[hand] = t
 
     def _signals(self, t: float) -> dict[str, ArrayLike]:
-        out: dict[str, ArrayLike] = {}
+        values: dict[str, ArrayLike] = {}
+        clutch = False
+        camera = False
         for name, last, lost in zip(self.hands, self._last, self._lost, strict=True):
-            out[f"{name}.pose"] = last.pose.ravel() if last else np.eye(4).ravel()
-            out[f"{name}.grip"], out[f"{name}.lost"] = last.grip if last else 0.0, float(lost)
-        device, known = self.device, [last for last in self._last if last]
-        out[f"{device}.clutch"] = float(any(last.clutch for last in known))
-        out[f"{device}.camera"] = float(any(last.camera for last in known))
-        out[f"{device}.silent"] = float(any(self.silent(hand, t) for hand in (0, 1)))
-        out[f"{device}.haptics"] = float(self._haptics)
-        return out | self._settings | {f"{device}.scale": self._scale, f"{device}.ignored": float(self._ignored)}
+            if last is None:
+                values[f"{name}.pose"] = np.eye(4).ravel()
+                values[f"{name}.grip"] = 0.0
+            else:
+                values[f"{name}.pose"] = last.pose.ravel()
+                values[f"{name}.grip"] = last.grip
+                clutch = clutch or last.clutch
+                camera = camera or last.camera
+            values[f"{name}.lost"] = float(lost)
+        values[f"{self.device}.clutch"] = float(clutch)
+        values[f"{self.device}.camera"] = float(camera)
+        values[f"{self.device}.silent"] = float(self.silent(0, t) or self.silent(1, t))
+        values[f"{self.device}.haptics"] = float(self._haptics)
+        values.update(self._settings)
+        values[f"{self.device}.scale"] = self._scale
+        values[f"{self.device}.ignored"] = float(self._ignored)
+        return values

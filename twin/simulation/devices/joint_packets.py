@@ -33,7 +33,8 @@ from twin.simulation.machine.states import State
 
 HEAD = struct.Struct("<4sBBHQd")
 
-_MAGIC, _VERSION = b"TWNJ", 1
+_MAGIC = b"TWNJ"
+_VERSION = 1
 
 _MOST = 256
 """Largest number of packets read at once."""
@@ -64,12 +65,14 @@ def unpack(data: bytes, n: int) -> tuple[int, float, Array, Array | None]:
         raise DeviceError(f"the packet has {joints} joints; the robot has {n}")
     if rows not in (1, 2):
         raise DeviceError(f"the number of rows is {rows}; it must be 1 (measured) or 2 (measured and desired)")
-    if len(data) != HEAD.size + 8 * rows * n:
-        raise DeviceError(f"the packet has {len(data)} bytes; it must have {HEAD.size + 8 * rows * n}")
+    size = HEAD.size + 8 * rows * n
+    if len(data) != size:
+        raise DeviceError(f"the packet has {len(data)} bytes; it must have {size}")
     values = np.frombuffer(data, "<f8", rows * n, HEAD.size).astype(float).reshape(rows, n)
     if not (np.isfinite(values).all() and np.isfinite(t)):
         raise DeviceError(f"a value in packet {number} is not finite")
-    return number, t, values[0], values[1] if rows == 2 else None
+    desired = values[1] if rows == 2 else None
+    return number, t, values[0], desired
 
 
 class JointPackets:
@@ -87,7 +90,8 @@ class JointPackets:
         Raises:
             DeviceError: the port is in use or may not be opened.
         """
-        self._socket, self._n = socket.socket(type=socket.SOCK_DGRAM), n
+        self._socket = socket.socket(type=socket.SOCK_DGRAM)
+        self._n = n
         try:
             self._socket.bind((HOST, port))
         except OSError as error:
@@ -95,10 +99,12 @@ class JointPackets:
             raise DeviceError(f"UDP port {port} of {HOST}: {error.strerror}; give another port") from error
         self._socket.setblocking(False)
         self.port = int(self._socket.getsockname()[1])
-        self.accepted = self.refused = 0
+        self.accepted = 0
+        self.refused = 0
         self.reason = ""
         self._sender: Any = None
-        self._last = -1, float("-inf")
+        self._last_number = -1
+        self._last_time = float("-inf")
         self._heard = float("-inf")
         self._state: State | None = None
 
@@ -110,16 +116,22 @@ class JointPackets:
         """
         number, t, q, desired = unpack(data, self._n)
         if now - self._heard > PATIENCE:
-            self._sender, self._last = None, (-1, float("-inf"))
+            # another sender may follow, with its own numbers and clock
+            self._sender = None
+            self._last_number = -1
+            self._last_time = float("-inf")
         if self._sender not in (None, sender):
             raise DeviceError(
                 f"{sender} is a second sender; {self._sender} is followed until it has been silent for {PATIENCE:g} s"
             )
-        if number <= self._last[0]:
-            raise DeviceError(f"the packet number {number} is not above the previous one, {self._last[0]}")
-        if not t > self._last[1]:
-            raise DeviceError(f"the clock went back from {self._last[1]:g} s to {t:g} s")
-        self._sender, self._last, self._heard = sender, (number, t), now
+        if number <= self._last_number:
+            raise DeviceError(f"the packet number {number} is not above the previous one, {self._last_number}")
+        if not t > self._last_time:
+            raise DeviceError(f"the clock went back from {self._last_time:g} s to {t:g} s")
+        self._sender = sender
+        self._last_number = number
+        self._last_time = t
+        self._heard = now
         self.accepted += 1
         counts = (number, self.accepted, self.refused, 0, 0)
         wanted = q if desired is None else desired
@@ -134,7 +146,8 @@ class JointPackets:
                 try:
                     self.read(data, sender, time.monotonic())
                 except DeviceError as error:
-                    self.refused, self.reason = self.refused + 1, str(error)
+                    self.refused += 1
+                    self.reason = str(error)
         return self._state
 
     @property
@@ -145,7 +158,9 @@ class JointPackets:
     @property
     def problem(self) -> str:
         """Reason why the last packet was refused; "" if a packet was accepted within the last `PATIENCE` seconds."""
-        return f"packets are refused: {self.reason}" if self.reason and not self.answers else ""
+        if self.reason and not self.answers:
+            return f"packets are refused: {self.reason}"
+        return ""
 
     def close(self) -> None:
         """Close the port."""

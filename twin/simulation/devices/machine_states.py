@@ -18,7 +18,9 @@ class MachineStates(Block):
 
     def __init__(self, robot: str, q: Array) -> None:
         """Start at joint values q (n,), with a machine that does not answer."""
-        self._measured, self._desired, self._run = (f"{robot}.{n}" for n in ("measured", "desired", "run"))
+        self._measured = f"{robot}.measured"
+        self._desired = f"{robot}.desired"
+        self._run = f"{robot}.run"
         self._state: State | None = None
         self.outputs = {self._measured: q, self._desired: q, self._run: np.zeros(4)}
 
@@ -28,6 +30,9 @@ class MachineStates(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike]:
         """Write the newest state."""
-        if (s := self._state) is None:
+        state = self._state
+        if state is None:
+            # the last values are kept, except that the machine does not answer
             return {self._run: signals[self._run] * (0, 1, 1, 1)}
-        return {self._measured: s.q, self._desired: s.wanted, self._run: [1.0, s.level, s.sequence, s.tick]}
+        run = [1.0, state.level, state.sequence, state.tick]
+        return {self._measured: state.q, self._desired: state.wanted, self._run: run}

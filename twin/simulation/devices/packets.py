@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import struct
+from enum import IntFlag
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,12 +23,28 @@ from twin.core.errors import DeviceError
 from twin.core.spatial import Array
 from twin.simulation.devices.given import GivenHands, HandState
 
-HAND, FORCE = struct.Struct("<4sBBBBIQ8d"), struct.Struct("<4sBBBBI3d")
-_MAGIC, _ANSWER, _VERSION = b"TWNH", b"TWNF", 1
-_CLUTCH, _CAMERA = 1, 2
+HAND = struct.Struct("<4sBBBBIQ8d")
+FORCE = struct.Struct("<4sBBBBI3d")
+_MAGIC = b"TWNH"
+_ANSWER = b"TWNF"
+_VERSION = 1
 
-_FAR, _OPEN, _UNIT = 10.0, 2 * math.pi, 1e-3
-"""Largest accepted values: coordinate in m; gripper angle in rad; deviation of a quaternion's length from 1."""
+
+class _Pedal(IntFlag):
+    """Pedals that are pressed."""
+
+    CLUTCH = 1
+    CAMERA = 2
+
+
+_FAR = 10.0
+"""Largest accepted coordinate in m."""
+
+_OPEN = 2 * math.pi
+"""Largest accepted angle of a gripper in rad."""
+
+_UNIT = 1e-3
+"""Largest accepted deviation of a quaternion's length from 1."""
 
 
 def pack(
@@ -35,7 +52,7 @@ def pack(
 ) -> bytes:
     """Return the 84 bytes of a packet; pose (4, 4) of the handle in {H}, grip in rad, time in µs."""
     q = spatial.quat_from_matrix_wxyz(pose[:3, :3])
-    pedals = _CLUTCH * clutch + _CAMERA * camera
+    pedals = _Pedal.CLUTCH * clutch + _Pedal.CAMERA * camera
     return HAND.pack(_MAGIC, _VERSION, hand, pedals, 0, number % 2**32, time, *pose[:3, 3], *q, grip)
 
 
@@ -48,25 +65,32 @@ def unpack(data: bytes) -> HandState:
     if len(data) != HAND.size:
         raise DeviceError(f"the packet has {len(data)} bytes; it must have {HAND.size}")
     magic, version, hand, pedals, zero, number, _, *numbers = HAND.unpack(data)
-    p, q, grip = numbers[:3], numbers[3:7], numbers[7]
+    p = numbers[:3]
+    q = numbers[3:7]
+    grip = numbers[7]
     if (magic, version, zero) != (_MAGIC, _VERSION, 0):
         raise DeviceError(
             f"the first 8 bytes are {data[:8]!r}; they must be TWNH, version {_VERSION}, hand, pedals and 0"
         )
     if hand > 1:
         raise DeviceError(f"hand is {hand}; it must be 0 (right) or 1 (left)")
-    if pedals > _CLUTCH + _CAMERA:
-        raise DeviceError(f"pedals are {pedals}; they must be the sum of {_CLUTCH} (clutch) and {_CAMERA} (camera)")
+    if pedals > _Pedal.CLUTCH + _Pedal.CAMERA:
+        raise DeviceError(
+            f"pedals are {pedals}; they must be the sum of {_Pedal.CLUTCH:d} (clutch) and {_Pedal.CAMERA:d} (camera)"
+        )
     # NaN and infinity fail these comparisons.
     for axis, x in zip("xyz", p, strict=True):
         if not abs(x) <= _FAR:
             raise DeviceError(f"position {axis} is {x:g} m; it must be within ±{_FAR:g} m")
-    if not abs(math.hypot(*q) - 1) <= _UNIT:
-        raise DeviceError(f"the quaternion has length {math.hypot(*q):g}; it must be 1 ± {_UNIT:g}")
+    length = math.hypot(*q)
+    if not abs(length - 1) <= _UNIT:
+        raise DeviceError(f"the quaternion has length {length:g}; it must be 1 ± {_UNIT:g}")
     if not abs(grip) <= _OPEN:
         raise DeviceError(f"gripper is {grip:g} rad; it must be within ±{_OPEN:.4g} rad")
     pose = spatial.pose(spatial.matrix_from_quat_wxyz(q), p)
-    return HandState(hand, bool(pedals & _CLUTCH), bool(pedals & _CAMERA), number, pose, grip)
+    clutch = bool(pedals & _Pedal.CLUTCH)
+    camera = bool(pedals & _Pedal.CAMERA)
+    return HandState(hand, clutch, camera, number, pose, grip)
 
 
 class Packets(GivenHands):

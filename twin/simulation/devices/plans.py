@@ -28,8 +28,11 @@ _BEHIND = 0.5
 _DEVIATION = 3 * MM
 """Largest distance of a tip from its path in m; above it, the motion is stopped (ASSUMED)."""
 
-_READY, _SETTLE = 1.5, 1.0
-"""Largest times in s: until a machine is in PEDAL_DN; from the last pose until the tip has arrived (ASSUMED)."""
+_READY = 1.5
+"""Largest time in s until a machine is in PEDAL_DN (ASSUMED)."""
+
+_SETTLE = 1.0
+"""Largest time in s from the last pose until the tip has arrived (ASSUMED)."""
 
 _SILENCE = 1.0
 """Maximum time in s for which the hands may be silent in a motion, as in a replay (ASSUMED)."""
@@ -62,10 +65,18 @@ class Plans(Block):
 
     def __init__(self, device: str, arms: Mapping[str, PlannedArm]) -> None:
         """Connect to `arms`, {name of a place: its arm}, and to `device`, the name of the device of the pedals."""
-        self._arms, self._silent, self._heard = dict(arms), f"{device}.silent", 0.0
-        self.robot, self.state, self.why, self.arrived, self.off = "", OFF, "", False, 0.0
-        self._Ts, self._k, self._since = np.zeros((0, 4, 4)), 0, 0.0
-        self.outputs = {f"{n}.planned": _values(OFF) for n in arms}
+        self._arms = dict(arms)
+        self._silent = f"{device}.silent"
+        self._heard = 0.0  # time at which the hands were heard last, in a motion
+        self.robot = ""
+        self.state = OFF
+        self.why = ""
+        self.arrived = False
+        self.off = 0.0
+        self._Ts = np.zeros((0, 4, 4))
+        self._k = 0
+        self._since = 0.0  # time of the last pose
+        self.outputs = {f"{robot}.planned": _values(OFF) for robot in arms}
         self._new: dict[str, Array] = {}
 
     @property
@@ -82,7 +93,8 @@ class Plans(Block):
         if robot not in self._arms:
             raise WorldError(unknown("arm", robot, self._arms))
         self._set(robot, AIM)
-        self.why, self.arrived = "", False
+        self.why = ""
+        self.arrived = False
 
     def hold(self) -> None:
         """Keep all arms at rest; the target no longer follows the hand."""
@@ -102,7 +114,10 @@ class Plans(Block):
         finite = np.isfinite(Ts.reshape(len(Ts), -1)).all(axis=1)
         if not finite.all():
             raise WorldError(f"the motion of {self.robot}: pose {int(np.argmin(finite))} of {len(Ts)} is not finite")
-        self._Ts, self._k, self._since, self.off = Ts, 0, np.nan, 0.0
+        self._Ts = Ts
+        self._k = 0
+        self._since = np.nan  # the first tick of the motion sets the time
+        self.off = 0.0
         self._set(self.robot, RUN)
         self._new[f"{self.robot}.planned"] = _values(RUN, Ts[0])
 
@@ -112,24 +127,32 @@ class Plans(Block):
         self._set("", OFF)
 
     def _set(self, robot: str, state: float) -> None:
-        self.robot, self.state = robot, state
-        resting = HELD if state else OFF
-        self._new = {f"{n}.planned": _values(state if n == robot else resting) for n in self._arms}
+        self.robot = robot
+        self.state = state
+        resting = HELD if state != OFF else OFF
+        self._new = {}
+        for name in self._arms:
+            state_of_arm = state if name == robot else resting
+            self._new[f"{name}.planned"] = _values(state_of_arm)
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
         """Write the states and, while an arm moves, the next pose."""
         if self.state == RUN:
             self._follow(signals, t, dt)
-        new, self._new = self._new, {}
+        new = self._new
+        self._new = {}
         return new
 
     def _follow(self, signals: Signals, t: float, dt: float) -> None:
         """Write the next pose, or end the motion."""
-        robot, arm = self.robot, self._arms[self.robot]
+        robot = self.robot
+        arm = self._arms[robot]
         if np.isnan(self._since):
-            self._since = self._heard = t
+            self._since = t
+            self._heard = t
         silent = signals[self._silent][0] > 0.5
-        self._heard = self._heard if silent else t
+        if not silent:
+            self._heard = t
         if t - self._heard > _SILENCE:
             return self.stop(
                 f"The motion of {robot} was stopped: no state of the hands was received for {_SILENCE:g} s; plan again"
@@ -138,30 +161,35 @@ class Plans(Block):
             return self.stop(f"The motion of {robot} was stopped by the clutch; plan again")
         if arm.machine and not self._is_down(signals, t):
             return
-        at, k = arm.kin.forward(signals[f"{robot}.encoder"])[:3, 3], min(self._k, len(self._Ts) - 1)
-        path = self._Ts[max(0, k - round(_BEHIND / dt)) : k + 1, :3, 3]
-        off = float(np.sqrt(((path - at) ** 2).sum(axis=1).min()))
-        self.off = max(self.off, off)
-        if off > _DEVIATION:
+        tip = arm.kin.forward(signals[f"{robot}.encoder"])[:3, 3]
+        newest = min(self._k, len(self._Ts) - 1)
+        oldest = max(0, newest - round(_BEHIND / dt))
+        path = self._Ts[oldest : newest + 1, :3, 3]
+        deviation = float(np.sqrt(((path - tip) ** 2).sum(axis=1).min()))
+        self.off = max(self.off, deviation)
+        if deviation > _DEVIATION:
             return self.stop(
-                f"The motion was stopped: the tip of {robot} was {off / MM:.1f} mm from its path "
+                f"The motion was stopped: the tip of {robot} was {deviation / MM:.1f} mm from its path "
                 f"(limit {_DEVIATION / MM:g} mm); find the cause before the next motion"
             )
         if self._k == len(self._Ts):
-            left = float(np.linalg.norm(self._Ts[-1, :3, 3] - at))
-            if left <= _THERE:
-                self.stop()
-                self.arrived = True
-            elif t - self._since > _SETTLE:
-                self.stop(
-                    f"{robot} did not arrive: {_SETTLE:g} s after the last pose, its tip is {left / MM:.2f} mm from "
-                    f"the end of its path (limit {_THERE / MM:g} mm); find the cause before the next motion"
-                )
-            return None
+            return self._settle(tip, t)
         self._new[f"{robot}.planned"] = _values(RUN, self._Ts[self._k])
         self._k += 1
         self._since = t
         return None
+
+    def _settle(self, tip: Array, t: float) -> None:
+        """End the motion after its last pose, when the tip (3,) in base has arrived or is too late."""
+        distance = float(np.linalg.norm(self._Ts[-1, :3, 3] - tip))
+        if distance <= _THERE:
+            self.stop()
+            self.arrived = True
+        elif t - self._since > _SETTLE:
+            self.stop(
+                f"{self.robot} did not arrive: {_SETTLE:g} s after the last pose, its tip is {distance / MM:.2f} mm "
+                f"from the end of its path (limit {_THERE / MM:g} mm); find the cause before the next motion"
+            )
 
     def _is_down(self, signals: Signals, t: float) -> bool:
         """Return whether machine and model are in PEDAL_DN; end the motion if they leave it or reach it too late.
@@ -169,7 +197,8 @@ class Plans(Block):
         In a rehearsal of the trainer, only the model counts.
         """
         name = self.robot
-        run, level = signals[f"{name}.run"], signals[f"{name}.model"][0]
+        run = signals[f"{name}.run"]
+        level = signals[f"{name}.model"][0]
         uses_machine = signals[f"{name}.phase"][0] != Phase.REHEARSE
         silent = uses_machine and run[ANSWERS] < 0.5
         if silent:
@@ -182,13 +211,14 @@ class Plans(Block):
         if level < Level.PEDAL_UP or began or t - self._since > _READY:
             ended = "was stopped" if began else "did not begin"
             if silent:
-                now = f"{name} does not answer; wait until it does"
+                reason = f"{name} does not answer; wait until it does"
             else:
                 level_name = Level(int(level)).name
-                now = f"{name} is in {level_name}, not in PEDAL_DN; press its start button, wait for PEDAL_UP"
-            self.stop(f"The motion {ended}: {now}, and plan again")
+                reason = f"{name} is in {level_name}, not in PEDAL_DN; press its start button, wait for PEDAL_UP"
+            self.stop(f"The motion {ended}: {reason}, and plan again")
         return False
 
 
 def _values(state: float, T: Array | None = None) -> Array:
-    return np.concatenate([[state], (np.eye(4) if T is None else T).ravel()])
+    pose = np.eye(4) if T is None else T
+    return np.concatenate([[state], pose.ravel()])

@@ -21,6 +21,7 @@ from twin.model.tool import Kind
 from twin.simulation import operating_scene
 from twin.simulation.console_scene import start
 from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
+from twin.simulation.plants.tissue.operating import Grasped
 from twin.simulation.procedure_scene import TICK
 from twin.simulation.setup import Member, Setup
 from twin.simulation.world import Block, Signals
@@ -104,57 +105,76 @@ class ProcedureSurgeon(Block):
             WorldError: there is no such mistake, or no robot can carry a tool that is needed.
         """
         if mistake not in get_args(Mistake):
-            raise WorldError(unknown("mistake", mistake, [m for m in get_args(Mistake) if m]))
-        scene, procedure = setup.scene, operating_scene.procedure_of(setup.scene, setup.task)
-        self.procedure, self.manner, self.mistake = procedure, manner or Manner(), mistake
+            raise WorldError(unknown("mistake", mistake, [name for name in get_args(Mistake) if name]))
+        scene = setup.scene
+        self.procedure = operating_scene.procedure_of(scene, setup.task)
+        self.manner = manner or Manner()
+        self.mistake = mistake
         self._rng = np.random.default_rng(seed)
-        *arms, camera = (_arm(place, setup.members[place.name]) for place in operating_scene.robots_of(setup))
-        self._arms, self._camera, self._tools = {a.robot: a for a in arms}, camera, dict(scene.tools)
+        everyone = [_arm(place, setup.members[place.name]) for place in operating_scene.robots_of(setup)]
+        self._camera = everyone[-1]
+        self._arms = {arm.robot: arm for arm in everyone[:-1]}
+        self._tools = dict(scene.tools)
         self._organ = operating_scene.organ_of(setup)
-        self._spared = next(o for o in setup.organs if o.name == procedure.spare[0])
-        self._vessels = {v.name: v for v in scene.vessels}
-        self._holder = self._carrier("grasper", [*self._arms])
-        others = [n for n in self._arms if n != self._holder]
+        self._spared = next(organ for organ in setup.organs if organ.name == self.procedure.spare[0])
+        self._vessels = {vessel.name: vessel for vessel in scene.vessels}
+        self._holder = self._carrier("grasper", list(self._arms))
+        others = [robot for robot in self._arms if robot != self._holder]
         self._worker = self._carrier("clip_applier", others)
         for kind in ("scissors", "cautery"):
             if self._carrier(kind, others) != self._worker:
                 raise WorldError(f"{self._worker} cannot carry {kind}; add {self._worker} to `robots` of such a tool")
-        everyone = [*self._arms.values(), camera]
-        self._at = {a.robot: a.tip.copy() for a in everyone}
-        self._shake = {a.robot: Tremor(self._rng, self.manner.hand, TICK) for a in everyone}
-        names = [*self._tools]
-        self._tool = {n: names.index(procedure.start[n]) for n in self._arms}
-        self._opening, self._pedal = dict.fromkeys(self._arms, 1.0), dict.fromkeys(self._arms, 0.0)
-        self._stage, self._k, self.missed = 0, 0, list[str]()
+        self._at: dict[str, Array] = {}  # tips in m in the World
+        self._tremors: dict[str, Tremor] = {}
+        for arm in everyone:
+            self._at[arm.robot] = arm.tip.copy()
+            self._tremors[arm.robot] = Tremor(self._rng, self.manner.hand, TICK)
+        self._tool_names = list(self._tools)
+        self._tool = {robot: self._tool_names.index(self.procedure.start[robot]) for robot in self._arms}
+        self._opening = dict.fromkeys(self._arms, 1.0)
+        self._pedal = dict.fromkeys(self._arms, 0.0)
+        self._stage = 0
+        self._k = 0
+        self.missed: list[str] = []
         self._script = self._work()
         self.outputs = self._said(still=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
         """Return the robot for a kind of tool: the one with it at the start, else the first that can carry it."""
-        p = self.procedure
-        able = [n for n in among if any(t.kind == kind and n in t.robots for t in self._tools.values())]
+        able = [robot for robot in among if self._can_carry(robot, kind)]
         if not able:
-            raise WorldError(
-                f"none of {', '.join(among) or 'the robots'} can carry a {kind}: add a section [tool.NAME]"
-            )
-        return next((n for n in able if self._tools[p.start[n]].kind == kind), able[0])
+            robots = ", ".join(among) or "the robots"
+            raise WorldError(f"none of {robots} can carry a {kind}: add a section [tool.NAME]")
+        for robot in able:
+            if self._tools[self.procedure.start[robot]].kind == kind:
+                return robot
+        return able[0]
+
+    def _can_carry(self, robot: str, kind: Kind) -> bool:
+        return any(tool.kind == kind and robot in tool.robots for tool in self._tools.values())
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
         """Return the signals of this tick; None after the last stage."""
         self._now = signals.now
-        if next(self._script, "end") == "end":
+        finished = object()
+        if next(self._script, finished) is finished:
             return None
         self._k += 1
         return self._said()
 
     def _said(self, still: bool = False) -> dict[str, ArrayLike]:
-        out: dict[str, ArrayLike] = {"surgeon.stage": float(self._stage)}
-        for name, p in self._at.items():
-            out[f"{name}.target"] = p.copy() if still else p + self._shake[name].output(self._k)
-        for name in self._arms:
-            out |= {f"{name}.opening": self._opening[name], f"{name}.tool": float(self._tool[name])}
-            out[f"{name}.pedal"] = self._pedal[name]
-        return out
+        """Return the signals; `still`: without tremor."""
+        values: dict[str, ArrayLike] = {"surgeon.stage": float(self._stage)}
+        for robot, p in self._at.items():
+            if still:
+                values[f"{robot}.target"] = p.copy()
+            else:
+                values[f"{robot}.target"] = p + self._tremors[robot].output(self._k)
+        for robot in self._arms:
+            values[f"{robot}.opening"] = self._opening[robot]
+            values[f"{robot}.tool"] = float(self._tool[robot])
+            values[f"{robot}.pedal"] = self._pedal[robot]
+        return values
 
     # -- what the surgeon sees ---------------------------------------------------------------------------------
 
@@ -165,20 +185,24 @@ class ProcedureSurgeon(Block):
 
     def _place(self, vessel: str, s: float) -> tuple[Array, Array]:
         """Return the present point (3,) and direction (3,) of a vessel at arc length s in m of its rest shape."""
-        line, v = self._line(vessel), self._vessels[vessel]
+        line = self._line(vessel)
+        v = self._vessels[vessel]
         k = int(np.clip(np.searchsorted(v.arc, s) - 1, 0, v.segments - 1))
-        part = (s - v.arc[k]) / v.lengths[k]
+        fraction = (s - v.arc[k]) / v.lengths[k]
         along = line[k + 1] - line[k]
-        return line[k] + part * along, along / max(float(np.linalg.norm(along)), 1e-9)
+        length = max(float(np.linalg.norm(along)), 1e-9)  # not 0, by which it is divided
+        return line[k] + fraction * along, along / length
 
     def _bed(self) -> Array:
         """Return the cells (n, 3) of the bed as they are now."""
-        return self._now[f"{self._organ.name}.nodes"].reshape(-1, 3)[self._organ.held]
+        nodes = self._now[f"{self._organ.name}.nodes"].reshape(-1, 3)
+        return nodes[self._organ.held]
 
     def _inwards(self, robot: str, p: Array) -> Array:
         """Return the direction (3,) of a robot's shaft, from the port to the tip at p (3,), in the World."""
-        way = p - (self._arms[robot].port if robot in self._arms else self._camera.port)
-        return way / np.linalg.norm(way)
+        arm = self._arms.get(robot, self._camera)
+        along_shaft = p - arm.port
+        return along_shaft / np.linalg.norm(along_shaft)
 
     def _aimed(self, p: Array) -> Array:
         return p + self.manner.aim * self._rng.normal(size=3)
@@ -187,7 +211,8 @@ class ProcedureSurgeon(Block):
 
     def _work(self) -> Iterator[None]:
         yield from self._wait(0.2)
-        for k, stage in enumerate((self._expose, self._show, self._clip, self._cut, self._remove), 1):
+        stages = (self._expose, self._show, self._clip, self._cut, self._remove)
+        for k, stage in enumerate(stages, 1):
             self._stage = k
             yield from stage()
         yield from self._wait(0.5)
@@ -198,22 +223,24 @@ class ProcedureSurgeon(Block):
 
     def _move(self, to: Mapping[str, Array], speed: float) -> Iterator[None]:
         """Move the tips to points (3,) in the World along straight lines; all tips arrive at the same time."""
-        start = {n: self._at[n] for n in to}
-        long = max(float(np.linalg.norm(p - start[n])) for n, p in to.items())
-        k = max(1, round(max(0.2, long / speed) / TICK))
+        start = {robot: self._at[robot] for robot in to}
+        longest = max(float(np.linalg.norm(p - start[robot])) for robot, p in to.items())
+        k = max(1, round(max(0.2, longest / speed) / TICK))
         for s in minimum_jerk(np.arange(1, k + 1) / k):
-            for n, p in to.items():
-                self._at[n] = start[n] + s * (p - start[n])
+            for robot, p in to.items():
+                self._at[robot] = start[robot] + s * (p - start[robot])
             yield
 
     def _to(self, robot: str, p: Array) -> Iterator[None]:
         """Approach a point along the shaft: quickly until shortly before the point, then slowly."""
-        yield from self._move({robot: p - self.manner.before * self._inwards(robot, p)}, self.manner.quick)
+        near = p - self.manner.before * self._inwards(robot, p)
+        yield from self._move({robot: near}, self.manner.quick)
         yield from self._move({robot: p}, self.manner.slow)
 
     def _back(self, robot: str) -> Iterator[None]:
         p = self._at[robot]
-        yield from self._move({robot: p - self.manner.before * self._inwards(robot, p)}, self.manner.quick)
+        drawn_back = p - self.manner.before * self._inwards(robot, p)
+        yield from self._move({robot: drawn_back}, self.manner.quick)
 
     def _snap(self, robot: str) -> Iterator[None]:
         """Close the jaws and open them again."""
@@ -224,28 +251,32 @@ class ProcedureSurgeon(Block):
 
     def _change(self, robot: str, kind: Kind) -> Iterator[None]:
         """Draw the tip back towards the port, and change the tool."""
-        port, p = self._arms[robot].port, self._at[robot]
+        port = self._arms[robot].port
+        p = self._at[robot]
         yield from self._back(robot)
-        out = port + 0.85 * self.procedure.change_mm * MM * self._inwards(robot, p)
-        yield from self._move({robot: out}, self.manner.quick)
-        names = [*self._tools]
-        self._tool[robot] = next(
-            k for k, n in enumerate(names) if self._tools[n].kind == kind and robot in self._tools[n].robots
-        )
+        near_port = port + 0.85 * self.procedure.change_mm * MM * self._inwards(robot, p)
+        yield from self._move({robot: near_port}, self.manner.quick)
+        for k, tool in enumerate(self._tools.values()):
+            if tool.kind == kind and robot in tool.robots:
+                self._tool[robot] = k
+                break
         yield from self._wait(0.5)
 
     def _expose(self) -> Iterator[None]:
         """Grasp the organ at its end away from the vessel, and lift it."""
-        organ, holder, root = self._organ, self._holder, self._line(self.procedure.vessel)[0]
+        organ = self._organ
+        holder = self._holder
+        root = self._line(self.procedure.vessel)[0]
         for _ in range(_TRIES):
-            now = organ.weights @ self._now[f"{organ.name}.nodes"].reshape(-1, 3)
-            far = now - root
-            high = now[:, 2] > np.quantile(now[:, 2], 0.8)  # the grasper comes from above
-            point = now[np.flatnonzero(high)[np.argmax(np.linalg.norm(far[high], axis=1))]]
+            vertices = organ.weights @ self._now[f"{organ.name}.nodes"].reshape(-1, 3)
+            heights = vertices[:, 2]
+            high = np.flatnonzero(heights > np.quantile(heights, 0.8))  # the grasper comes from above
+            distances = np.linalg.norm(vertices[high] - root, axis=1)
+            point = vertices[high[np.argmax(distances)]]
             yield from self._to(holder, self._aimed(point))
             self._opening[holder] = 0.0
             yield from self._wait(self.manner.press)
-            if self._now[f"{holder}.holds"][0] == 0:
+            if self._now[f"{holder}.holds"][0] == Grasped.ORGAN:
                 break
             self._opening[holder] = 1.0
             yield from self._back(holder)
@@ -258,18 +289,24 @@ class ProcedureSurgeon(Block):
         vessel = self._vessels[self.procedure.vessel]
         p, _ = self._place(vessel.name, vessel.arc[-1] / 2)
         name = self._camera.robot
-        yield from self._move({name: p - self.manner.view * self._inwards(name, p)}, self.manner.quick)
+        viewpoint = p - self.manner.view * self._inwards(name, p)
+        yield from self._move({name: viewpoint}, self.manner.quick)
         yield from self._wait(self.procedure.seen_s + 0.5)
 
     def _clip(self) -> Iterator[None]:
-        p, manner, vessel = self.procedure, self.manner, self._vessels[self.procedure.vessel]
+        manner = self.manner
+        vessel = self._vessels[self.procedure.vessel]
+        length = vessel.arc[-1]
         if self.mistake == "organ_punctured":
             yield from self._puncture()
         if self.mistake == "wrong_vessel":
-            other = next(v for v in self._vessels.values() if v.name != vessel.name)
+            other = next(candidate for candidate in self._vessels.values() if candidate.name != vessel.name)
             yield from self._close_at(other.name, 0.75 * other.arc[-1])
-        places = [manner.kept * vessel.arc[-1] + k * manner.apart for k in range(p.clips_kept)]
-        places += [manner.taken * vessel.arc[-1] - k * manner.apart for k in range(p.clips_taken)]
+        places = []
+        for k in range(self.procedure.clips_kept):
+            places.append(manner.kept * length + k * manner.apart)
+        for k in range(self.procedure.clips_taken):
+            places.append(manner.taken * length - k * manner.apart)
         for k, s in enumerate(places):
             if k == 0 and self.mistake == "clip_missed":
                 yield from self._close_at(vessel.name, s, aside=9e-3)
@@ -284,26 +321,31 @@ class ProcedureSurgeon(Block):
 
     def _shut(self) -> int:
         """Return the number of clips that are closed on a vessel."""
-        names = [n for n in self._now if n.endswith(".cover")]
-        return sum(float(self._now[n][0]) >= 1 - 1e-9 for n in names)
+        count = 0
+        for name, value in self._now.items():
+            if name.endswith(".cover") and float(value[0]) >= 1 - 1e-9:
+                count += 1
+        return count
 
     def _close_at(self, vessel: str, s: float, aside: float = 0.0) -> Iterator[None]:
         """Move the middle of the jaws to s in m along a vessel, or `aside` in m beside it; close and open the jaws."""
         robot = self._worker
         point, along = self._place(vessel, s)
-        tool = self._tools[[*self._tools][self._tool[robot]]]
-        ahead = self._inwards(robot, point)
-        beside = np.cross(ahead, along)
-        tip = point + ahead * tool.jaw_mm / 2 * MM + aside * beside / np.linalg.norm(beside)
+        tool = self._tools[self._tool_names[self._tool[robot]]]
+        inwards = self._inwards(robot, point)
+        beside = np.cross(inwards, along)
+        tip = point + inwards * tool.jaw_mm / 2 * MM + aside * beside / np.linalg.norm(beside)
         yield from self._to(robot, self._aimed(tip))
         yield from self._snap(robot)
         yield from self._back(robot)
 
     def _cut(self) -> Iterator[None]:
-        vessel, manner = self._vessels[self.procedure.vessel], self.manner
+        vessel = self._vessels[self.procedure.vessel]
+        manner = self.manner
         yield from self._change(self._worker, "scissors")
-        outside = manner.kept * vessel.arc[-1] + self.procedure.clips_kept * manner.apart
-        s = outside if self.mistake == "cut_outside" else manner.cut * vessel.arc[-1]
+        s = manner.cut * vessel.arc[-1]
+        if self.mistake == "cut_outside":
+            s = manner.kept * vessel.arc[-1] + self.procedure.clips_kept * manner.apart
         for _ in range(_TRIES):
             yield from self._close_at(vessel.name, s)
             if self._now[f"{vessel.name}.cut"].any():
@@ -312,16 +354,21 @@ class ProcedureSurgeon(Block):
 
     def _remove(self) -> Iterator[None]:
         """Free the bed cell by cell, from the instrument's side on; lift the organ at each cell; remove the organ."""
-        robot, holder, organ = self._worker, self._holder, self._organ.name
+        robot = self._worker
+        holder = self._holder
+        organ = self._organ.name
         yield from self._change(robot, "cautery")
-        order = np.argsort(np.linalg.norm(self._bed() - self._arms[robot].port, axis=1))
-        left = order[:-1] if self.mistake == "bed_left" else order
-        for cell in left.tolist():
+        distances = np.linalg.norm(self._bed() - self._arms[robot].port, axis=1)
+        cells = np.argsort(distances)
+        if self.mistake == "bed_left":
+            cells = cells[:-1]
+        power = max(tool.power_w or 0.0 for tool in self._tools.values())
+        heating_time = self.procedure.bed_j / power
+        for cell in cells.tolist():
             for _ in range(_TRIES):
                 yield from self._to(robot, self._aimed(self._bed()[cell]))
                 self._pedal[robot] = 1.0
-                long = self.procedure.bed_j / max(t.power_w or 0.0 for t in self._tools.values())
-                yield from self._wait(long + 0.2)
+                yield from self._wait(heating_time + 0.2)
                 self._pedal[robot] = 0.0
                 yield from self._wait(TICK)
                 if self._now[f"{organ}.freed"][cell] > 0.5:
@@ -332,17 +379,20 @@ class ProcedureSurgeon(Block):
             yield from self._back(robot)
         yield from self._back(robot)
         port = self._arms[holder].port
-        out = port + 0.5 * self.procedure.out_mm * MM * self._inwards(holder, self._at[holder])
-        yield from self._move({holder: out}, self.manner.quick)
+        removed = port + 0.5 * self.procedure.out_mm * MM * self._inwards(holder, self._at[holder])
+        yield from self._move({holder: removed}, self.manner.quick)
         yield from self._wait(1.0)
 
     def _puncture(self) -> Iterator[None]:
         """Push the tip into the first organ to be spared, far deeper than allowed."""
-        robot, port = self._worker, self._arms[self._worker].port
-        v = self._spared.surface.vertices
-        top = v[v[:, 2] > v[:, 2].max() - 5 * MM].mean(axis=0)
+        robot = self._worker
+        port = self._arms[robot].port
+        vertices = self._spared.surface.vertices
+        heights = vertices[:, 2]
+        top = vertices[heights > heights.max() - 5 * MM].mean(axis=0)
         deep = top + 3 * self.procedure.depth_mm * MM * (top - port) / np.linalg.norm(top - port)
-        yield from self._move({robot: top - self.manner.before * self._inwards(robot, top)}, self.manner.quick)
+        near = top - self.manner.before * self._inwards(robot, top)
+        yield from self._move({robot: near}, self.manner.quick)
         yield from self._move({robot: deep}, self.manner.slow)
         yield from self._back(robot)
         yield from self._back(robot)

@@ -19,24 +19,29 @@ class Recorded(Block):
         Raises:
             WorldError: no signal has this name, or the recording is empty.
         """
-        own = [n for n in recording.sizes if not n.endswith(".written")]
+        recorded = [name for name in recording.sizes if not name.endswith(".written")]
         for wanted in signals:
-            if not any(_is_of(n, wanted) for n in own):
-                raise WorldError(unknown("recorded signal", wanted, own))
+            if not any(_is_of(name, wanted) for name in recorded):
+                raise WorldError(unknown("recorded signal", wanted, recorded))
         if not len(recording.rows):
             raise WorldError("the recording has no tick")
-        names = [n for n in own if any(_is_of(n, wanted) for wanted in signals)]
-        written = {n: f"{n}.written" if f"{n}.written" in recording.sizes else n for n in names}
-        self._rows = {name: recording[source] for name, source in written.items()}
-        self._count, self._tick = len(recording.rows), 0
+        self._rows: dict[str, Array] = {}
+        for name in recorded:
+            if any(_is_of(name, wanted) for wanted in signals):
+                before_hazard = f"{name}.written"
+                source = before_hazard if before_hazard in recording.sizes else name
+                self._rows[name] = recording[source]
+        self._count = len(recording.rows)
+        self._tick = 0
         self.outputs = {name: rows[0] for name, rows in self._rows.items()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array] | None:
         """Return the next row; None at the end of the recording."""
         if self._tick == self._count:
             return None
-        k, self._tick = self._tick, self._tick + 1
-        return {name: rows[k] for name, rows in self._rows.items()}
+        values = {name: rows[self._tick] for name, rows in self._rows.items()}
+        self._tick += 1
+        return values
 
 
 def _is_of(signal: str, wanted: str) -> bool:

@@ -16,18 +16,22 @@ class Together(Block):
     def __init__(self, devices: Sequence[Block]) -> None:
         """Join devices that step in every tick."""
         self.devices = tuple(devices)
-        self.outputs = {name: value for d in devices for name, value in d.outputs.items()}
+        self.outputs: dict[str, ArrayLike] = {}
+        for device in devices:
+            self.outputs.update(device.outputs)
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Attach all devices."""
         for device in self.devices:
-            device.attach(signals, {name: memory[name] for name in device.outputs})
+            own_memory = {name: memory[name] for name in device.outputs}
+            device.attach(signals, own_memory)
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
         """Step all devices; return None if the input of one device has ended."""
-        out: dict[str, ArrayLike] = {}
+        values: dict[str, ArrayLike] = {}
         for device in self.devices:
-            if (said := device.step(signals, t, dt)) is None:
+            of_device = device.step(signals, t, dt)
+            if of_device is None:
                 return None
-            out |= said
-        return out
+            values.update(of_device)
+        return values

@@ -14,8 +14,14 @@ from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 _STROKE = 0.045
 """Length in m of a stroke of a hand."""
 
-_WAIT, _REST = 150.0, 0.6
-"""Longest time in s that the trainee waits for a replay; pause in s between two steps of the exercise."""
+_WAIT = 150.0
+"""Longest time in s that the trainee waits for a replay."""
+
+_REST = 0.6
+"""Pause in s between two steps of the exercise."""
+
+_DONE = {Mode.REHEARSE: 0.6, Mode.JUDGE: 0.75, Mode.REPLAY: 0.8}
+"""Completed fraction of the exercise when the trainee asks for a mode."""
 
 
 class Trainee(SurgeonHands):
@@ -38,12 +44,17 @@ class Trainee(SurgeonHands):
             machines: names of the machines.
             triangles: number of triangles by teleoperation.
         """
-        self._phases, self._triangles, self._mode = [f"{n}.phase" for n in machines], triangles, Mode.TELEOPERATE
-        self.doing, self.done = "teleoperate", 0.0
+        self._phases = [f"{machine}.phase" for machine in machines]
+        self._triangles = triangles
+        self._mode = Mode.TELEOPERATE
+        self.doing = "teleoperate"
+        self.done = 0.0
         super().__init__(seat, Habits())
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
-        return super()._said(k) | {MODE: float(self._mode)}
+        values = super()._said(k)
+        values[MODE] = float(self._mode)
+        return values
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.5)
@@ -51,37 +62,39 @@ class Trainee(SurgeonHands):
         for k in range(self._triangles):
             self.done = 0.6 * k / self._triangles
             yield from self._move_back()
-            a, b = self._ways()
-            for way in (a, b, -(a + b)):
-                yield from self._both(way)
+            first, second = self._sides()
+            yield from self._both(first)
+            yield from self._both(second)
+            yield from self._both(-(first + second))  # back to the first corner
         yield from self._move_back()
         yield from self._ask(Mode.REHEARSE)
-        for way in self._ways():
-            yield from self._both(way)
+        for side in self._sides():
+            yield from self._both(side)
         yield from self._ask(Mode.JUDGE)
         for _ in range(2):
             yield from self._ask(Mode.REPLAY)
-            yield from self._until(Phase.DONE, Phase.STOPPED)
+            yield from self._await_end_of_replay()
             yield from self._ask(Mode.TELEOPERATE)
 
-    def _ways(self) -> tuple[Array, Array]:
+    def _sides(self) -> tuple[Array, Array]:
         """Return two displacements (3,) of a hand in m, at a large angle to each other."""
-        way = self._rng.normal(size=3)
-        way /= np.linalg.norm(way)
-        aside = np.cross(way, self._rng.normal(size=3))
-        return _STROKE * way, _STROKE * aside / np.linalg.norm(aside)
+        first = self._rng.normal(size=3)
+        first /= np.linalg.norm(first)
+        second = np.cross(first, self._rng.normal(size=3))
+        return _STROKE * first, _STROKE * second / np.linalg.norm(second)
 
-    def _both(self, way: Array) -> Iterator[None]:
-        ways: Mapping[str, Array] = dict.fromkeys(self.arms, way)
-        yield from self._stroke(ways, _REST)
+    def _both(self, displacement: Array) -> Iterator[None]:
+        strokes: Mapping[str, Array] = dict.fromkeys(self.arms, displacement)
+        yield from self._stroke(strokes, _REST)
 
     def _ask(self, mode: Mode) -> Iterator[None]:
-        self._mode, self.doing = mode, mode.name.lower()
-        self.done = max(self.done, {Mode.REHEARSE: 0.6, Mode.JUDGE: 0.75, Mode.REPLAY: 0.8}.get(mode, 0.0))
+        self._mode = mode
+        self.doing = mode.name.lower()
+        self.done = max(self.done, _DONE.get(mode, 0.0))
         yield from self._rest(_REST)
 
-    def _until(self, *phases: Phase) -> Iterator[None]:
+    def _await_end_of_replay(self) -> Iterator[None]:
         for _ in range(round(_WAIT / self.dt)):
-            if all(self._signals[name][0] in phases for name in self._phases):
+            if all(self._signals[name][0] in (Phase.DONE, Phase.STOPPED) for name in self._phases):
                 return
             yield
