@@ -22,7 +22,8 @@ def seen_ends(alignment: Alignment, T_world_picture: Array, view: float) -> Arra
     p = (alignment.upper - T_world_picture[:3, 3]) @ T_world_picture[:3, :3]
     if (p[:, 2] >= 0).any():
         return np.full((2, 2), np.nan)
-    return p[:, :2] / (-p[:, 2:] * np.tan(view / 2))
+    half_height = -p[:, 2:] * np.tan(view / 2)  # of the picture, at the distance of each end
+    return p[:, :2] / half_height
 
 
 def angle(ends: Array) -> float:
@@ -38,5 +39,6 @@ def off(ends: Array, line: float) -> float:
         ends: (2, 2) ends of the upper side, as `seen_ends` returns them.
         line: length of the line divided by the height of the picture.
     """
-    at = np.array([[-line, 0.0], [line, 0.0]])
-    return float(np.linalg.norm(ends - at, axis=1).max()) / (2 * line)
+    line_ends = np.array([[-line, 0.0], [line, 0.0]])
+    distances = np.linalg.norm(ends - line_ends, axis=1)
+    return float(distances.max()) / (2 * line)

@@ -32,22 +32,31 @@ class CameraReferee(Block):
 
     def __init__(self, camera: str, period: float) -> None:
         """Begin with no sample; `camera`: name of the camera's arm, `period`: time in s between two samples."""
-        self.period, self.moves, self.time = period, 0, 0.0
-        self._at_name, self._at = f"{camera}.at", None
+        self.period = period
+        self.moves = 0
+        self.time = 0.0
+        self._at_name = f"{camera}.at"
+        self._at: Array | None = None
         self._begun: float | None = None
         self._moved = False
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Read the signals at the end of this tick."""
-        at, before = signals.now[self._at_name].copy(), self._at
+        at = signals.now[self._at_name].copy()
+        before = self._at
         self._at = at
-        self._moved &= signals.now[f"{PEDALS}.camera"].item() > 0.5
+        pressed = signals.now[f"{PEDALS}.camera"].item() > 0.5
+        if not pressed:
+            self._moved = False
         if signals.now["console.mode"].item() != CAMERA:
             return {}
-        self._begun = t if self._begun is None else self._begun
+        if self._begun is None:
+            self._begun = t
         if before is not None and not np.array_equal(at, before):
-            self.moves += not self._moved
-            self._moved, self.time = True, t - self._begun
+            if not self._moved:
+                self.moves += 1
+            self._moved = True
+            self.time = t - self._begun
         return {}
 
     def content(self) -> JsonObject:

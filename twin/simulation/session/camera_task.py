@@ -70,20 +70,29 @@ def measure(
         lens: (k, 3) position of the lens in m.
     """
     driven = kept["console.mode"][:, 0] == CAMERA
-    presses = np.flatnonzero(driven)
-    moved = np.flatnonzero(np.linalg.norm(np.diff(lens, axis=0), axis=1) > 0)
-    start = kept.t[presses[0]] if len(presses) else 0.0
-    end = kept.t[moved[-1] + 1] if len(moved) else start
+    time = _time(kept.t, driven, lens)
     course = np.array([aligned.seen_ends(alignment, T, view) for T in Ts_world_picture])
-    angle, off = aligned.angle(course[-1]), aligned.off(course[-1], alignment.line)
+    angle = aligned.angle(course[-1])
+    off = aligned.off(course[-1], alignment.line)
     seen, refused = in_picture(sight, view)
+    driven_steps = driven[1:] & driven[:-1]
     hands = {}
     for hand in HANDS:
         p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
         steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
-        hands[hand] = float(steps[driven[1:] & driven[:-1]].sum())
+        hands[hand] = float(steps[driven_steps].sum())
     path = movement.path_length(lens)
-    return AlignMeasures(max(0.0, float(end - start)), angle, off, seen, refused, path, hands, course)
+    return AlignMeasures(time, angle, off, seen, refused, path, hands, course)
+
+
+def _time(t: Array, driven: Array, lens: Array) -> float:
+    """Return the time in s from the first press of the camera pedal to the end of the last motion; lens (k, 3)."""
+    presses = np.flatnonzero(driven)
+    steps = np.linalg.norm(np.diff(lens, axis=0), axis=1)
+    moved = np.flatnonzero(steps > 0)
+    start = t[presses[0]] if len(presses) else 0.0
+    end = t[moved[-1] + 1] if len(moved) else start
+    return max(0.0, float(end - start))
 
 
 @dataclass(frozen=True)
@@ -103,9 +112,13 @@ def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
     """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if this angle cannot be measured."""
     drawn = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
     if sum(drawn.covered.values()) > _COVERED:
-        parts = {n: part for n, part in drawn.covered.items() if part > _COVERED / 4}
-        said = " and ".join(f"{n} covers {Quantity(100 * part, '%')}" for n, part in parts.items())
-        return None, f"{said} of the rectangle: move {' and '.join(parts)} aside"
+        owners = []
+        parts = []
+        for owner, fraction in drawn.covered.items():
+            if fraction > _COVERED / 4:
+                owners.append(owner)
+                parts.append(f"{owner} covers {Quantity(100 * fraction, '%')}")
+        return None, f"{' and '.join(parts)} of the rectangle: move {' and '.join(owners)} aside"
     try:
         return upper_side.angle(drawn.rgb), ""
     except upper_side.UnmeasuredError as error:
@@ -114,8 +127,10 @@ def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
 
 def surfaces(owner: str, bodies: Sequence[Body], Ts_world_body: Mapping[str, Array]) -> list[Surface]:
     """Return the surfaces of bodies at poses (4, 4) in the World."""
-    placed = [(m, Ts_world_body[body.name]) for body in bodies for m in body.meshes]
-    return [
-        Surface(owner, m.name, m.vertices @ T[:3, :3].T + T[:3, 3], np.asarray(m.triangles), m.color_rgba[:3])
-        for m, T in placed
-    ]
+    placed = []
+    for body in bodies:
+        T = Ts_world_body[body.name]
+        for mesh in body.meshes:
+            vertices = mesh.vertices @ T[:3, :3].T + T[:3, 3]
+            placed.append(Surface(owner, mesh.name, vertices, np.asarray(mesh.triangles), mesh.color_rgba[:3]))
+    return placed

@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from twin.core.errors import OutputError, WorldError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.schema import Identifier, Table, first_mistake
@@ -40,9 +41,14 @@ LONGEST = 3600.0
 """Maximum duration of a session in s."""
 
 _HEAD = struct.Struct("<4sII32s")
-_MAGIC, _END = b"TWNS", b"TWNE"
-_LONGEST_HEAD, _MOST_NUMBERS = 1_000_000, 10_000
-"""Maximum length of the file's first line in bytes; maximum number of values in one row of signals."""
+_MAGIC = b"TWNS"
+_END = b"TWNE"
+
+_LONGEST_HEAD = 1_000_000
+"""Maximum length of the file's first line in bytes."""
+
+_MOST_NUMBERS = 10_000
+"""Maximum number of values in one row of signals."""
 
 LARGEST = 4_000_000_000
 """Maximum size of all unpacked chunks in bytes: enough for `LONGEST` s at 1 kHz, if the device has 138 values."""
@@ -101,12 +107,12 @@ class Session:
     @property
     def device(self) -> Array:
         """The signals of the device (k, n), one row per tick."""
-        return np.concatenate([b.device for b in self.chunks])
+        return np.concatenate([chunk.device for chunk in self.chunks])
 
 
 def sizes(signals: list[SignalTable]) -> dict[str, int]:
     """Return {signal: number of values}."""
-    return {s.name: s.size for s in signals}
+    return {signal.name: signal.size for signal in signals}
 
 
 def digest(rows: Array) -> bytes:
@@ -133,13 +139,17 @@ def head(
             "scene": scene,
             "identity": identity,
             "dt": dt,
-            "device": [{"name": n, "size": s} for n, s in device.items()],
-            "world": [{"name": n, "size": s} for n, s in world.items()],
+            "device": _signal_tables(device),
+            "world": _signal_tables(world),
             "task": task,
             "seed": seed,
             "condition": condition,
         }
     )
+
+
+def _signal_tables(sizes: Mapping[str, int]) -> list[JsonObject]:
+    return [{"name": name, "size": size} for name, size in sizes.items()]
 
 
 class SessionWriter:
@@ -158,14 +168,21 @@ class SessionWriter:
         Raises:
             OutputError: the file or its `.part` exists, or cannot be written.
         """
-        self.path, self.ticks, self._head = Path(path), 0, head
+        self.path = Path(path)
+        self.ticks = 0
+        self._head = head
         self._part = self.path.with_name(self.path.name + ".part")
         if self.path.exists():
             raise OutputError(f"{self.path} exists; sessions are not overwritten: choose another name")
-        found, at = columns(sizes(head.world)), [s.name for s in head.device]
-        self._device = np.concatenate([np.arange(found[n].start, found[n].stop) for n in at])
-        chunk = 8 * (CHUNK * len(self._device) + sum(sizes(head.world).values()))
-        self._most = LARGEST // chunk * CHUNK
+        world_sizes = sizes(head.world)
+        column_of = columns(world_sizes)
+        device_columns = []
+        for signal in head.device:
+            found = column_of[signal.name]
+            device_columns.append(np.arange(found.start, found.stop))
+        self._device = np.concatenate(device_columns)
+        chunk_size = 8 * (CHUNK * len(self._device) + sum(world_sizes.values()))  # bytes, unpacked
+        self._most = LARGEST // chunk_size * CHUNK
         self._rows: list[Array] = []
         self._held = 0
         self._digests = hashlib.sha256()
@@ -210,11 +227,12 @@ class SessionWriter:
         self._held += len(rows)
         self.ticks += len(rows)
         if self._held >= CHUNK:
-            whole = np.concatenate(self._rows)
-            full = len(whole) // CHUNK * CHUNK
+            held = np.concatenate(self._rows)
+            full = len(held) // CHUNK * CHUNK
             for k in range(0, full, CHUNK):
-                self._write(whole[k : k + CHUNK])
-            self._rows, self._held = [whole[full:]], len(whole) - full
+                self._write(held[k : k + CHUNK])
+            self._rows = [held[full:]]
+            self._held = len(held) - full
 
     def close(self) -> None:
         """Write the remaining rows and the end mark, and rename the file; a session without ticks leaves no file.
@@ -253,11 +271,12 @@ class SessionWriter:
                 self._part.unlink()
 
     def _write(self, rows: Array) -> None:
-        one = digest(rows)
-        self._digests.update(one)
+        digest_of_chunk = digest(rows)
+        self._digests.update(digest_of_chunk)
         body = np.concatenate([rows[:, self._device].ravel(), rows[-1]])
         packed = zlib.compress(body.astype("<f8").tobytes(), 6)
-        self._put(_HEAD.pack(_MAGIC, len(rows), len(packed), one) + packed)
+        mark = _HEAD.pack(_MAGIC, len(rows), len(packed), digest_of_chunk)
+        self._put(mark + packed)
 
     def _put(self, data: bytes) -> None:
         if self._file is None:
@@ -294,36 +313,43 @@ def _head(path: Path, line: bytes) -> Head:
     except ValidationError as error:
         where, what = first_mistake(error)
         raise WorldError(f"{path}: not a twin-session file of version 1: {where or 'first line'}: {what}") from None
-    own, all_signals = sizes(start.device), sizes(start.world)
+    own = sizes(start.device)
+    all_signals = sizes(start.world)
     if len(own) < len(start.device) or len(all_signals) < len(start.world):
         raise WorldError(f"{path}: two signals have the same name")
     for name, size in own.items():
         if all_signals.get(name) != size:
             raise WorldError(f"{path}: signal '{name}' of the device is not among the signals of the World")
-    if sum(all_signals.values()) > _MOST_NUMBERS:
-        raise WorldError(f"{path}: a row has {sum(all_signals.values())} numbers (limit {_MOST_NUMBERS})")
+    numbers = sum(all_signals.values())
+    if numbers > _MOST_NUMBERS:
+        raise WorldError(f"{path}: a row has {numbers} numbers (limit {_MOST_NUMBERS})")
     return start
 
 
 def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
-    n, m = sum(sizes(start.device).values()), sum(sizes(start.world).values())
+    """Read the chunks; return them, and a sentence that states where the file ends too early, "" if it is complete."""
+    n = sum(sizes(start.device).values())
+    m = sum(sizes(start.world).values())
     chunks: list[Chunk] = []
-    digests, ticks, unpacked = hashlib.sha256(), 0, 0
+    digests = hashlib.sha256()
+    ticks = 0
+    unpacked = 0
     while True:
         at = f"after {ticks * start.dt:.3f} s"
         mark = file.read(_HEAD.size)
         if len(mark) < _HEAD.size:
             return chunks, f"it ends {at} without its end mark: the recording was interrupted"
-        magic, count, length, one = _HEAD.unpack(mark)
+        magic, count, length, digest_of_chunk = _HEAD.unpack(mark)
         if magic == _END:
-            if count != ticks or one != digests.digest() or file.read(1):
+            if count != ticks or digest_of_chunk != digests.digest() or file.read(1):
                 raise WorldError(
                     f"{path}: the end mark does not match the {ticks} ticks in the file: the file was changed"
                 )
             return chunks, ""
-        raw = 8 * (count * n + m)
-        unpacked += raw
-        if magic != _MAGIC or not 0 < count <= CHUNK or length > raw + raw // 100 + 1000:
+        size = 8 * (count * n + m)
+        unpacked += size
+        longest = size + size // 100 + 1000  # numbers that zlib cannot compress become slightly longer
+        if magic != _MAGIC or not 0 < count <= CHUNK or length > longest:
             raise WorldError(f"{path}: damaged {at}: there is no valid chunk")
         if unpacked > LARGEST:
             raise WorldError(f"{path}: the session has more than {LARGEST:,} unpacked bytes, the limit for a session")
@@ -333,15 +359,22 @@ def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
         ticks += count
         if ticks * start.dt > LONGEST + CHUNK * start.dt:
             raise WorldError(f"{path}: the session is longer than {LONGEST:g} s, the maximum duration of a session")
-        unpacker = zlib.decompressobj()
-        try:
-            body = unpacker.decompress(packed, raw + 1)
-        except zlib.error as error:
-            raise WorldError(f"{path}: damaged {at}: {error}") from None
-        if len(body) != raw or not unpacker.eof:
-            raise WorldError(f"{path}: damaged {at}: a chunk has {len(body)} bytes; expected {raw}")
-        numbers = np.frombuffer(body, "<f8").astype(float)
-        if not np.isfinite(numbers).all():
-            raise WorldError(f"{path}: damaged {at}: a number is not finite")
-        digests.update(one)
-        chunks.append(Chunk(numbers[: count * n].reshape(count, n), numbers[count * n :], one))
+        numbers = _unpacked(packed, size, f"{path}: damaged {at}")
+        digests.update(digest_of_chunk)
+        device = numbers[: count * n].reshape(count, n)
+        chunks.append(Chunk(device, numbers[count * n :], digest_of_chunk))
+
+
+def _unpacked(packed: bytes, size: int, damaged: str) -> Array:
+    """Return the numbers in a chunk of `size` unpacked bytes; `damaged`: begin of the message of an error."""
+    unpacker = zlib.decompressobj()
+    try:
+        body = unpacker.decompress(packed, size + 1)  # one byte more, so that a longer chunk is noticed
+    except zlib.error as error:
+        raise WorldError(f"{damaged}: {error}") from None
+    if len(body) != size or not unpacker.eof:
+        raise WorldError(f"{damaged}: a chunk has {len(body)} bytes; expected {size}")
+    numbers = np.frombuffer(body, "<f8").astype(float)
+    if not np.isfinite(numbers).all():
+        raise WorldError(f"{damaged}: a number is not finite")
+    return numbers

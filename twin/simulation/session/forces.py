@@ -29,9 +29,11 @@ def measure(kept: Recording, hands: Sequence[str]) -> ForceMeasures | None:
     """Return the measures of the forces on the given hands; None: the World of the session has no forces."""
     if "haptics.on" not in kept.sizes:
         return None
-    sizes = {hand: np.linalg.norm(kept[f"{hand}.force"], axis=1) for hand in hands}
-    return ForceMeasures(
-        on=float(np.mean(kept["haptics.on"] > 0.5)),
-        felt={hand: float(np.sum(f > 0) * kept.dt) for hand, f in sizes.items()},
-        largest={hand: float(f.max()) for hand, f in sizes.items()},
-    )
+    felt: dict[str, float] = {}
+    largest: dict[str, float] = {}
+    for hand in hands:
+        force = np.linalg.norm(kept[f"{hand}.force"], axis=1)
+        felt[hand] = float(np.sum(force > 0) * kept.dt)
+        largest[hand] = float(force.max())
+    on = float(np.mean(kept["haptics.on"] > 0.5))
+    return ForceMeasures(on, felt, largest)

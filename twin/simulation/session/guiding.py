@@ -126,39 +126,54 @@ class Referee(InstrumentReferee):
             period: time in s between two samples.
         """
         super().__init__(robots, period)
-        self._guide, self._ring, self.course, self._tools = guide, ring, course, dict(tools)
-        self._from = ring.T_world_object[:3, 3]
+        self._guide = guide
+        self._ring = ring
+        self.course = course
+        self._tools = dict(tools)
+        self._p_start = ring.T_world_object[:3, 3]
         self._first = list(robots).index(first)
-        lengths = [float(np.linalg.norm(b - a)) for a, b in pairwise(course.wire)]
-        self._pieces = list(zip(pairwise(course.wire), lengths, strict=True))
-        self._long = sum(lengths)
+        self._segments: list[tuple[Array, Array, float]] = []  # begin and end (3,) in m, length in m
+        for a, b in pairwise(course.wire):
+            self._segments.append((a, b, float(np.linalg.norm(b - a))))
+        self._wire_length = sum(length for _, _, length in self._segments)
         self._steps: dict[str, int | None] = dict.fromkeys(STEPS)
         self._rubs = Runs(self._few)
-        self._rubbing = self._drops = 0
-        self._passed, self._on, self._held, self._holder = 0.0, False, -1, -1
-        # _fell: the ring fell, and no hand has held it since; _fallen: it fell, and the first arm has not held it since
-        self._fell = self._fallen = False
+        self._rubbing = 0
+        self._drops = 0
+        self._passed = 0.0
+        self._on_wire = False
+        self._held = -1  # last sample in which a hand held the ring
+        self._holder = -1
+        self._fell = False  # the ring fell, and no hand has held it since
+        self._fallen = False  # the ring fell, and the first arm has not held it since
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         name = self._ring.name
-        T, self._holder = now[f"{name}.pose"], int(now[f"{name}.holder"][0])
+        T = now[f"{name}.pose"]
+        self._holder = int(now[f"{name}.holder"][0])
         if self._holder >= 0 and now[f"{name}.rubs"][0] > 0.5:
             self._rubbing += 1
             if self._rubs.see(k, True):
                 self._tell(k, "bad", f"{name} touched the wire")
-        steps, lifted = self._steps, self._guide.lifted_mm * MM
-        if steps["picked up"] is None:
-            away = float(np.linalg.norm(T[3::4][:3] - self._from)) > lifted
-            if self._holder == self._first and away:
-                self._do("picked up", k)
-            elif self._held >= 0 and away:
-                self._see_fall(k)
-        elif steps["guided"] is None:
+        if self._steps["picked up"] is None:
+            self._pick_up(k, T)
+        elif self._steps["guided"] is None:
             self._follow(k, T)
         self._release(k, T)
         self._retract(k, now)
         if self._holder >= 0:
-            self._held, self._fell = k, False
+            self._held = k
+            self._fell = False
+
+    def _pick_up(self, k: int, T: Array) -> None:
+        """Judge whether the first arm has taken the ring away from its start; T (16,): pose of the ring."""
+        p = T[3::4][:3]
+        if float(np.linalg.norm(p - self._p_start)) <= self._guide.lifted_mm * MM:
+            return
+        if self._holder == self._first:
+            self._do("picked up", k)
+        elif self._held >= 0:
+            self._see_fall(k)
 
     def _follow(self, k: int, T: Array) -> None:
         """Judge handing over and guiding."""
@@ -170,52 +185,75 @@ class Referee(InstrumentReferee):
             return
         if self._steps["handed over"] is None and not self._fallen:
             self._do("handed over", k)
-        at = self._place(T)
-        if at is None:
-            if self._on and self._passed > _ENTRY:
+        s = self._place(T)
+        if s is None:
+            if self._on_wire and self._passed > _ENTRY:
                 self._tell(k, "bad", f"{self._ring.name} has left the wire")
-            self._on, self._passed = False, 0.0
-        elif self._on or at <= _ENTRY * self._long:
-            self._on, self._passed = True, max(self._passed, at / self._long)
-            if self._long - at < self._guide.end_mm * MM and self._steps["handed over"] is not None:
+            self._on_wire = False
+            self._passed = 0.0
+        elif self._on_wire or s <= _ENTRY * self._wire_length:
+            self._on_wire = True
+            self._passed = max(self._passed, s / self._wire_length)
+            at_end = self._wire_length - s < self._guide.end_mm * MM
+            if at_end and self._steps["handed over"] is not None:
                 self._passed = 1.0
                 self._do("guided", k)
 
     def _see_fall(self, k: int) -> None:
         """Count a drop if no hand holds the ring any more."""
-        if self._holder < 0 and k - self._held > self._few and not self._fell:
-            self._fell = self._fallen = True
-            self._drops += 1
-            again = f": {self._names[self._first]} must pick it up again" if self._steps["handed over"] is None else ""
-            self._tell(k, "bad", f"{spoken(self._ring.name)} was dropped{again}")
+        if self._fell or not self._is_free(k):
+            return
+        self._fell = True
+        self._fallen = True
+        self._drops += 1
+        text = f"{spoken(self._ring.name)} was dropped"
+        if self._steps["handed over"] is None:
+            text += f": {self._names[self._first]} must pick it up again"
+        self._tell(k, "bad", text)
+
+    def _is_free(self, k: int) -> bool:
+        """Return whether no hand has held the ring for some time."""
+        return self._holder < 0 and k - self._held > self._few
 
     def _release(self, k: int, T: Array) -> None:
         """Judge whether the guided ring hangs on the wire without a hand."""
         if self._steps["guided"] is None:
             return
-        free = self._holder < 0 and k - self._held > self._few and self._place(T) is not None
-        self._do("released", k) if free else self._undo("released")
+        if self._is_free(k) and self._place(T) is not None:
+            self._do("released", k)
+        else:
+            self._undo("released")
 
     def _retract(self, k: int, now: Mapping[str, Array]) -> None:
         """Judge whether both tools have left the dome with nothing in their jaws."""
-        out = self._steps["released"] is not None and all(
-            self.course.outside(self._tools[n](now[f"{n}.q"])) >= self._guide.outside_mm * MM for n in self._names
-        )
-        self._do("retracted", k) if out else self._undo("retracted")
+        if self._steps["released"] is not None and self._are_outside(now):
+            self._do("retracted", k)
+        else:
+            self._undo("retracted")
+
+    def _are_outside(self, now: Mapping[str, Array]) -> bool:
+        """Return whether all tools are far enough outside of the dome."""
+        for robot in self._names:
+            p = self._tools[robot](now[f"{robot}.q"])
+            if self.course.outside(p) < self._guide.outside_mm * MM:
+                return False
+        return True
 
     def _place(self, T: Array) -> float | None:
         """Return the length in m of the wire from its free end to the ring; None: the wire is not inside the ring."""
-        along = 0.0
-        for (a, b), length in self._pieces:
-            if (s := crossing(T, self._ring.size[0], a, b)) is not None:
-                return along + s * length
-            along += length
+        begin = 0.0
+        for a, b, length in self._segments:
+            fraction = crossing(T, self._ring.size[0], a, b)
+            if fraction is not None:
+                return begin + fraction * length
+            begin += length
         return None
 
     def _do(self, step: str, k: int) -> None:
         if self._steps[step] is None:
             self._steps[step] = k
-            self._tell(k, "good", f"{self._ring.name} is {step}" if step != STEPS[-1] else "both tools left the dome")
+            text = "both tools left the dome" if step == STEPS[-1] else f"{self._ring.name} is {step}"
+            self._tell(k, "good", text)
 
     def _undo(self, step: str) -> None:
         self._steps[step] = None
@@ -223,19 +261,24 @@ class Referee(InstrumentReferee):
     @classmethod
     def of(cls, setup: Setup, period: float) -> Referee:
         """Return the referee of the task in `setup`."""
-        if setup.task is None or (guide := setup.task.guide) is None:
+        if setup.task is None or setup.task.guide is None:
             raise TwinError(f"{setup.label} has no ring to guide")
-        scene, robots = setup.scene, [*console_scene.hands_of(setup.scene)]
-        ring = next(o for o in scene.objects if o.name == guide.ring)
-        tools = {n: _tool(setup.places[n].T_world_base, setup.members[n].kin) for n in robots}
-        course, first = contact_scene.course(scene, setup.props, setup.task), getattr(scene.console, guide.first)[0]
+        guide = setup.task.guide
+        scene = setup.scene
+        robots = list(console_scene.hands_of(scene))
+        ring = next(item for item in scene.objects if item.name == guide.ring)
+        tools = {name: _tool(setup.places[name].T_world_base, setup.members[name].kin) for name in robots}
+        course = contact_scene.course(scene, setup.props, setup.task)
+        first = getattr(scene.console, guide.first)[0]
         return cls(guide, ring, course, robots, first, tools, period)
 
     @property
     def signals(self) -> list[str]:
         """Names of the signals that the referee reads."""
-        own = [f"{self._ring.name}.{what}" for what in ("pose", "holder", "rubs")]
-        return [*super().signals, *own, *(f"{robot}.q" for robot in self._names)]
+        ring = self._ring.name
+        names = [*super().signals, f"{ring}.pose", f"{ring}.holder", f"{ring}.rubs"]
+        names += [f"{robot}.q" for robot in self._names]
+        return names
 
     @property
     def complete(self) -> bool:
@@ -244,8 +287,17 @@ class Referee(InstrumentReferee):
 
     def measures(self) -> GuideMeasures:
         """Return the measures of all samples so far."""
-        times = {name: None if k is None else k * self.period for name, k in self._steps.items()}
-        touching, allowed = self._rubbing * self.period, self._guide.allowed
+        times: dict[str, float | None] = {}
+        for name, k in self._steps.items():
+            times[name] = None if k is None else k * self.period
+        end = times[STEPS[-1]] if self.complete else None
+        touching = self._rubbing * self.period
+        allowed = self._guide.allowed
+        errors = (
+            ("touches of the wire", touching, allowed.touch_s, "s"),
+            ("drops of the ring", self._drops, allowed.drops, ""),
+            ("collisions of instruments", self.collisions, allowed.collisions, ""),
+        )
         return GuideMeasures(
             times,
             self._passed,
@@ -253,24 +305,27 @@ class Referee(InstrumentReferee):
             touching,
             self._drops,
             self.collisions,
-            self._duration(times[STEPS[-1]] if self.complete else None),
-            (
-                ("touches of the wire", touching, allowed.touch_s, "s"),
-                ("drops of the ring", self._drops, allowed.drops, ""),
-                ("collisions of instruments", self.collisions, allowed.collisions, ""),
-            ),
+            self._duration(end),
+            errors,
         )
 
     def content(self, last: int = 5) -> JsonObject:
         """Return the scoreboard as plain data: the measures, the state and colour of the ring, the `last` events."""
-        said = [name for name, k in self._steps.items() if k is not None]
-        state = f"held by {self._names[self._holder]}" if self._holder >= 0 else (said or ["not picked up"])[-1]
         color = "#" + hex_digits(self._ring.color_rgba)
         return {
             "rows": [list(row) for row in self.measures().rows()],
-            "rings": [[self._ring.name, "dropped" if self._fell else state, color]],
+            "rings": [[self._ring.name, self._state(), color]],
             "events": self._told(last),
         }
+
+    def _state(self) -> str:
+        """Return the state of the ring as text: dropped, held, or its last step."""
+        if self._fell:
+            return "dropped"
+        if self._holder >= 0:
+            return f"held by {self._names[self._holder]}"
+        done = [name for name, k in self._steps.items() if k is not None]
+        return done[-1] if done else "not picked up"
 
 
 def _tool(T_world_base: Array, kin: Kinematics) -> Callable[[Array], Array]:

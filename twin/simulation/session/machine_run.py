@@ -61,13 +61,17 @@ def train(
     for name, link in links.items():
         ready(name, link)
     trainee = Trainee(seat_of(setup, seed, scale), links, triangles)
-    states = {n: MachineStates(n, parts[n].home) for n in links}
-    device, outbox, tape = Together([trainee, *states.values()]), Outbox(parts), Tape()
+    states = {name: MachineStates(name, parts[name].home) for name in links}
+    device = Together([trainee, *states.values()])
+    outbox = Outbox(parts)
+    tape = Tape()
     world = console_scene.world(setup, device, records=False, watch=[outbox, tape], parts=parts)
     exchange = Exchange(links, states, outbox)
-    keep, begin = Keep(world, kept(world)), time.monotonic()
+    keep = Keep(world, kept(world))
+    begin = time.monotonic()
     with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
+            # in real time: the machines step by their own clocks
             wait = begin + world.t - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
@@ -94,7 +98,8 @@ def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:
     Raises:
         DeviceError: the machine does not answer, or is not in its home posture within `patience` s.
     """
-    end, pressed = time.monotonic() + patience, False
+    end = time.monotonic() + patience
+    pressed = False
     while time.monotonic() < end:
         state = link.state
         if state is not None and state.level >= Level.PEDAL_UP:
@@ -106,5 +111,7 @@ def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:
             break
         time.sleep(0.01)
     state = link.state
-    why = link.problem or (f"it is in {state.level.name}" if state is not None else "")
-    raise DeviceError(f"{name}: the machine is not ready: {why}. Stop it, and start it again with --start")
+    reason = link.problem
+    if not reason and state is not None:
+        reason = f"it is in {state.level.name}"
+    raise DeviceError(f"{name}: the machine is not ready: {reason}. Stop it, and start it again with --start")

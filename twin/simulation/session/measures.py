@@ -85,23 +85,36 @@ def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
     v = movement.speed(p, dt)
     parts = movement.movements(v, dt)
     rests = np.ones(len(v), bool)
-    for a, b in parts:
-        rests[a : b + 1] = False
-    smooth = [movement.spectral_arc_length(v[a : b + 1], dt) for a, b in parts]
-    grip = kept[f"{hand}.grip"][:, 0]
-    half = (grip.min() + grip.max()) / 2
-    closings = np.count_nonzero((grip[:-1] > half) & (grip[1:] <= half)) if np.ptp(grip) > 0 else 0
+    smoothness = []
+    for first, last in parts:
+        rests[first : last + 1] = False
+        smoothness.append(movement.spectral_arc_length(v[first : last + 1], dt))
+    idle = rests & (kept["console.mode"][:, 0] == TOOLS)
     return ArmMeasures(
         hand,
         robot,
         movement.path_length(p),
         len(parts),
-        float(np.count_nonzero(~rests)) * dt,
-        float(np.count_nonzero(rests & (kept["console.mode"][:, 0] == TOOLS))) * dt,
+        _duration(~rests, dt),
+        _duration(idle, dt),
         movement.economy(p, parts),
-        float(np.mean(smooth)) if smooth else np.nan,
-        int(closings),
+        float(np.mean(smoothness)) if smoothness else np.nan,
+        _grasps(kept[f"{hand}.grip"][:, 0]),
     )
+
+
+def _grasps(grip: Array) -> int:
+    """Return the number of times that a gripper (k,) closed beyond the middle of its range; 0 if it never moved."""
+    if np.ptp(grip) == 0:
+        return 0
+    half = (grip.min() + grip.max()) / 2
+    closings = (grip[:-1] > half) & (grip[1:] <= half)
+    return int(np.count_nonzero(closings))
+
+
+def _duration(flags: Array, dt: float) -> float:
+    """Return the time in s of the true samples among flags (k,)."""
+    return float(np.count_nonzero(flags)) * dt
 
 
 def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: float) -> ConsoleMeasures:
@@ -113,21 +126,32 @@ def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: floa
         camera: name of the arm of the camera.
         duration: duration of the session in s.
     """
-    dt, mode = kept.dt, kept["console.mode"][:, 0]
-    silent = kept[f"{PEDALS}.silent"][:, 0] > 0.5 if f"{PEDALS}.silent" in kept.sizes else np.zeros(len(mode), bool)
+    dt = kept.dt
+    mode = kept["console.mode"][:, 0]
+    silent = np.zeros(len(mode), bool)
+    if f"{PEDALS}.silent" in kept.sizes:  # a simulated surgeon is never silent, and has no such signal
+        silent = kept[f"{PEDALS}.silent"][:, 0] > 0.5
     clutch = (kept[f"{PEDALS}.clutch"][:, 0] > 0.5) & ~silent
-    at, scale = kept[f"{camera}.at"], kept[f"{PEDALS}.scale"]
-    begun = np.flatnonzero(np.any([kept[f"{n}.follows"][:, 0] > 0.5 for n in (*table.right, *table.left)], axis=0))
-    pressed = movement.runs((kept[f"{PEDALS}.camera"][:, 0] > 0.5) & ~silent)
-    moves = [(a, b) for a, b in pressed if np.ptp(at[a : b + 1], axis=0).any()]
+    scale = kept[f"{PEDALS}.scale"]
+    follows = np.zeros(len(mode), bool)
+    for robot in (*table.right, *table.left):
+        follows |= kept[f"{robot}.follows"][:, 0] > 0.5
+    begun = np.flatnonzero(follows)
+    time = duration - float(kept.t[begun[0]]) if len(begun) else 0.0
+    camera_pedal = (kept[f"{PEDALS}.camera"][:, 0] > 0.5) & ~silent
+    camera_moves = 0
+    for first, last in movement.runs(camera_pedal):
+        positions = kept[f"{camera}.at"][first : last + 1]
+        if np.ptp(positions, axis=0).any():
+            camera_moves += 1
     return ConsoleMeasures(
         duration,
-        duration - float(kept.t[begun[0]]) if len(begun) else 0.0,
+        time,
         len(movement.runs(clutch)),
-        float(np.count_nonzero(clutch & (mode == FREE))) * dt,
-        len(moves),
-        float(np.count_nonzero(mode == CAMERA)) * dt,
-        float(np.count_nonzero(silent)) * dt,
+        _duration(clutch & (mode == FREE), dt),
+        camera_moves,
+        _duration(mode == CAMERA, dt),
+        _duration(silent, dt),
         int(kept["console.taps"][-1, 0]),
         (float(scale.min()), float(scale.max())),
     )

@@ -12,11 +12,14 @@ RESTS = 5e-3
 SHORT = 0.1
 """Minimum duration of movements and rests in s; ASSUMED. Shorter movements are tremor; shorter rests are ignored."""
 
-CUT_OFF, AMPLITUDE, PADDING = 10.0, 0.05, 4
-"""Parameters of the spectral arc length: largest frequency in Hz, smallest amplitude, padding as an exponent of two.
+CUT_OFF = 10.0
+"""Largest frequency in Hz of the spectral arc length; the positions are low-pass filtered at this frequency, too."""
 
-Speeds are computed from positions that are low-pass filtered at `CUT_OFF` as well.
-"""
+AMPLITUDE = 0.05
+"""Smallest amplitude of the spectral arc length, relative to the amplitude at 0 Hz."""
+
+PADDING = 4
+"""Padding of the spectral arc length, as an exponent of two."""
 
 
 def speed(p: Array, dt: float) -> Array:
@@ -46,19 +49,26 @@ def movements(v: Array, dt: float) -> list[tuple[int, int]]:
     A movement is an interval in which the speed is above `RESTS`. Rests shorter than `SHORT` belong to the movement
     around them; movements shorter than `SHORT` do not count.
     """
-    out: list[tuple[int, int]] = []
+    joined: list[tuple[int, int]] = []
     for first, last in runs(v > RESTS):
-        if out and (first - out[-1][1] - 1) * dt < SHORT:
-            out[-1] = out[-1][0], last
-        else:
-            out.append((first, last))
-    return [(a, b) for a, b in out if (b - a + 1) * dt >= SHORT - 1e-9]
+        begin = first
+        if joined:
+            previous_begin, previous_end = joined[-1]
+            if (first - previous_end - 1) * dt < SHORT:
+                begin = previous_begin
+                joined.pop()
+        joined.append((begin, last))
+    shortest = SHORT - 1e-9  # a movement of exactly `SHORT` counts, whatever its samples round to
+    return [(first, last) for first, last in joined if (last - first + 1) * dt >= shortest]
 
 
 def runs(flags: np.ndarray) -> list[tuple[int, int]]:
     """Return (first, last) indices of each run of true values in flags (k,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    padded = np.concatenate([[False], flags, [False]]).astype(int)
+    edges = np.flatnonzero(np.diff(padded))
+    firsts = edges[::2].tolist()
+    lasts = (edges[1::2] - 1).tolist()
+    return list(zip(firsts, lasts, strict=True))
 
 
 def economy(p: Array, parts: list[tuple[int, int]]) -> float:
@@ -67,8 +77,8 @@ def economy(p: Array, parts: list[tuple[int, int]]) -> float:
     Distances and path lengths are added up over the movements; the result is NaN without a movement. `p` (k, 3):
     positions of the point in m; `parts`: the result of `movements`.
     """
-    straight = sum(float(np.linalg.norm(p[b] - p[a])) for a, b in parts)
-    path = sum(path_length(p[a : b + 1]) for a, b in parts)
+    straight = sum([float(np.linalg.norm(p[last] - p[first])) for first, last in parts])
+    path = sum([path_length(p[first : last + 1]) for first, last in parts])
     return straight / path if path > 0 else np.nan
 
 
@@ -91,8 +101,11 @@ def spectral_arc_length(v: Array, dt: float) -> float:
     amplitude = np.abs(np.fft.rfft(v, count))
     amplitude /= amplitude.max()
     low = f <= CUT_OFF
-    f, amplitude = f[low], amplitude[low]
+    f = f[low]
+    amplitude = amplitude[low]
     end = int(np.flatnonzero(amplitude >= AMPLITUDE)[-1])
     if end == 0:
         return 0.0
-    return -float(np.hypot(np.diff(f[: end + 1]) / f[end], np.diff(amplitude[: end + 1])).sum())
+    frequency_steps = np.diff(f[: end + 1]) / f[end]
+    amplitude_steps = np.diff(amplitude[: end + 1])
+    return -float(np.hypot(frequency_steps, amplitude_steps).sum())

@@ -64,26 +64,44 @@ def draw(surfaces: Sequence[Surface], name: str, T_world_camera: Array, view: fl
     """
     width, height = SIZE
     picture = np.zeros((height, width, 3))
-    owner, flat, shade = _project(surfaces, T_world_camera, height / 2 / np.tan(view / 2))
-    mine = np.array([s.name == name for s in surfaces])[owner]
-    if not mine.any():
+    focal = height / 2 / np.tan(view / 2)
+    owner, flat, shade = _project(surfaces, T_world_camera, focal)
+    wanted = np.array([surface.name == name for surface in surfaces])[owner]
+    if not wanted.any():
         return Picture(picture, {})
-    low = np.clip(np.floor(flat[mine, :, :2].min(axis=(0, 1))).astype(int) - _MARGIN, 0, SIZE)
-    high = np.clip(np.ceil(flat[mine, :, :2].max(axis=(0, 1))).astype(int) + _MARGIN, 0, SIZE)
+    corners = flat[wanted]
+    top_left = np.floor(corners[..., :2].min(axis=(0, 1))).astype(int)
+    bottom_right = np.ceil(corners[..., :2].max(axis=(0, 1))).astype(int)
+    low = np.clip(top_left - _MARGIN, 0, SIZE)
+    high = np.clip(bottom_right + _MARGIN, 0, SIZE)
     if (high <= low).any():
         return Picture(picture, {})
-    over = (flat[..., :2].max(axis=1) > low).all(axis=1) & (flat[..., :2].min(axis=1) < high).all(axis=1)
-    over[over] = mine[over] | _reaches(flat[over], low, high, flat[mine, :, 2].min())
-    box, alone = _Box(low, high), _Box(low, high)
-    for k in np.flatnonzero(over):
+    after_low = (flat[..., :2].max(axis=1) > low).all(axis=1)
+    before_high = (flat[..., :2].min(axis=1) < high).all(axis=1)
+    drawn = after_low & before_high
+    drawn[drawn] = wanted[drawn] | _reaches(flat[drawn], low, high, corners[..., 2].min())
+    box = _Box(low, high)
+    alone = _Box(low, high)  # the surface as it looks without the others
+    for k in np.flatnonzero(drawn):
         box.draw(flat[k], owner[k], shade[k])
-        if mine[k]:
+        if wanted[k]:
             alone.draw(flat[k], owner[k], shade[k])
-    colors = np.array([np.asarray(s.rgb[:3], float) for s in surfaces] + [np.zeros(3)])
-    picture[low[1] : high[1], low[0] : high[0]] = (colors[box.owner] * box.shade[..., None]).mean(axis=0)
+    colors = [np.asarray(surface.rgb[:3], float) for surface in surfaces]
+    colors.append(np.zeros(3))  # index -1: nothing
+    samples = np.array(colors)[box.owner] * box.shade[..., None]
+    picture[low[1] : high[1], low[0] : high[0]] = samples.mean(axis=0)
+    return Picture(picture, _covered(surfaces, box, alone))
+
+
+def _covered(surfaces: Sequence[Surface], box: _Box, alone: _Box) -> dict[str, float]:
+    """Return {owner: fraction of the samples in `alone` that show this owner in `box` instead}."""
     whole = alone.owner >= 0
-    owners = np.array([s.owner for s in surfaces])[box.owner[whole & (box.owner != alone.owner)]]
-    return Picture(picture, {str(n): float((owners == n).sum() / whole.sum()) for n in np.unique(owners)})
+    hidden = whole & (box.owner != alone.owner)
+    owners = np.array([surface.owner for surface in surfaces])[box.owner[hidden]]
+    covered: dict[str, float] = {}
+    for name in np.unique(owners):
+        covered[str(name)] = float((owners == name).sum() / whole.sum())
+    return covered
 
 
 def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -> tuple[np.ndarray, Array, Array]:
@@ -91,27 +109,42 @@ def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -
 
     A corner is given by column, row and inverse depth. A triangle that reaches behind the lens is cut.
     """
-    owner = np.repeat(np.arange(len(surfaces)), [len(s.triangles) for s in surfaces])
-    corners = np.concatenate([s.vertices[s.triangles] for s in surfaces]) - T_world_camera[:3, 3]
+    owner = np.repeat(np.arange(len(surfaces)), [len(surface.triangles) for surface in surfaces])
+    corners = np.concatenate([surface.vertices[surface.triangles] for surface in surfaces]) - T_world_camera[:3, 3]
     corners = corners @ T_world_camera[:3, :3]
-    facing = np.sum(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * corners[:, 0], axis=1) < 0
-    owner, corners = owner[facing], corners[facing]
-    before = corners[..., 2] > _NEAR
-    whole, part = before.all(axis=1), before.any(axis=1) & ~before.all(axis=1)
-    cut = [(k, t) for k in np.flatnonzero(part) for t in _cut(corners[k])]
-    owner = np.concatenate([owner[whole], owner[[k for k, _ in cut]]])
-    corners = np.concatenate([corners[whole], np.reshape([t for _, t in cut], (-1, 3, 3))])
-    n = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    shade = 0.3 + 0.7 * np.abs(n[:, 2]) / np.maximum(np.linalg.norm(n, axis=1), 1e-30)  # light along the view
+    facing = np.sum(_normals(corners) * corners[:, 0], axis=1) < 0
+    owner = owner[facing]
+    corners = corners[facing]
+    before_lens = corners[..., 2] > _NEAR
+    whole = before_lens.all(axis=1)
+    part = before_lens.any(axis=1) & ~whole
+    cut_owners: list[int] = []
+    cut_corners: list[Array] = []
+    for k in np.flatnonzero(part):
+        for triangle in _cut(corners[k]):
+            cut_owners.append(owner[k])
+            cut_corners.append(triangle)
+    owner = np.concatenate([owner[whole], np.array(cut_owners, int)])
+    corners = np.concatenate([corners[whole], np.reshape(cut_corners, (-1, 3, 3))])
+    normals = _normals(corners)
+    lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-30)  # not 0, by which it is divided
+    shade = 0.3 + 0.7 * np.abs(normals[:, 2]) / lengths  # light along the view
     spots = focal * corners[..., :2] / corners[..., 2:] + np.array(SIZE) / 2
     return owner, np.concatenate([spots, 1 / corners[..., 2:]], axis=-1), shade
 
 
+def _normals(corners: Array) -> Array:
+    """Return the normals (k, 3), not of unit length, of triangles (k, 3, 3)."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
 def _reaches(flat: Array, low: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
     """Return (k,) bool: whether a triangle's inverse depth may exceed `depth` inside the box from low to high."""
-    a, b, c = flat[:, 0], flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    a = flat[:, 0]
+    b = flat[:, 1] - a
+    c = flat[:, 2] - a
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
-    area = np.where(np.abs(area) < 1e-12, np.inf, area)
+    area = np.where(np.abs(area) < 1e-12, np.inf, area)  # a triangle seen from its edge: its depth is that of `a`
     along = (b[:, 2] * c[:, 1] - c[:, 2] * b[:, 1]) / area
     down = (c[:, 2] * b[:, 0] - b[:, 2] * c[:, 0]) / area
     most = np.full(len(flat), -np.inf)
@@ -137,28 +170,37 @@ class _Box:
     """A part of the picture: owner (index of the surface; -1: nothing), shade and inverse depth of every sample."""
 
     def __init__(self, low: np.ndarray, high: np.ndarray) -> None:
-        self.low, self.high = low, high
+        self.low = low
+        self.high = high
         shape = (_SAMPLES, high[1] - low[1], high[0] - low[0])
-        self.owner, self.shade, self._depth = np.full(shape, -1), np.zeros(shape), np.zeros(shape)
+        self.owner = np.full(shape, -1)
+        self.shade = np.zeros(shape)
+        self._depth = np.zeros(shape)
 
     def draw(self, triangle: Array, owner: int, shade: float) -> None:
         """Draw a triangle (3, 3) where it is nearer than the surfaces drawn before."""
-        at = np.maximum(np.floor(triangle[:, :2].min(axis=0)).astype(int), self.low)
-        to = np.minimum(np.ceil(triangle[:, :2].max(axis=0)).astype(int), self.high)
-        (a, b, c), w = triangle[:, :2], triangle[:, 2]
+        begin = np.maximum(np.floor(triangle[:, :2].min(axis=0)).astype(int), self.low)
+        end = np.minimum(np.ceil(triangle[:, :2].max(axis=0)).astype(int), self.high)
+        a, b, c = triangle[:, :2]
+        depth_a, depth_b, depth_c = triangle[:, 2]
         area = _turn(b - a, c - a)
-        if (to <= at).any() or area == 0.0:
+        if (end <= begin).any() or area == 0.0:
             return
-        x = np.arange(at[0], to[0])[None, None, :] + 0.5
-        y = np.arange(at[1], to[1])[None, :, None] + _ROWS[:, None, None]
-        parts = [((q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])) / area for p, q in ((b, c), (c, a), (a, b))]
-        inside = (parts[0] >= 0) & (parts[1] >= 0) & (parts[2] >= 0)
-        depth = parts[0] * w[0] + parts[1] * w[1] + parts[2] * w[2]
-        here = np.s_[:, at[1] - self.low[1] : to[1] - self.low[1], at[0] - self.low[0] : to[0] - self.low[0]]
-        front = inside & (depth > self._depth[here])
-        self._depth[here][front] = depth[front]
-        self.owner[here][front] = owner
-        self.shade[here][front] = shade
+        x = np.arange(begin[0], end[0])[None, None, :] + 0.5
+        y = np.arange(begin[1], end[1])[None, :, None] + _ROWS[:, None, None]
+        # barycentric coordinates of every sample: the weights of the corners
+        weight_a = ((c[0] - b[0]) * (y - b[1]) - (c[1] - b[1]) * (x - b[0])) / area
+        weight_b = ((a[0] - c[0]) * (y - c[1]) - (a[1] - c[1]) * (x - c[0])) / area
+        weight_c = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
+        inside = (weight_a >= 0) & (weight_b >= 0) & (weight_c >= 0)
+        depth = weight_a * depth_a + weight_b * depth_b + weight_c * depth_c
+        first = begin - self.low
+        last = end - self.low
+        window = np.s_[:, first[1] : last[1], first[0] : last[0]]
+        front = inside & (depth > self._depth[window])
+        self._depth[window][front] = depth[front]
+        self.owner[window][front] = owner
+        self.shade[window][front] = shade
 
 
 def _turn(a: Array, b: Array) -> float:

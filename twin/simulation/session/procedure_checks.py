@@ -16,6 +16,7 @@ from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.simulation import operating_scene
+from twin.simulation.plants.tissue.operating import ClipPlace, Grasped
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Recording, Signals
 
@@ -67,7 +68,7 @@ class ProcedureMeasures:
     @property
     def done(self) -> bool:
         """Whether all checks are passed."""
-        return all(c.done for c in self.checks)
+        return all(check.done for check in self.checks)
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Closed:
 
     Attributes:
         t: time in s at which the clip was closed.
-        on: index of the vessel; -1: the clip is on no vessel.
+        on: index of the vessel, or `ClipPlace.ON_NOTHING`.
         at: position of the clip along the vessel in m.
         cover: fraction of the vessel's width that is between the legs of the clip, 0 to 1.
     """
@@ -105,6 +106,7 @@ class ProcedureReferee(Block):
         seen: fraction of the vessel that the camera sees in the last sample.
         freed: (n,) whether each cell of the bed is free.
         out: distance in m of the middle of the organ from the nearest port.
+        removed: whether the organ is free and has been taken out.
     """
 
     outputs: Mapping[str, ArrayLike] = {}
@@ -121,28 +123,38 @@ class ProcedureReferee(Block):
         Raises:
             TwinError: the task is not a procedure, or its organ is missing.
         """
-        scene, organ = setup.scene, operating_scene.organ_of(setup)
-        self.procedure, self.period = (p := operating_scene.procedure_of(scene, setup.task)), period
-        self.robots = [*p.start]
-        self._organ, self._vessels = organ, scene.vessels
-        self._ports = np.array([operating_scene.port_of(x) for x in operating_scene.robots_of(setup)])
+        scene = setup.scene
+        organ = operating_scene.organ_of(setup)
+        self.procedure = operating_scene.procedure_of(scene, setup.task)
+        self.period = period
+        self.robots = list(self.procedure.start)
+        self._organ = organ
+        self._vessels = scene.vessels
+        self._ports = np.array([operating_scene.port_of(place) for place in operating_scene.robots_of(setup)])
         self._middle = organ.weights.mean(axis=0)
-        self._number = next(k for k, v in enumerate(scene.vessels) if v.name == p.vessel)
-        self._clips = [n.removesuffix(".on") for n in clips]
-        self.closed, self.t, self._samples = list[Closed](), 0.0, 0
-        self.lift = self.seen = 0.0
+        self._number = [vessel.name for vessel in scene.vessels].index(self.procedure.vessel)
+        self._clips = [name.removesuffix(".on") for name in clips]  # in their appliers
+        self.closed: list[Closed] = []
+        self.t = 0.0
+        self.lift = 0.0
+        self.seen = 0.0
         self._last_lift = 0.0  # lift in the last sample before the first clip is closed
-        self._high: float | None = None
-        self._run = self._best = 0
-        self._shown: float | None = None
+        self._t_lifted: float | None = None
+        self._run = 0  # number of successive samples in which the camera sees enough of the vessel
+        self._longest_run = 0
+        self._t_shown: float | None = None
         self._t_cut = np.inf
-        self._cuts = [np.zeros(v.segments) for v in scene.vessels]
-        self.freed, self.energy = np.zeros(len(organ.held), bool), np.zeros(len(organ.held))
+        self._cuts = [np.zeros(vessel.segments) for vessel in scene.vessels]
+        self.freed = np.zeros(len(organ.held), bool)
+        self.energy = np.zeros(len(organ.held))
         self.out = np.inf
-        self._removed: tuple[float, bool] | None = None  # (time in s of first removal, whether it is out now)
-        self._depths = dict.fromkeys(p.spare, 0.0)
-        self._paths, self._tips = dict.fromkeys(self.robots, 0.0), dict[str, Array]()
-        self._pull = self._slipped = 0.0
+        self.removed = False
+        self._t_removed: float | None = None  # the first time; the organ may have been put back since
+        self._depths = dict.fromkeys(self.procedure.spare, 0.0)
+        self._paths = dict.fromkeys(self.robots, 0.0)
+        self._tips: dict[str, Array] = {}
+        self._pull = 0.0
+        self._slipped = 0.0
 
     @property
     def clips(self) -> int:
@@ -156,67 +168,79 @@ class ProcedureReferee(Block):
 
     def see(self, now: Mapping[str, Array], t: float) -> None:
         """Judge a sample at a time t in s, `period` after the sample before."""
-        p = self.procedure
-        self.t, self._samples = t, self._samples + 1
-        for name in [n for n in self._clips if now[f"{n}.on"][0] > -1.5]:
-            self._clips.remove(name)
-            on, at, cover = (float(now[f"{name}.{what}"][0]) for what in ("on", "at", "cover"))
-            self.closed.append(Closed(t, round(on), at, cover))
-        self.lift = max((float(now[f"{n}.lifted"][2]) for n in self.robots if now[f"{n}.holds"][0] == 0), default=0.0)
-        self.lift, self.seen = max(self.lift, 0.0), float(now[f"{p.vessel}.seen"][0])
+        self.t = t
+        self._see_clips(now)
+        self.lift = self._lift(now)
+        self.seen = float(now[f"{self.procedure.vessel}.seen"][0])
         if not self.closed:
-            self._before_clips(t)
-        for k, v in enumerate(self._vessels):
-            self._cuts[k] = now[f"{v.name}.cut"].copy()
-        if self._t_cut == np.inf and self._cuts[self._number].any():
+            self._before_clips()
+        for k, vessel in enumerate(self._vessels):
+            self._cuts[k] = now[f"{vessel.name}.cut"].copy()
+        if not self.cut and self._cuts[self._number].any():
             self._t_cut = t
-        self._see_organ(now, t)
-        for name in p.spare:
+        self._see_organ(now)
+        for name in self.procedure.spare:
             self._depths[name] = max(self._depths[name], float(now[f"{name}.depth"][0]))
-        for n in self.robots:
-            tip = now[f"{n}.tip"].copy()
-            self._paths[n] += float(np.linalg.norm(tip - self._tips.get(n, tip)))
-            self._tips[n] = tip
-            self._pull = max(self._pull, float(np.linalg.norm(now[f"{n}.pull"])))
-            self._slipped = max(self._slipped, float(now[f"{n}.slipped"][0]))
+        for robot in self.robots:
+            tip = now[f"{robot}.tip"].copy()
+            previous = self._tips.get(robot, tip)
+            self._paths[robot] += float(np.linalg.norm(tip - previous))
+            self._tips[robot] = tip
+            self._pull = max(self._pull, float(np.linalg.norm(now[f"{robot}.pull"])))
+            self._slipped = max(self._slipped, float(now[f"{robot}.slipped"][0]))
 
-    def _before_clips(self, t: float) -> None:
+    def _see_clips(self, now: Mapping[str, Array]) -> None:
+        """Move the clips that have left their appliers to the closed ones."""
+        for name in list(self._clips):
+            on = round(float(now[f"{name}.on"][0]))
+            if on == ClipPlace.UNUSED:
+                continue
+            self._clips.remove(name)
+            at = float(now[f"{name}.at"][0])
+            cover = float(now[f"{name}.cover"][0])
+            self.closed.append(Closed(self.t, on, at, cover))
+
+    def _lift(self, now: Mapping[str, Array]) -> float:
+        """Return the largest height in m by which a robot has lifted the organ; 0: no robot holds it."""
+        lift = 0.0
+        for robot in self.robots:
+            if now[f"{robot}.holds"][0] == Grasped.ORGAN:
+                lift = max(lift, float(now[f"{robot}.lifted"][2]))
+        return lift
+
+    def _before_clips(self) -> None:
         p = self.procedure
         self._last_lift = self.lift
-        if self._high is None and self.lift >= p.lift_mm * MM:
-            self._high = t
+        if self._t_lifted is None and self.lift >= p.lift_mm * MM:
+            self._t_lifted = self.t
         self._run = self._run + 1 if self.seen >= p.seen else 0
-        self._best = max(self._best, self._run)
-        if self._shown is None and self._run * self.period >= p.seen_s:
-            self._shown = t
+        self._longest_run = max(self._longest_run, self._run)
+        if self._t_shown is None and self._run * self.period >= p.seen_s:
+            self._t_shown = self.t
 
-    def _see_organ(self, now: Mapping[str, Array], t: float) -> None:
-        p, organ = self.procedure, self._organ
-        self.freed, self.energy = now[f"{organ.name}.freed"] > 0.5, now[f"{organ.name}.energy"].copy()
-        middle = self._middle @ now[f"{organ.name}.nodes"].reshape(-1, 3)
+    def _see_organ(self, now: Mapping[str, Array]) -> None:
+        p = self.procedure
+        organ = self._organ.name
+        self.freed = now[f"{organ}.freed"] > 0.5
+        self.energy = now[f"{organ}.energy"].copy()
+        middle = self._middle @ now[f"{organ}.nodes"].reshape(-1, 3)
         self.out = float(np.linalg.norm(middle - self._ports, axis=1).min())
-        done = bool(self.freed.all() and self.energy.min() >= p.bed_j and self.out <= p.out_mm * MM)
-        if done and self._removed is None:
-            self._removed = t, True
-        elif self._removed is not None:
-            self._removed = self._removed[0], done
+        is_free = bool(self.freed.all()) and bool(self.energy.min() >= p.bed_j)
+        self.removed = is_free and self.out <= p.out_mm * MM
+        if self.removed and self._t_removed is None:
+            self._t_removed = self.t
 
     # -- checks ----------------------------------------------------------------------------------------------
 
     @property
     def on_vessel(self) -> int:
         """Number of clips that close the vessel of the procedure."""
-        return sum(c.on == self._number and c.closes for c in self.closed)
+        return len(self._shut())
 
     @property
     def cut(self) -> bool:
         """Whether the vessel of the procedure is cut."""
         return self._t_cut < np.inf
-
-    @property
-    def removed(self) -> bool:
-        """Whether the organ is free and has been taken out."""
-        return self._removed is not None and self._removed[1]
 
     def checks(self) -> list[Check]:
         """Return the five stages in order, then the checks of the whole session."""
@@ -226,7 +250,7 @@ class ProcedureReferee(Block):
     def measures(self) -> ProcedureMeasures:
         """Return the checks and measures of all samples so far."""
         checks = self.checks()
-        times = [c.t for c in checks[:5] if c.t is not None]
+        times = [check.t for check in checks[:5] if check.t is not None]
         time = max(times) if len(times) == 5 else self.t
         energy = float(self.energy.sum())
         return ProcedureMeasures(checks, time, dict(self._paths), len(self.closed), energy, self._pull, self._slipped)
@@ -239,41 +263,60 @@ class ProcedureReferee(Block):
             f"the held point of the {spoken(p.organ)} was {self._last_lift / MM:.1f} mm above its place {when} "
             f"(required: {p.lift_mm:g} mm)"
         )
-        return Check("expose", done, self._high if done else None, text, bool(self.closed) and not done)
+        lost = bool(self.closed) and not done
+        return Check("expose", done, self._t_lifted if done else None, text, lost)
 
     def _show(self) -> Check:
         p = self.procedure
+        longest = self._longest_run * self.period
+        when = " before the first clip" if self.closed else ""
         text = (
-            f"{p.camera} saw at least {p.seen:.0%} of the {spoken(p.vessel)} for {self._best * self.period:.1f} s"
-            f"{' before the first clip' if self.closed else ''} (required: {p.seen_s:g} s)"
+            f"{p.camera} saw at least {p.seen:.0%} of the {spoken(p.vessel)} for {longest:.1f} s"
+            f"{when} (required: {p.seen_s:g} s)"
         )
-        done = self._shown is not None
-        return Check("show", done, self._shown, text, bool(self.closed) and not done)
+        done = self._t_shown is not None
+        lost = bool(self.closed) and not done
+        return Check("show", done, self._t_shown, text, lost)
 
     def _clip(self) -> Check:
         p = self.procedure
         wanted = p.clips_kept + p.clips_taken
-        shut = sorted(c.t for c in self._shut() if c.t <= self._t_cut)
-        part = sum(c.on == self._number and not c.closes for c in self.closed)
-        beside = sum(c.on == -1 for c in self.closed)
-        more = "".join(
-            f"; {n} {what}" for n, what in ((part, "closed on a part of its width"), (beside, "closed beside it")) if n
-        )
-        text = f"{len(shut)} clips closed the {spoken(p.vessel)} before it was cut (required: {wanted}){more}"
-        done = len(shut) >= wanted
-        lost = not done and (self.cut or len(shut) + len(self._clips) < wanted)
-        return Check("clip", done, shut[wanted - 1] if done else None, text, lost)
+        times = sorted(clip.t for clip in self._shut() if clip.t <= self._t_cut)
+        partial = 0
+        beside = 0
+        for clip in self.closed:
+            if clip.on == ClipPlace.ON_NOTHING:
+                beside += 1
+            elif clip.on == self._number and not clip.closes:
+                partial += 1
+        text = f"{len(times)} clips closed the {spoken(p.vessel)} before it was cut (required: {wanted})"
+        if partial:
+            text += f"; {partial} closed on a part of its width"
+        if beside:
+            text += f"; {beside} closed beside it"
+        done = len(times) >= wanted
+        too_few = len(times) + len(self._clips) < wanted
+        lost = not done and (self.cut or too_few)
+        return Check("clip", done, times[wanted - 1] if done else None, text, lost)
 
     def _shut(self) -> list[Closed]:
-        return [c for c in self.closed if c.on == self._number and c.closes]
+        """Return the clips that close the vessel of the procedure."""
+        return [clip for clip in self.closed if clip.on == self._number and clip.closes]
 
     def _cut(self) -> Check:
-        v, gone = self._vessels[self._number], np.flatnonzero(self._cuts[self._number])
-        if not len(gone):
-            return Check("cut", False, None, f"the {spoken(v.name)} is not cut")
-        low, high = v.arc[gone[0]], v.arc[gone[-1] + 1]
-        taken, kept = (sum(c.at < low for c in self._shut()), sum(c.at > high for c in self._shut()))
-        open_ends = [side for side, n in (("the organ's side", taken), ("the other side", kept)) if n == 0]
+        vessel = self._vessels[self._number]
+        cut_segments = np.flatnonzero(self._cuts[self._number])
+        if not len(cut_segments):
+            return Check("cut", False, None, f"the {spoken(vessel.name)} is not cut")
+        low = vessel.arc[cut_segments[0]]
+        high = vessel.arc[cut_segments[-1] + 1]
+        taken = sum(clip.at < low for clip in self._shut())
+        kept = sum(clip.at > high for clip in self._shut())
+        open_ends = []
+        if taken == 0:
+            open_ends.append("the organ's side")
+        if kept == 0:
+            open_ends.append("the other side")
         text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on the organ's side, {kept} on the other side"
         if open_ends:
             text += f"; the end on {' and '.join(open_ends)} is open: bile leaks"
@@ -281,35 +324,41 @@ class ProcedureReferee(Block):
 
     def _remove(self) -> Check:
         p = self.procedure
+        free = int(self.freed.sum())
         text = (
-            f"{int(self.freed.sum())} of {len(self.freed)} cells of the bed are free (at least {p.bed_j:g} J each); "
+            f"{free} of {len(self.freed)} cells of the bed are free (at least {p.bed_j:g} J each); "
             f"the middle of the {spoken(p.organ)} is {self.out / MM:.0f} mm from the nearest port "
             f"(allowed: {p.out_mm:g} mm)"
         )
-        return Check("remove", self.removed, self._removed[0] if self._removed and self.removed else None, text)
+        return Check("remove", self.removed, self._t_removed if self.removed else None, text)
 
     def _spared(self) -> Check:
-        p, depths = self.procedure, self._depths
-        worst = max(depths, key=lambda n: depths[n])
-        deep = f"{depths[worst] / MM:.1f} mm below the rest surface of the {spoken(worst)}"
-        text = f"deepest tip {deep} (allowed: {p.depth_mm:g} mm)"
-        done = depths[worst] <= p.depth_mm * MM
+        p = self.procedure
+        worst = max(self._depths, key=self._depths.__getitem__)
+        depth = self._depths[worst]
+        text = (
+            f"deepest tip {depth / MM:.1f} mm below the rest surface of the {spoken(worst)} "
+            f"(allowed: {p.depth_mm:g} mm)"
+        )
+        done = depth <= p.depth_mm * MM
         return Check("organs", done, None, text, not done)
 
     def _other_vessels(self) -> Check:
-        wrong = [
-            f"{sum(c.on == k for c in self.closed)} clips on and {int(self._cuts[k].sum())} cuts "
-            f"of the {spoken(v.name)}"
-            for k, v in enumerate(self._vessels)
-            if k != self._number and (any(c.on == k for c in self.closed) or self._cuts[k].any())
-        ]
+        wrong = []
+        for k, vessel in enumerate(self._vessels):
+            if k == self._number:
+                continue
+            clips = sum(clip.on == k for clip in self.closed)
+            cuts = int(self._cuts[k].sum())
+            if clips or self._cuts[k].any():
+                wrong.append(f"{clips} clips on and {cuts} cuts of the {spoken(vessel.name)}")
         text = "; ".join(wrong) or "no other vessel was clipped or cut"
         return Check("vessels", not wrong, None, text, bool(wrong))
 
 
 def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:
     """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
-    clips = [n for n in sorted(kept.sizes) if n.startswith("clip_") and n.endswith(".on")]
+    clips = [name for name in sorted(kept.sizes) if name.startswith("clip_") and name.endswith(".on")]
     referee = ProcedureReferee(setup, clips, kept.dt)
     for t, now in zip(kept.t.tolist(), kept.samples(kept.sizes), strict=True):
         referee.see(now, t)

@@ -11,7 +11,8 @@ from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.model.tool import Kind
 from twin.simulation.console_scene import hands_of
-from twin.simulation.session.procedure_checks import Check, ProcedureReferee
+from twin.simulation.plants.tissue.operating import Grasped
+from twin.simulation.session.procedure_checks import Check, Closed, ProcedureReferee
 from twin.simulation.session.referee import Event
 from twin.simulation.setup import Setup
 
@@ -44,40 +45,60 @@ class ProcedureGuide(ProcedureReferee):
     def __init__(self, setup: Setup, clips: Sequence[str], period: float) -> None:
         """Begin with no sample, see `ProcedureReferee`; a console of the scene moves the robots."""
         super().__init__(setup, clips, period)
-        self.complete, self.events = False, list[Event]()
-        self._tools, self._hands = [*setup.scene.tools.values()], hands_of(setup.scene)
+        self.complete = False
+        self.events: list[Event] = []
+        self._tools = list(setup.scene.tools.values())
+        self._hands = hands_of(setup.scene)
         self._carried = dict.fromkeys(self.robots, -1)
-        self._holds, self._told = dict.fromkeys(self.robots, -1), dict[str, str]()
+        self._holds: dict[str, int] = dict.fromkeys(self.robots, Grasped.NOTHING)
+        self._told: dict[str, str] = {}
         self._out_since: float | None = None
         self._content: JsonObject = {}
         self._next = 0.0
 
     def see(self, now: Mapping[str, Array], t: float) -> None:
         """Check a sample at t in s, and add its events."""
-        clips, freed = len(self.closed), int(self.freed.sum())
+        clips = len(self.closed)
+        free_before = int(self.freed.sum())
         super().see(now, t)
         for clip in self.closed[clips:]:
-            name = self._vessels[clip.on].name if clip.on >= 0 else ""
-            if not name:
-                self._tell("bad", "a clip was closed beside all vessels")
-            elif not clip.closes:
-                self._tell("bad", f"a clip was closed on {clip.cover:.0%} of the width of the {spoken(name)}")
-            else:
-                self._tell("good" if name == self.procedure.vessel else "bad", f"a clip closes the {spoken(name)}")
-        if (free := int(self.freed.sum())) > freed:
+            self._tell_clip(clip)
+        free = int(self.freed.sum())
+        if free > free_before:
             self._tell("good", f"{free} of {len(self.freed)} cells of the bed are free")
-        for n in self.robots:
-            holds, before = round(float(now[f"{n}.holds"][0])), self._holds[n]
-            self._carried[n], self._holds[n] = round(float(now[f"{n}.carries"][0])), holds
-            if holds != before:
-                what = self._held(holds if holds >= 0 else before)
-                self._tell("plain", f"{n} {'holds' if holds >= 0 else 'has released'} the {what}")
+        for robot in self.robots:
+            self._see_robot(robot, now)
         out_since = self._out_since if self._out_since is not None else t
         self._out_since = out_since if self.removed else None
         self.complete = self.removed and t - out_since >= _OUT
         if t >= self._next or self.complete:
             self._next = t + _SAID
             self._say(now)
+
+    def _tell_clip(self, clip: Closed) -> None:
+        if clip.on < 0:
+            self._tell("bad", "a clip was closed beside all vessels")
+            return
+        name = self._vessels[clip.on].name
+        if not clip.closes:
+            self._tell("bad", f"a clip was closed on {clip.cover:.0%} of the width of the {spoken(name)}")
+        elif name == self.procedure.vessel:
+            self._tell("good", f"a clip closes the {spoken(name)}")
+        else:
+            self._tell("bad", f"a clip closes the {spoken(name)}")
+
+    def _see_robot(self, robot: str, now: Mapping[str, Array]) -> None:
+        """Read the tool of a robot and what it holds; add an event if it has grasped or released something."""
+        before = self._holds[robot]
+        holds = round(float(now[f"{robot}.holds"][0]))
+        self._carried[robot] = round(float(now[f"{robot}.carries"][0]))
+        self._holds[robot] = holds
+        if holds == before:
+            return
+        if holds == Grasped.NOTHING:
+            self._tell("plain", f"{robot} has released the {self._held(before)}")
+        else:
+            self._tell("plain", f"{robot} holds the {self._held(holds)}")
 
     def content(self) -> JsonObject:
         """Return the scoreboard as plain data: measures, stages with their state, the next step, the last events."""
@@ -86,42 +107,65 @@ class ProcedureGuide(ProcedureReferee):
     @property
     def ending(self) -> str:
         """Text that states whether the organ is out, and which checks failed."""
-        missed = [_TITLES[c.name] for c in self.checks() if not c.done]
-        said = f"Not passed: {', '.join(missed)}." if missed else "All checks are passed."
-        return f"The {spoken(self.procedure.organ)} is out. {said}"
+        missed = [_TITLES[check.name] for check in self.checks() if not check.done]
+        result = f"Not passed: {', '.join(missed)}." if missed else "All checks are passed."
+        return f"The {spoken(self.procedure.organ)} is out. {result}"
 
     def _say(self, now: Mapping[str, Array]) -> None:
         checks = self.checks()
-        for c in checks:
-            state = _state(c)
-            if state != self._told.get(c.name, "open" if c.t is not None or not c.done else state):
-                self._tell("good" if c.done else "bad", f"{_TITLES[c.name]}: {'passed' if c.done else c.text}")
-            self._told[c.name] = state
-        rows = [["Time", f"{self.t:.1f} s"], ["Clips left", f"{self.clips - len(self.closed)} of {self.clips}"]]
-        rows.append(["Energy into the bed", f"{self.energy.sum():.0f} J"])
-        m = self.measures()
-        rows.append(["Largest pull of a grasper", f"{m.largest_pull:.1f} N"])
-        rows += [[f"Path of {n}", f"{path / MM:.0f} mm"] for n, path in m.paths.items()]
+        stages = []
+        for check in checks:
+            state = _state(check)
+            self._tell_change(check, state)
+            self._told[check.name] = state
+            stages.append([_TITLES[check.name], state, check.text])
+        clips_left = self.clips - len(self.closed)
+        measures = self.measures()
+        rows = [
+            ["Time", f"{self.t:.1f} s"],
+            ["Clips left", f"{clips_left} of {self.clips}"],
+            ["Energy into the bed", f"{self.energy.sum():.0f} J"],
+            ["Largest pull of a grasper", f"{measures.largest_pull:.1f} N"],
+        ]
+        for robot, path in measures.paths.items():
+            rows.append([f"Path of {robot}", f"{path / MM:.0f} mm"])
         self._content = {
             "rows": rows,
             "rings": [],
-            "stages": [[_TITLES[c.name], _state(c), c.text] for c in checks],
+            "stages": stages,
             "next": self._hint(checks),
-            "events": [[round(e.t, 1), e.tone, e.text] for e in self.events[-5:]],
+            "events": [[round(event.t, 1), event.tone, event.text] for event in self.events[-5:]],
         }
+
+    def _tell_change(self, check: Check, state: str) -> None:
+        """Add an event if the state of a check is not the one before."""
+        before = self._told.get(check.name)
+        if before is None:
+            # at the start, a check that applies to the whole session is passed, which is no news
+            whole_session = check.t is None and check.done
+            before = state if whole_session else "open"
+        if state == before:
+            return
+        if check.done:
+            self._tell("good", f"{_TITLES[check.name]}: passed")
+        else:
+            self._tell("bad", f"{_TITLES[check.name]}: {check.text}")
 
     def _tell(self, tone: Literal["good", "plain", "bad"], text: str) -> None:
         self.events.append(Event(self.t, tone, text))
 
     def _held(self, number: int) -> str:
-        return spoken(self.procedure.organ if number == 0 else self._vessels[number - 1].name)
+        if number == Grasped.ORGAN:
+            return spoken(self.procedure.organ)
+        return spoken(self._vessels[number - 1].name)
 
     # -- what to do next ---------------------------------------------------------------------------------------
 
     def _hint(self, checks: Sequence[Check]) -> str:
         """Return an instruction for the next step of the first stage that is not done."""
-        p, states = self.procedure, {c.name: _state(c) for c in checks}
-        holder = next((n for n in self.robots if self._holds[n] == 0), None)
+        p = self.procedure
+        states = {check.name: _state(check) for check in checks}
+        holder = self._holder()
         if states["expose"] == "open" and holder is None:
             return self._with("grasper", f"bring its tip to the {spoken(p.organ)}; open its jaws, close them")
         if states["expose"] == "open":
@@ -132,7 +176,8 @@ class ProcedureGuide(ProcedureReferee):
             return f"Hold the camera pedal and move both hands {until}: {part}"
         if states["clip"] == "open":
             where = "near the organ" if self.on_vessel >= p.clips_kept else "away from the organ"
-            count = f"{self.on_vessel} of {p.clips_kept + p.clips_taken} clips"
+            wanted = p.clips_kept + p.clips_taken
+            count = f"{self.on_vessel} of {wanted} clips"
             return self._with(
                 "clip_applier", f"bring the {spoken(p.vessel)} between its jaws, {where}, and close them: {count}"
             )
@@ -141,7 +186,8 @@ class ProcedureGuide(ProcedureReferee):
                 "scissors", f"bring the {spoken(p.vessel)} between its blades, between the clips; open them, close them"
             )
         if not self.freed.all():
-            count = f"{int(self.freed.sum())} of {len(self.freed)} cells are free"
+            free = int(self.freed.sum())
+            count = f"{free} of {len(self.freed)} cells are free"
             return self._with("cautery", f"touch a yellow mark of the bed with its tip, and switch it on: {count}")
         if holder is None:
             return self._with("grasper", f"grasp the {spoken(p.organ)}")
@@ -151,16 +197,33 @@ class ProcedureGuide(ProcedureReferee):
 
     def _with(self, kind: Kind, do: str) -> str:
         """Return the instruction `do` for the robot with a kind of tool; without one, how to choose the tool."""
-        carrier = next((n for n in self.robots if self._tools[self._carried[n]].kind == kind), None)
-        if carrier is not None:
-            return f"{self._tools[self._carried[carrier]].title} of {carrier}, {self._hands[carrier]} hand: {do}"
-        title = next(t.title for t in self._tools if t.kind == kind)
-        free = next((n for n in self.robots if self._holds[n] < 0), self.robots[0])
+        for robot in self.robots:
+            tool = self._tools[self._carried[robot]]
+            if tool.kind == kind:
+                return f"{tool.title} of {robot}, {self._hands[robot]} hand: {do}"
+        title = next(tool.title for tool in self._tools if tool.kind == kind)
+        robot = self._free_robot()
         return (
-            f"Choose {title} for {free}, {self._hands[free]} hand, and draw its tip back to at most "
+            f"Choose {title} for {robot}, {self._hands[robot]} hand, and draw its tip back to at most "
             f"{self.procedure.change_mm:g} mm from the port"
         )
 
+    def _holder(self) -> str | None:
+        """Return the first robot that holds the organ; None if there is none."""
+        for robot in self.robots:
+            if self._holds[robot] == Grasped.ORGAN:
+                return robot
+        return None
 
-def _state(c: Check) -> Literal["done", "open", "failed"]:
-    return "done" if c.done else "failed" if c.lost else "open"
+    def _free_robot(self) -> str:
+        """Return the first robot that holds nothing; if there is none, the first robot."""
+        for robot in self.robots:
+            if self._holds[robot] == Grasped.NOTHING:
+                return robot
+        return self.robots[0]
+
+
+def _state(check: Check) -> Literal["done", "open", "failed"]:
+    if check.done:
+        return "done"
+    return "failed" if check.lost else "open"

@@ -26,13 +26,17 @@ _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
 
 def by_hand(session: Session) -> bool:
     """Return whether a procedure was performed at a console by hand; otherwise, a simulated surgeon performed it."""
-    return any(s.name == f"{console_scene.PEDALS}.clutch" for s in session.head.device)
+    return f"{console_scene.PEDALS}.clutch" in file.sizes(session.head.device)
 
 
 def keep_for(world: World, procedure: ProcedureTable, sample: float = _SAMPLE) -> Keep:
     """Return a `Keep` of the measures' signals, with the nodes of the removed organ only; one row every `sample` s."""
-    own = f"{procedure.organ}.nodes"
-    names = [n for n in world.signals.sizes if n == own or not n.endswith((".nodes", ".pose", ".goal", ".command"))]
+    nodes = f"{procedure.organ}.nodes"
+    unused = (".nodes", ".pose", ".goal", ".command")
+    names = []
+    for name in world.signals.sizes:
+        if name == nodes or not name.endswith(unused):
+            names.append(name)
     return Keep(world, names, sample)
 
 
@@ -52,10 +56,12 @@ def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", p
         WorldError: there is no such mistake, no robot can carry a required tool, or a link is inside an organ at the
             start.
     """
-    device, tape = ProcedureSurgeon(setup, seed, mistake), Tape()
+    device = ProcedureSurgeon(setup, seed, mistake)
+    tape = Tape()
     world = procedure_scene.world(setup, device, records=False, watch=[tape])
     keep = keep_for(world, operating_scene.procedure_of(setup.scene, setup.task))
-    with SessionWriter(path, head_of(setup, world, device, seed, procedure_scene.identity(setup))) as writer:
+    head = head_of(setup, world, device, seed, procedure_scene.identity(setup))
+    with SessionWriter(path, head) as writer:
         while not world.ended and not writer.full:
             world.step(file.CHUNK // 4)
             rows = tape.take()
@@ -79,21 +85,23 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
     Raises:
         WorldError: the session is of another scene, the scene has changed since, or the World has other signals.
     """
-    begin, tape = session.head, Tape()
+    head = session.head
     kind = console_scene if by_hand(session) else procedure_scene
-    if begin.scene != setup.scene.name or begin.identity != kind.identity(setup):
+    if head.scene != setup.scene.name or head.identity != kind.identity(setup):
         raise WorldError(
-            f"{path}: the session was recorded in scene '{begin.scene}'. This is another scene, or the scene has "
+            f"{path}: the session was recorded in scene '{head.scene}'. This is another scene, or the scene has "
             "changed since: restore the earlier scene to replay the session"
         )
-    own, device = file.sizes(begin.device), session.device
-    recorded = Recorded(Recording(begin.dt, own, device), *own)
+    sizes = file.sizes(head.device)
+    recorded = Recorded(Recording(head.dt, sizes, session.device), *sizes)
+    tape = Tape()
     world = kind.world(setup, recorded, records=False, watch=[tape])
-    if world.signals.sizes != file.sizes(begin.world) or not np.isclose(begin.dt, world.dt):
+    if world.signals.sizes != file.sizes(head.world) or not np.isclose(head.dt, world.dt):
         raise WorldError(
-            f"{path}: the session was written by twin {begin.twin}, whose World has other signals: replay it with that "
+            f"{path}: the session was written by twin {head.twin}, whose World has other signals: replay it with that "
             "version"
         )
     procedure = operating_scene.procedure_of(setup.scene, setup.task)
-    keep = keep_for(world, procedure, console_scene.ORGANS if by_hand(session) else _SAMPLE)
+    sample = console_scene.ORGANS if by_hand(session) else _SAMPLE
+    keep = keep_for(world, procedure, sample)
     return repeat(session, world, tape, keep, progress)

@@ -68,11 +68,14 @@ class InstrumentReferee(Block):
 
     def __init__(self, robots: Sequence[str], period: float) -> None:
         """Begin with no sample; `robots`: the instruments, in the order of the numbers in `<object>.holder`."""
-        self.period, self.events, self._names = period, list[Event](), tuple(robots)
+        self.period = period
+        self.events: list[Event] = []
+        self._names = tuple(robots)
         self._few = round(SHORT / period)
         self._hits = [Runs(self._few) for _ in robots]
         self._meetings = Runs(self._few)
-        self._samples, self._begun = 0, -1
+        self._samples = 0
+        self._begun = -1
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Judge the signals at the end of this tick."""
@@ -82,7 +85,10 @@ class InstrumentReferee(Block):
     @property
     def signals(self) -> list[str]:
         """Names of the signals that the referee reads."""
-        return [f"{name}.{what}" for name in self._names for what in ("touches", "meets", "follows")]
+        names = []
+        for robot in self._names:
+            names += [f"{robot}.touches", f"{robot}.meets", f"{robot}.follows"]
+        return names
 
     def see_all(self, kept: Recording) -> None:
         """Judge all samples of a recording; the referee must have no samples yet, and the same period as `kept`."""
@@ -117,11 +123,13 @@ class InstrumentReferee(Block):
         """Return the time in s from the first moment in which an arm follows its hand to `end` (None: until now)."""
         if self._begun < 0:
             return 0.0
-        return (self._samples * self.period if end is None else end) - self._begun * self.period
+        if end is None:
+            end = self._samples * self.period
+        return end - self._begun * self.period
 
     def _tell(self, k: int, tone: Tone, text: str) -> None:
         self.events.append(Event(k * self.period, tone, text))
 
     def _told(self, last: int) -> list[list]:
         """Return the newest events, at most `last`, as plain data."""
-        return [[round(e.t, 1), e.tone, e.text] for e in self.events[-last:]]
+        return [[round(event.t, 1), event.tone, event.text] for event in self.events[-last:]]

@@ -58,12 +58,12 @@ class BoardMeasures:
     @property
     def transferred(self) -> int:
         """Number of rings that, at the end, are around their pegs and not held (n_RTC in the paper)."""
-        return sum(r.t is not None for r in self.rings)
+        return sum(ring.t is not None for ring in self.rings)
 
     @property
     def dropped(self) -> int:
         """Number of drops of all rings (n_RD in the paper)."""
-        return sum(r.drops for r in self.rings)
+        return sum(ring.drops for ring in self.rings)
 
     @property
     def errors(self) -> int:
@@ -102,21 +102,30 @@ class Referee(InstrumentReferee):
             period: time in s between two samples.
         """
         super().__init__(robots, period)
-        shapes = {o.name: o for o in objects}
-        self._rings = [_Ring(shapes[t.ring], pegs[t.peg], self._few) for t in task.transfers]
+        by_name = {item.name: item for item in objects}
+        self._rings: list[_Ring] = []
+        for transfer in task.transfers:
+            self._rings.append(_Ring(by_name[transfer.ring], pegs[transfer.peg], self._few))
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         for ring in self._rings:
-            name = ring.name
-            if (news := ring.see(k, now[f"{name}.pose"], int(now[f"{name}.holder"][0]))) is not None:
-                done = sum(r.settled for r in self._rings)
-                count = f": {done} of {len(self._rings)}" if news[0] == "good" else ""
-                self._tell(k, news[0], news[1] + count)
+            holder = int(now[f"{ring.name}.holder"][0])
+            news = ring.see(k, now[f"{ring.name}.pose"], holder)
+            if news is None:
+                continue
+            tone, text = news
+            if tone == "good":
+                done = sum(each.settled for each in self._rings)
+                text += f": {done} of {len(self._rings)}"
+            self._tell(k, tone, text)
 
     @property
     def signals(self) -> list[str]:
         """Names of the signals that the referee reads."""
-        return [*super().signals, *(f"{ring.name}.{what}" for ring in self._rings for what in ("pose", "holder"))]
+        names = super().signals
+        for ring in self._rings:
+            names += [f"{ring.name}.pose", f"{ring.name}.holder"]
+        return names
 
     @property
     def complete(self) -> bool:
@@ -125,11 +134,12 @@ class Referee(InstrumentReferee):
 
     def measures(self) -> BoardMeasures:
         """Return the measures of all samples so far."""
-        found = [ring.result(self.period) for ring in self._rings]
-        times = [r.t for r in found if r.t is not None]
-        return BoardMeasures(
-            found, self.collisions, self._duration(max(times) if times and len(times) == len(found) else None)
-        )
+        results = [ring.result(self.period) for ring in self._rings]
+        times = [result.t for result in results if result.t is not None]
+        end = None
+        if times and len(times) == len(results):
+            end = max(times)
+        return BoardMeasures(results, self.collisions, self._duration(end))
 
     def content(self, last: int = 5) -> JsonObject:
         """Return the scoreboard as plain data: the measures, the state and colour of each ring, the `last` events."""
@@ -164,15 +174,21 @@ def crossing(T: Array, radius: float, start: Array, end: Array) -> float | None:
     The ring has the pose T (16,), row by row. None: the line does not intersect the plane of the ring at less than
     `radius` in m from the ring's centre.
     """
+    # plain numbers: a referee calls this for every ring in every sample, and arrays of 3 numbers take longer
     _, _, nx, x, _, _, ny, y, _, _, nz, z, *_ = T.tolist()
-    (fx, fy, fz), (ex, ey, ez) = start.tolist(), end.tolist()
-    wx, wy, wz = ex - fx, ey - fy, ez - fz
+    fx, fy, fz = start.tolist()
+    ex, ey, ez = end.tolist()
+    wx = ex - fx
+    wy = ey - fy
+    wz = ez - fz
     slope = nx * wx + ny * wy + nz * wz
-    if abs(slope) < 1e-12:
+    if abs(slope) < 1e-12:  # the line is parallel to the plane of the ring
         return None
     s = (nx * (x - fx) + ny * (y - fy) + nz * (z - fz)) / slope
-    off = math.hypot(fx + s * wx - x, fy + s * wy - y, fz + s * wz - z)
-    return s if 0 <= s <= 1 and off < radius else None
+    if not 0 <= s <= 1:
+        return None
+    distance = math.hypot(fx + s * wx - x, fy + s * wy - y, fz + s * wz - z)
+    return s if distance < radius else None
 
 
 @dataclass
@@ -219,11 +235,15 @@ class _Ring:
 
     def see(self, k: int, T: Array, holder: int) -> tuple[Tone, str] | None:
         """Judge sample k; return tone and text of an event, or None."""
-        before, self.at, self.holder = self.holder, k, holder
+        before = self.holder
+        self.at = k
+        self.holder = holder
         if holder >= 0:
             if self.held is None or k - self.held > self.few:  # after a shorter gap, it is still the same grasp
                 self.drops += self.fell
-            self.held, self.free, self.placed = k, None, None
+            self.held = k
+            self.free = None
+            self.placed = None
         else:
             self.z = float(T[11])
             if before >= 0:
@@ -235,26 +255,37 @@ class _Ring:
         return self._news()
 
     def _news(self) -> tuple[Tone, str] | None:
-        if self.holder >= 0:
-            now = "" if self.told != "placed" else "taken"
-        elif not self.left:
+        if self.holder < 0 and not self.left:
             return None
-        else:
-            now = "placed" if self.placed is not None else "dropped" if self.fell else ""
-        before, self.told = self.told, now
-        if now == before:
+        before = self.told
+        self.told = self._state_to_tell()
+        if self.told == before:
             return None
-        if now == "placed":
+        if self.told == "placed":
             return "good", f"{spoken(self.name)} is on its peg"
-        if now == "dropped":
+        if self.told == "dropped":
             return "bad", f"{spoken(self.name)} was dropped"
-        return ("plain", f"{spoken(self.name)} has left its peg") if before == "placed" else None
+        if before == "placed":
+            return "plain", f"{spoken(self.name)} has left its peg"
+        return None
+
+    def _state_to_tell(self) -> str:
+        """Return "taken" from its peg, "placed", "dropped" or ""."""
+        if self.holder >= 0:
+            return "taken" if self.told == "placed" else ""
+        if self.placed is not None:
+            return "placed"
+        return "dropped" if self.fell else ""
 
     def state(self, robots: Sequence[str]) -> str:
         """Return the state of the ring as text: held, on its peg, dropped or not on its peg."""
         if self.holder >= 0:
             return f"held by {robots[self.holder]}"
-        return "on its peg" if self.settled else "dropped" if self.fell and self.left else "not on its peg"
+        if self.settled:
+            return "on its peg"
+        if self.fell and self.left:
+            return "dropped"
+        return "not on its peg"
 
     def result(self, dt: float) -> RingResult:
         """Return the result of all samples so far, which are dt in s apart."""

@@ -31,14 +31,17 @@ from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 from twin.simulation.ways import Ways
 from twin.simulation.world import Block, Recording, World
+from twin.simulation.world.signals import columns
 
 SAMPLE = 5e-3
 """Time in s between two kept rows of signals."""
 
 _KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".rubs", ".force")
 _KEPT += (".deviation", ".apart", ".phase", ".run", ".cue")
+"""Ends of the names of signals that are kept."""
+
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
-"""Prefixes of signal names. A signal is kept if its name has one of these prefixes, or ends with an item of `_KEPT`."""
+"""Prefixes of the names of signals that are kept."""
 
 Progress = Callable[[str, float], None]
 
@@ -90,11 +93,17 @@ class Keep:
 
     def __init__(self, world: World, names: Sequence[str], sample: float = SAMPLE) -> None:
         """Begin with no row; `sample`: time in s between two rows."""
-        self._dt, self._every, self._next = world.dt, max(1, round(sample / world.dt)), 0
+        self._dt = world.dt
+        self._every = max(1, round(sample / world.dt))
+        self._next = 0  # index of the next kept row among the rows to be added
         all_sizes = world.signals.sizes
-        self._sizes = {n: all_sizes[n] for n in names}
-        ends = dict(zip(all_sizes, np.cumsum([*all_sizes.values()]).tolist(), strict=True))
-        self._columns = np.concatenate([np.arange(ends[n] - all_sizes[n], ends[n]) for n in names])
+        self._sizes = {name: all_sizes[name] for name in names}
+        column_of = columns(all_sizes)
+        kept_columns = []
+        for name in names:
+            found = column_of[name]
+            kept_columns.append(np.arange(found.start, found.stop))
+        self._columns = np.concatenate(kept_columns)
         self._rows: list[Array] = []
         self.ticks = 0
 
@@ -111,7 +120,7 @@ class Keep:
 
 def kept(world: World) -> list[str]:
     """Return the names of the signals that measures and exports use."""
-    return [n for n in world.signals.sizes if n.endswith(_KEPT) or n.startswith(_KEPT_OF)]
+    return [name for name in world.signals.sizes if name.endswith(_KEPT) or name.startswith(_KEPT_OF)]
 
 
 def task_of(scene: Scene, name: str | None) -> Task:
@@ -138,37 +147,51 @@ def surgeon(
         scale: motion scale; None: the motion scale of the console.
         mistake: a mistake to make in a task with a ring to guide, "": none.
     """
-    scene, task, seat = setup.scene, setup.task, seat_of(setup, seed, scale)
+    seat = seat_of(setup, seed, scale)
+    task = setup.task
     if task is None:
-        raise TwinError(f"scene '{scene.name}': the simulated surgeon needs a task")
+        raise TwinError(f"scene '{setup.scene.name}': the simulated surgeon needs a task")
     if task.transfers:
-        pegs, objects = contact_scene.pegs(scene, setup.props, task), {o.name: o for o in scene.objects}
-        rings = [
-            Ring(t.ring, objects[t.ring].size[0], objects[t.ring].size[1], t.peg, pegs[t.peg].end, pegs[t.peg].foot)
-            for t in task.transfers
-        ]
-        return RingSurgeon(seat, rings)
+        return RingSurgeon(seat, _rings(setup, task))
     if task.guide is not None:
-        ring = next(o for o in scene.objects if o.name == task.guide.ring)
-        grips = {h: replace(e, T_tool_tip=grip_frame(setup.members[e.robot].mechanism)) for h, e in seat.arms.items()}
-        course = contact_scene.course(scene, setup.props, task)
+        ring = next(item for item in setup.scene.objects if item.name == task.guide.ring)
+        course = contact_scene.course(setup.scene, setup.props, task)
+        # this surgeon guides the place between the jaws, not the tip
+        grips = {}
+        for hand, eye in seat.arms.items():
+            T_tool_grip = grip_frame(setup.members[eye.robot].mechanism)
+            grips[hand] = replace(eye, T_tool_tip=T_tool_grip)
         return GuidingSurgeon(replace(seat, arms=grips), ring, course, task.guide.first, Ways(setup), mistake)
-    if (a := task.alignment) is not None:
-        return CameraSurgeon(seat, task.name, a.upper, a.line)
-    targets = [(t.name, t.p_world) for t in task.targets]
+    if task.alignment is not None:
+        return CameraSurgeon(seat, task.name, task.alignment.upper, task.alignment.line)
+    targets = [(target.name, target.p_world) for target in task.targets]
     return ScriptedSurgeon(seat, targets, task.tolerance, task.hold)
+
+
+def _rings(setup: Setup, task: Task) -> list[Ring]:
+    """Return the rings of a task with transfers, with their pegs."""
+    pegs = contact_scene.pegs(setup.scene, setup.props, task)
+    objects = {item.name: item for item in setup.scene.objects}
+    rings = []
+    for transfer in task.transfers:
+        size = objects[transfer.ring].size
+        peg = pegs[transfer.peg]
+        rings.append(Ring(transfer.ring, size[0], size[1], transfer.peg, peg.end, peg.foot))
+    return rings
 
 
 def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
     """Return the seat of a simulated surgeon, who controls the first arm of each hand; for `scale`, see `surgeon`."""
-    table, arms = console_scene.console_of(setup.scene), {}
+    table = console_scene.console_of(setup.scene)
+    arms = {}
     for hand in HANDS:
         name = getattr(table, hand)[0]
         member = setup.members[name]
         T_tool_tip = member.mechanism.frame_in_tool(table.tip or member.mechanism.tool)
         arms[hand] = Eye(name, member.kin, setup.places[name].T_world_base, T_tool_tip)
     camera = setup.scene.cameras[table.camera]
-    scale = table.scale if scale is None else scale
+    if scale is None:
+        scale = table.scale
     return Seat(PEDALS, arms, camera.robot, camera.view_deg * DEG, scale, seed=seed)
 
 
@@ -195,12 +218,12 @@ def perform(
         OutputError: the file cannot be written.
         TwinError: the scene has no console, or there is no task.
     """
-    device, tape = surgeon(setup, seed, scale, mistake), Tape()
+    device = surgeon(setup, seed, scale, mistake)
+    tape = Tape()
     world = console_scene.world(setup, device, records=False, watch=[tape])
-    keep, task = Keep(world, kept(world)), setup.task
-    assert task is not None, "the surgeon has a task"
-    names = [*(t.name for t in task.targets), *(t.ring for t in task.transfers)]
-    names = names or [*(STEPS if task.guide else ()), task.name]
+    keep = Keep(world, kept(world))
+    assert setup.task is not None, "the surgeon has a task"
+    names = _parts(setup.task)
     with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
             world.step(file.CHUNK)
@@ -212,6 +235,17 @@ def perform(
     return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=setup.condition)
 
 
+def _parts(task: Task) -> list[str]:
+    """Return the names of the targets, rings or steps of a task, in the order of their numbers in `surgeon.target`."""
+    names = [target.name for target in task.targets]
+    names += [transfer.ring for transfer in task.transfers]
+    if names:
+        return names
+    if task.guide:
+        return [*STEPS, task.name]
+    return [task.name]
+
+
 def head_of(
     setup: Setup, world: World, device: Block, seed: int | None = None, identity: str | None = None
 ) -> file.Head:
@@ -219,10 +253,11 @@ def head_of(
 
     `seed`: random seed of a simulated surgeon; `identity`: hash of the inputs; None: the hash for a World at a console.
     """
-    sizes, name = world.signals.sizes, None if setup.task is None else setup.task.name
-    own = {n: s for n, s in sizes.items() if n in device.outputs}
+    sizes = world.signals.sizes
+    own = {name: size for name, size in sizes.items() if name in device.outputs}
+    task = None if setup.task is None else setup.task.name
     identity = identity or console_scene.identity(setup, world.dt)
-    return file.head(setup.scene.name, identity, world.dt, own, sizes, name, seed, setup.condition)
+    return file.head(setup.scene.name, identity, world.dt, own, sizes, task, seed, setup.condition)
 
 
 def require_scene(session: Session, path: Path, setup: Setup) -> None:
@@ -231,7 +266,8 @@ def require_scene(session: Session, path: Path, setup: Setup) -> None:
     Raises:
         WorldError: the session is of another scene, or of a scene that has changed since.
     """
-    head, name = session.head, setup.scene.name
+    head = session.head
+    name = setup.scene.name
     if head.scene != name:
         raise WorldError(f"{path}: the session was recorded in scene '{head.scene}', not in '{name}'")
     if head.identity != console_scene.identity(setup, head.dt):
@@ -255,8 +291,8 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
         WorldError: the signals of the World are not those of the session.
     """
     start = session.head
-    own, device = file.sizes(start.device), session.device
-    recorded = Recorded(Recording(start.dt, own, device), *own)
+    own = file.sizes(start.device)
+    recorded = Recorded(Recording(start.dt, own, session.device), *own)
     tape = Tape()
     world = console_scene.world(setup, recorded, start.dt, records=False, watch=[tape], parts=parts)
     if world.signals.sizes != file.sizes(start.world):
@@ -276,7 +312,9 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
         keep: collects the signals that measures and exports use.
         progress: called with "replay" and the fraction done.
     """
-    difference, t = None, 0.0
+    difference = None
+    t = 0.0
+    ticks = sum(len(chunk.device) for chunk in session.chunks)
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()
@@ -285,16 +323,17 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
         if difference is None and file.digest(rows) != chunk.digest:
             difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
-        progress("replay", keep.ticks / len(session.device))
+        progress("replay", keep.ticks / ticks)
     return Ran(keep.recording(), keep.ticks, session.head.dt, difference, condition=session.head.condition)
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
     """Compare the rows after a chunk that lasts from t0 to t1 in s: `row` of the replay, `last` of the recording."""
-    off = np.abs(row - last)
-    k = int(np.argmax(off))
-    if off[k] == 0:
+    sizes = np.abs(row - last)
+    k = int(np.argmax(sizes))
+    if sizes[k] == 0:
         return Difference(t0, t1, "", 0.0)
-    ends = np.cumsum([*world.signals.sizes.values()])
-    name = [*world.signals.sizes][int(np.searchsorted(ends, k, side="right"))]
-    return Difference(t0, t1, name, float(off[k]))
+    names = list(world.signals.sizes)
+    ends = np.cumsum(list(world.signals.sizes.values()))
+    signal = names[int(np.searchsorted(ends, k, side="right"))]
+    return Difference(t0, t1, signal, float(sizes[k]))

@@ -28,5 +28,6 @@ class Tape(Block):
 
     def take(self) -> Array:
         """Return the rows (k, m) since the last call, and delete them from the tape."""
-        rows, self._rows = self._rows, []
+        rows = self._rows
+        self._rows = []
         return np.array(rows, float).reshape(len(rows), self._width)

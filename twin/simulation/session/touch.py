@@ -37,14 +37,27 @@ def touched(task: Task, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
         tips: {hand: positions (k, 3) of its tip in m in the World}.
     """
     dt = float(t[1] - t[0]) if len(t) > 1 else np.inf
-    out, begin = [], 0
+    results = []
+    begin = 0
     for target in task.targets:
-        off = np.max([np.linalg.norm(tips[h][begin:] - p, axis=1) for h, p in target.p_world.items()], axis=0)
-        done = next((a for a, b in runs(off <= task.tolerance) if (b - a) * dt >= task.hold - 1e-9), None)
-        nearest = float(off.min()) if len(off) else np.nan
-        if done is None:
-            out.append(Touched(target.name, None, nearest))
+        distances = []
+        for hand, p in target.p_world.items():
+            distances.append(np.linalg.norm(tips[hand][begin:] - p, axis=1))
+        error = np.max(distances, axis=0)
+        nearest = float(error.min()) if len(error) else np.nan
+        first = _first_touch(error, task, dt)
+        if first is None:
+            results.append(Touched(target.name, None, nearest))
             continue
-        begin += done + round(task.hold / dt)
-        out.append(Touched(target.name, float(t[begin]), nearest))
-    return out
+        begin += first + round(task.hold / dt)
+        results.append(Touched(target.name, float(t[begin]), nearest))
+    return results
+
+
+def _first_touch(error: Array, task: Task, dt: float) -> int | None:
+    """Return the first sample of the first touch that is long enough; error (k,) in m, every dt in s."""
+    shortest = task.hold - 1e-9  # rounding of the times
+    for first, last in runs(error <= task.tolerance):
+        if (last - first) * dt >= shortest:
+            return first
+    return None

@@ -54,6 +54,17 @@ class Step:
     record: float
     text: str
 
+    def content(self) -> JsonObject:
+        """Return plain data; keys end with their unit."""
+        return {
+            "phase": self.phase.name.lower(),
+            "begin_s": self.begin,
+            "end_s": self.end,
+            "deviation_mm": _number(self.deviation / MM),
+            "from_record_mm": _number(self.record / MM),
+            "why": self.text or None,
+        }
+
 
 @dataclass(frozen=True)
 class Training:
@@ -82,13 +93,14 @@ class Training:
     @property
     def led(self) -> float:
         """Largest deviation in m during teleoperation; nan without teleoperation."""
-        return max((s.deviation for s in self.steps if s.phase == Phase.TELEOPERATE), default=float("nan"))
+        deviations = [step.deviation for step in self.steps if step.phase == Phase.TELEOPERATE]
+        return max(deviations, default=float("nan"))
 
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield for each step: phase, duration, deviation from the model, distance from the rehearsed path, reason."""
-        for s in self.steps:
-            shown = ("-" if np.isnan(x) else f"{x / MM:.2f} mm" for x in (s.deviation, s.record))
-            yield (_NAMES[s.phase], f"{s.end - s.begin:.1f} s", *shown, s.text or "-")
+        for step in self.steps:
+            duration = f"{step.end - step.begin:.1f} s"
+            yield _NAMES[step.phase], duration, _shown(step.deviation), _shown(step.record), step.text or "-"
 
     def findings(self) -> Iterator[Finding]:
         """Yield findings on the machine: cues, stops, times without an answer, ended records and stopped replays."""
@@ -105,11 +117,13 @@ class Training:
             yield disagreement("training.stopped", self.robot, f"the machine went to E_STOP {self.stops} times")
         if self.silent > 0:
             yield warning("training.silent", self.robot, f"the machine did not answer for {self.silent:.2f} s")
-        for s in self.steps:
-            if s.phase == Phase.STOPPED and s.text.startswith("the replay"):
-                yield disagreement("training.replay", self.robot, s.text, when=f"{s.begin:.1f} s")
-            if s.phase == Phase.REHEARSE and s.text:
-                yield warning("training.record", self.robot, s.text.partition(". Press")[0], when=f"{s.begin:.1f} s")
+        for step in self.steps:
+            begin = f"{step.begin:.1f} s"
+            if step.phase == Phase.STOPPED and step.text.startswith("the replay"):
+                yield disagreement("training.replay", self.robot, step.text, when=begin)
+            if step.phase == Phase.REHEARSE and step.text:
+                reason = step.text.partition(". Press")[0]  # without what the person had to do next
+                yield warning("training.record", self.robot, reason, when=begin)
 
     def content(self) -> JsonObject:
         """Return plain data; keys end with their unit."""
@@ -120,17 +134,7 @@ class Training:
             "cue_s": self.cue[1],
             "stops": self.stops,
             "silent_s": self.silent,
-            "steps": [
-                {
-                    "phase": s.phase.name.lower(),
-                    "begin_s": s.begin,
-                    "end_s": s.end,
-                    "deviation_mm": _number(s.deviation / MM),
-                    "from_record_mm": _number(s.record / MM),
-                    "why": s.text or None,
-                }
-                for s in self.steps
-            ],
+            "steps": [step.content() for step in self.steps],
         }
 
 
@@ -138,39 +142,52 @@ def _number(x: float) -> float | None:
     return None if np.isnan(x) else x
 
 
+def _shown(distance: float) -> str:
+    return "-" if np.isnan(distance) else f"{distance / MM:.2f} mm"
+
+
 def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
     """Return the measures of a machine from the kept signals of a session; `kin`: the machine's equations."""
-    phase, t = kept[f"{robot}.phase"], kept.t
-    run, force = kept[f"{robot}.run"], np.linalg.norm(kept[f"{robot}.cue"], axis=1)
-    alone = np.isin(phase[:, 0], (Phase.REHEARSE, Phase.JUDGED))
+    force = np.linalg.norm(kept[f"{robot}.cue"], axis=1)
+    cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * kept.dt))
+    alone = np.isin(kept[f"{robot}.phase"][:, 0], (Phase.REHEARSE, Phase.JUDGED))
     deviation = np.where(alone, np.nan, kept[f"{robot}.deviation"][:, 0])
-    tip, model = (kin.forward_many(kept[f"{n}.q"])[:, :3, 3] for n in (robot, robot + MODEL))
-    steps, rehearsed, bounds = [], None, machine_scene.bounds(table)
-    edges = [0, *(np.flatnonzero(np.any(np.diff(phase[:, :2], axis=0) != 0, axis=1)) + 1).tolist(), len(t)]
+    steps = _steps(kept, table, robot, kin, deviation)
+    run = kept[f"{robot}.run"]
+    answers = run[:, ANSWERS] > 0.5
+    first = int(np.argmax(answers)) if answers.any() else len(kept.t)
+    stopped = (run[first:, LEVEL] == Level.E_STOP) & answers[first:]
+    stops = len(movement.runs(stopped))
+    silent = float(np.sum(~answers[first:]) * kept.dt)
+    return Training(robot, kept.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
+
+
+def _steps(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics, deviation: Array) -> tuple[Step, ...]:
+    """Return the phases in order; deviation (k,) in m, nan while the model moves alone."""
+    t = kept.t
+    phase = kept[f"{robot}.phase"]
+    tip = kin.forward_many(kept[f"{robot}.q"])[:, :3, 3]
+    model = kin.forward_many(kept[f"{robot}{MODEL}.q"])[:, :3, 3]
+    bounds = machine_scene.bounds(table)
+    longest_lag = round(_LAG / kept.dt)
+    changes = np.any(np.diff(phase[:, :2], axis=0) != 0, axis=1)
+    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
+    steps = []
+    rehearsed = None
     for a, b in itertools.pairwise(edges):
-        what, why, value = phase[a]
+        number, why, value = phase[a]
         record = float("nan")
-        if what == Phase.REHEARSE and why != Why.FULL:  # at the limit of the record, the model is at rest
+        if number == Phase.REHEARSE and why != Why.FULL:  # at the limit of the record, the model is at rest
             rehearsed = model[a:b]
-        elif what == Phase.REPLAY and rehearsed is not None:
-            record = _apart(tip[a:b], rehearsed, round(_LAG / kept.dt))
+        elif number == Phase.REPLAY and rehearsed is not None:
+            record = _apart(tip[a:b], rehearsed, longest_lag)
         part = deviation[a:b]
         largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
         text = told(Why(int(why)), float(value), bounds, robot)
-        steps.append(Step(Phase(int(what)), float(t[a]), float(t[a] + (b - a) * kept.dt), largest, record, text))
-    answers = run[:, ANSWERS] > 0.5
-    first = int(np.argmax(answers)) if answers.any() else len(t)
-    stopped = (run[first:, LEVEL] == Level.E_STOP) & answers[first:]
-    return Training(
-        robot,
-        t,
-        deviation,
-        table.cue.tol_mm * MM,
-        tuple(steps),
-        (float(force.max(initial=0.0)), float(np.sum(force > 0) * kept.dt)),
-        len(list(movement.runs(stopped))),
-        float(np.sum(~answers[first:]) * kept.dt),
-    )
+        begin = float(t[a])
+        end = float(t[a] + (b - a) * kept.dt)
+        steps.append(Step(Phase(int(number)), begin, end, largest, record, text))
+    return tuple(steps)
 
 
 def _apart(path: Array, record: Array, most: int) -> float:
@@ -178,12 +195,18 @@ def _apart(path: Array, record: Array, most: int) -> float:
 
     The delay is at most `most` samples. Path and record begin and end at rest.
     """
-    first = [int(np.argmax(np.linalg.norm(p - p[0], axis=1) > 1e-4)) for p in (record, path)]
-    record = record[first[0] :]
-    found = []
+    record = record[_start_of_motion(record) :]
+    start = _start_of_motion(path)
+    largest_distances = []
     for lag in range(-most, most + 1):
-        begin = max(first[1] + lag, 0)
+        begin = max(start + lag, 0)
         n = min(len(record), len(path) - begin)
         if n > 0:
-            found.append(float(np.linalg.norm(path[begin : begin + n] - record[:n], axis=1).max()))
-    return min(found, default=float("nan"))
+            distances = np.linalg.norm(path[begin : begin + n] - record[:n], axis=1)
+            largest_distances.append(float(distances.max()))
+    return min(largest_distances, default=float("nan"))
+
+
+def _start_of_motion(path: Array) -> int:
+    """Return the first sample of a path (k, 3) that is more than 0.1 mm from its begin; 0 if there is none."""
+    return int(np.argmax(np.linalg.norm(path - path[0], axis=1) > 1e-4))

@@ -21,8 +21,11 @@ _SHORTEST = 60
 _OFF = 0.75
 """Maximum distance in pixels of a point of the upper side from its line; without smoothing, up to 0.5 is normal."""
 
-_FULL, _ABOVE = 0.97, 4
-"""Minimum green fraction of a fully green pixel; number of rows, above the first such pixel, with the edge."""
+_FULL = 0.97
+"""Minimum green fraction of a fully green pixel."""
+
+_ABOVE = 4
+"""Number of rows, above the first fully green pixel of a column, that contain the edge."""
 
 _INSIDE = np.arange(3, 8)
 """Rows in which a column is fully green, counted downwards from its first green pixel."""
@@ -52,14 +55,18 @@ def angle(rgb: Array) -> float:
     inside, slope = _longest_line(x, y)
     if abs(slope) > 1:
         raise UnmeasuredError("the rectangle is turned by more than 45 degrees, so that its upper side is ambiguous")
-    xs, ys = x[inside], y[inside]
-    if np.ptp(xs) + 1 < _SHORTEST:
+    xs = x[inside]
+    ys = y[inside]
+    columns = np.ptp(xs) + 1
+    if columns < _SHORTEST:
         raise UnmeasuredError(
-            f"the upper side of the rectangle has {np.ptp(xs) + 1:.0f} pixels in the picture (minimum {_SHORTEST}); "
+            f"the upper side of the rectangle has {columns:.0f} pixels in the picture (minimum {_SHORTEST}); "
             "move the camera nearer"
         )
     between = (x > xs[0]) & (x < xs[-1])
-    if np.count_nonzero(between & ~inside) > 0.02 * np.count_nonzero(between) or np.diff(xs).max() > 3:
+    off_line = np.count_nonzero(between & ~inside)
+    widest_gap = np.diff(xs).max()
+    if off_line > 0.02 * np.count_nonzero(between) or widest_gap > 3:
         raise UnmeasuredError("the upper side of the rectangle is not one straight line: something covers part of it")
     cut = 2 + len(xs) // 50  # corners are rounded by the pixels
     slope = float(np.polyfit(xs[cut:-cut], ys[cut:-cut], 1)[0])
@@ -75,10 +82,12 @@ def _mask(rgb: Array) -> Array:
     green = rgb[..., 1] - np.maximum(rgb[..., 0], rgb[..., 2])
     if green.max() < _GREEN:
         raise UnmeasuredError("the rectangle is not in the picture")
-    found = green > 0.5 * green.max()
-    inside = np.minimum(found.argmax(axis=0) + _INSIDE[:, None], len(green) - 1)
+    half = 0.5 * green.max()
+    first = (green > half).argmax(axis=0)
+    inside = np.minimum(first + _INSIDE[:, None], len(green) - 1)
     full = np.median(np.take_along_axis(green, inside, axis=0), axis=0)
-    return np.clip(green / np.maximum(full, 0.5 * green.max()), 0.0, 1.0)
+    full = np.maximum(full, half)  # columns without the rectangle
+    return np.clip(green / full, 0.0, 1.0)
 
 
 def _require_inside(mask: Array) -> None:
@@ -100,6 +109,7 @@ def _require_convex(mask: Array) -> None:
         raise UnmeasuredError(
             "the camera sees only an edge of the rectangle, as a line; move the camera in front of the rectangle"
         ) from error
+    # in two dimensions, `volume` is the area and `area` the perimeter; both are of the pixels' middles
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
     if missing > _DENT * len(rows) + 0.25 * hull.area:
         raise UnmeasuredError(
@@ -113,18 +123,22 @@ def _upper(mask: Array) -> tuple[Array, Array]:
     columns = np.flatnonzero(full.any(axis=0))
     first = full.argmax(axis=0)[columns]
     padded = np.pad(mask, ((_ABOVE, 0), (0, 0)))
-    above = sum(padded[first + _ABOVE - k, columns] for k in range(1, _ABOVE + 1))
+    above = np.zeros(len(columns))
+    for k in range(1, _ABOVE + 1):
+        above += padded[first + _ABOVE - k, columns]
     return columns.astype(float), first - above
 
 
 def _longest_line(x: Array, y: Array) -> tuple[np.ndarray, float]:
     """Find the line that contains most columns; return ((k,) bool: whether each column is on the line, slope)."""
-    best, slope = np.zeros(len(x), bool), 0.0
+    best = np.zeros(len(x), bool)
+    slope = 0.0
     picks = np.unique(np.linspace(0, len(x) - 1, 24).astype(int))
     for i, a in enumerate(picks):
         for b in picks[i + 1 :]:
             rise = (y[b] - y[a]) / (x[b] - x[a])
-            on = np.abs(y - y[a] - rise * (x - x[a])) < _OFF
-            if on.sum() > best.sum():
-                best, slope = on, float(rise)
+            on_line = np.abs(y - y[a] - rise * (x - x[a])) < _OFF
+            if on_line.sum() > best.sum():
+                best = on_line
+                slope = float(rise)
     return best, slope
