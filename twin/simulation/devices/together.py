@@ -16,9 +16,10 @@ class Together(Block):
     def __init__(self, devices: Sequence[Block]) -> None:
         """Join devices that step in every tick."""
         self.devices = tuple(devices)
-        self.outputs: dict[str, ArrayLike] = {}
+        outputs: dict[str, ArrayLike] = {}
         for device in devices:
-            self.outputs.update(device.outputs)
+            outputs.update(device.outputs)
+        self.outputs = outputs
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Attach all devices."""

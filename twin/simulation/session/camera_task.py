@@ -85,7 +85,7 @@ def measure(
     return AlignMeasures(time, angle, off, seen, refused, path, hands, course)
 
 
-def _time(t: Array, driven: Array, lens: Array) -> float:
+def _time(t: Array, driven: np.ndarray, lens: Array) -> float:
     """Return the time in s from the first press of the camera pedal to the end of the last motion; lens (k, 3)."""
     presses = np.flatnonzero(driven)
     steps = np.linalg.norm(np.diff(lens, axis=0), axis=1)

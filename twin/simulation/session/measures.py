@@ -112,7 +112,7 @@ def _grasps(grip: Array) -> int:
     return int(np.count_nonzero(closings))
 
 
-def _duration(flags: Array, dt: float) -> float:
+def _duration(flags: np.ndarray, dt: float) -> float:
     """Return the time in s of the true samples among flags (k,)."""
     return float(np.count_nonzero(flags)) * dt
 
