@@ -160,17 +160,18 @@ TWO = (
 @pytest.mark.parametrize("change", TWO, ids=["angles", "angle and length", "one expression"])
 @pytest.mark.slow
 def test_two_faults_in_scalar_expressions_are_found(change, tmp_path, monkeypatch):
+    """Each takes 3 s. What is found is judged here, not when: a busy computer may need three times as long."""
     monkeypatch.setattr(time, "monotonic", time.process_time)
     name, first, *more = change
     case, formula = changed(name, *first, tmp_path, *more)
-    assert seeds.outcome(case, formula, tmp_path, SECONDS) in ("rank 1", "tie")
+    assert seeds.outcome(case, formula, tmp_path, 4 * SECONDS) in ("rank 1", "tie")
 
 
 def test_cures_of_two_rows_hold_together_for_other_values_of_the_swivel(tmp_path):
     """q3 is 180 deg or zero at swivel 0, so that a multiple of it agrees there as well."""
     second = ("P_m[1] < 0, -1, 1)", "P_m[1] < 0, 1, 1)")
     case, formula = changed("pa10", "q2, atan2(w[1], w[0])", "q2, atan2(w[0], w[1])", tmp_path, second)
-    assert seeds.outcome(case, formula, tmp_path, 4.0) in ("rank 1", "tie")
+    assert seeds.outcome(case, formula, tmp_path, 16.0) in ("rank 1", "tie")
 
 
 def test_a_cure_that_needs_another_swivel_than_that_of_the_formula_is_none(tmp_path):

@@ -105,6 +105,8 @@ class Double:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
         pairs = []
         for a, b in combinations(self.cuts, 2):
+            if self.deadline.passed:
+                return
             if a.function == b.function:
                 pairs.append((self._unexplained(a, b), len(pairs), a, b))
         solved = []
@@ -234,6 +236,7 @@ class Double:
         r = np.hstack([self._base[k] for k in keys])
         J = np.stack([np.hstack([c.slopes.get(k, zeros[k]) for k in keys]) for c in (a, b)], axis=2)
         good = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(r).all(axis=1)
+        good &= (r != 0).any(axis=1)  # a pose at which the rows agree says nothing
         if not good.any():
             return 1.0
         r, J = r[good], J[good]

@@ -130,6 +130,7 @@ class Search:
         self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
         self.by_chance: list[Candidate] = []
         """Edits that make rows agree only for the present values of equal or assumed parameters: no repairs."""
+        self._states: dict[tuple[Edit, ...], _After | None] = {}
         self._refuted: list[tuple[Path, int, int]] = []
         self._deferred: list[tuple[list[Step], Edit]] = []
         """Edits in places where no single edit can repair a row; pairs are searched before these edits are tried."""
@@ -422,31 +423,56 @@ class Search:
 
     def _pairs_of(self, out: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
         singles = self._singles
+        late: list[Candidate] = []
         lost: list[Key] = []
         deadline = self.deadline.within(budget)
         while left:
             k, began = left[0], time.monotonic()
             shared = [c for f in out for c in self._exact(f.rows, singles)[:_SHARED]]
-            pairs, complete = self._double(k, singles, shared, deadline) if budget > 0 else ([], False)
-            if budget > 0 and not self._cover(pairs, [k]):
-                singles += self.deferred()
-                alone = [c for c in singles if len(c.edits) == 1 and k in c.scores]
-                pairs = alone if self._cover(alone, [k]) else []
-            if budget > 0 and not self._cover(pairs, [k]):
-                pairs, complete = self._pairs(k, singles, shared, deadline)
-            # An edit that fixes this row may also fix others.
-            group = next((g for g in self._cover(pairs, left) if k in g), [])
-            for f in [f for f in out if group and f.cures and self._exact([*group, *f.rows], pairs)]:
-                group += f.rows  # the pair also fixes another wrong row
-                out.remove(f)
-            f = self._found(group or [k], pairs if group else [], [*singles, *pairs])
-            if not f.cures:
-                group = []
+            pairs: list[Candidate] = []
+            complete = False
+            if budget > 0:
+                pairs, complete = self._double(k, singles, shared, deadline)
+                if not self._has_repair(k, pairs):
+                    evaluated = self.deferred()
+                    late += evaluated
+                    singles += evaluated  # each may be one of a pair
+                    pairs = list(late)
+                if not self._has_repair(k, pairs):
+                    pairs, complete = self._pairs(k, singles, shared, deadline)
+            f, absorbed = self._widest(k, left, out, [*singles, *pairs], pairs)
             f.complete, f.seconds = f.complete and complete, time.monotonic() - began
+            out = [g for g in out if not any(g is other for other in absorbed)]
             out.append(f)
-            lost += [] if group else [k]
+            lost += [] if f.cures else [k]
             left = [x for x in left if x not in f.rows]
         return (out, lost) if lost else self._together(out)
+
+    def _widest(
+        self, k: Key, left: list[Key], out: list[Found], tried: list[Candidate], pairs: list[Candidate]
+    ) -> tuple[Found, list[Found]]:
+        """Return (the result of `pairs` for row `k` and as many other rows as they repair, results that it replaces).
+
+        A pair that is no repair, because it holds only by chance, replaces no result.
+        """
+        # An edit that fixes this row may also fix others, and rows of which a repair is known.
+        group = next((g for g in self._cover(pairs, left) if k in g), [])
+        absorbed = [f for f in out if group and f.cures and self._exact([*group, *f.rows], pairs)]
+        attempts = []
+        if absorbed:
+            attempts.append(([*group, *(row for f in absorbed for row in f.rows)], absorbed))
+        if len(group) > 1:
+            attempts.append((group, []))
+        for rows, replaced in attempts:
+            found = self._found(rows, pairs, tried)
+            if found.cures:
+                return found, replaced
+        return self._found([k], pairs, tried), []
+
+    def _has_repair(self, k: Key, candidates: list[Candidate]) -> bool:
+        """Return whether one of the candidates repairs a row, and not by chance."""
+        exact = self._exact([k], candidates)[:_MOST_EXACT]
+        return bool(self._best(self._distinct(exact, [k])))
 
     def _covered(self, candidates: list[Candidate]) -> tuple[list[list[Key]], list[Key]]:
         """Return (groups of failing rows as in `_cover`, failing rows in no group)."""
@@ -469,7 +495,7 @@ class Search:
         exact = self._exact(rows, exact_from)[:_MOST_EXACT]
         every = self._distinct(exact, rows)
         cures = self._best(every)
-        if every and not cures:
+        if every and not cures and not any(c is every[0][0] for c in self.by_chance):
             self.by_chance.append(every[0][0])
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
@@ -545,6 +571,8 @@ class Search:
             return found, []
         for n, f in enumerate(found):
             for cure in f.cures[1:]:
+                if self.deadline.passed:
+                    break
                 others = [other for other in f.cures if other is not cure]
                 changed = [*found[:n], replace(f, cures=[cure, *others]), *found[n + 1 :]]
                 if not self._by_chance_together(changed):
@@ -563,7 +591,14 @@ class Search:
         """Return the state of the whole formula file after a candidate's edits; None if it cannot be evaluated."""
         return self._state(c.edits)
 
-    def _state(self, change: list[Edit]) -> _After | None:
+    def _state(self, change: Sequence[Edit]) -> _After | None:
+        """Return the state of the whole formula file after edits; a state that was computed before is kept."""
+        key = tuple(change)
+        if key not in self._states:
+            self._states[key] = self._state_after(key)
+        return self._states[key]
+
+    def _state_after(self, change: Sequence[Edit]) -> _After | None:
         formula = self.judge.formula
         home = formula.equations[0]
         path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
@@ -611,7 +646,7 @@ class Search:
     def _double(
         self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
-        """Return (pairs of edits found from required values of expressions, True); see `Double`.
+        """Return (pairs of edits found from required values of expressions, whether the search ended); see `Double`.
 
         The pairs must repair all failing rows that the expressions move, or row `k` alone. `shared` are repairs of
         other rows; one of them may be the first edit.
@@ -639,9 +674,9 @@ class Search:
                     candidate = self._pair(double, first, second)
                     if candidate is not None:
                         out.append(candidate)
-                if any(c.serves and c.over([k], self.base) <= 1 for c in out):
+                if self._has_repair(k, out):
                     return out, True
-        return out, True
+        return out, not until.passed
 
     def _pair(self, double: Double, first: Edit, second: Edit) -> Candidate | None:
         """Return the candidate for two edits of one function, judged in all equations that call it."""
