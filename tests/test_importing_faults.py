@@ -63,6 +63,11 @@ WARNED = {  # a file, the driven joints, and the warning
         {"lift"},
         "transmission 'of_caster': joint 'caster' is fixed, so the transmission moves nothing.",
     ),
+    "transmission of a joint that is not there": (
+        text(more=transmission("gone", "-79") + transmission("lift")),
+        {"lift"},
+        "transmission 'of_gone' moves nothing: there is no joint 'gone'. Known: lift, turn.",
+    ),
     "text as reduction": (
         text(more=transmission("lift", "ratio_of_motor")),
         {"lift"},

@@ -361,16 +361,19 @@ class _Urdf:
     def _transmitted(self, root: Element, joints: dict[str, Element]) -> set[str]:
         """Return the joints that transmissions move.
 
-        Left out are joints that mimic another joint, which the other joint moves, and, with a warning, fixed joints.
+        Left out are joints that mimic another joint, which the other joint moves, and, with a warning, fixed joints and
+        names of no joint: files of a part of a robot often keep the transmissions of the whole robot.
         """
         out = set()
         for transmission in root.findall("transmission"):
+            label = str(transmission.get("name"))
             for joint in transmission.findall("joint"):
                 name = str(joint.get("name"))
                 if name not in joints:
-                    self.xml.fail("transmission", unknown("joint", name, joints))
+                    text = f"transmission '{label}' moves nothing: {unknown('joint', name, joints)}"
+                    self.findings.warn("gear", text, label)
+                    continue
                 if joints[name].get("type") == "fixed":
-                    label = str(transmission.get("name"))
                     text = f"transmission '{label}': joint '{name}' is fixed, so the transmission moves nothing."
                     self.findings.warn("gear", text, label)
                     continue
