@@ -68,6 +68,11 @@ WARNED = {  # a file, the driven joints, and the warning
         {"lift"},
         "transmission 'of_gone' moves nothing: there is no joint 'gone'. Known: lift, turn.",
     ),
+    "mimic of a fixed joint": (
+        text(more=FIXED.replace("</joint>", '<mimic joint="lift" multiplier="2"/></joint>')),
+        {"lift", "turn"},
+        "joint 'caster' is fixed, so its mimic has no effect.",
+    ),
     "text as reduction": (
         text(more=transmission("lift", "ratio_of_motor")),
         {"lift"},

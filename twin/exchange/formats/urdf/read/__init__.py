@@ -114,6 +114,7 @@ class _Urdf:
                     self.home[n] = (body, T @ T_other_n)
         if self.closures is None:
             self._unclosed([*joints, *links])
+        self._drop_mimics_of_fixed(joints)
         driven = self._driven(root, joints)
         self.crosses: list[Body] = []
         made: list[Joint] = []
@@ -357,6 +358,15 @@ class _Urdf:
             if j.get("type") in ("revolute", "continuous", "prismatic") and j.find("mimic") is None
         }
         return told or moving
+
+    def _drop_mimics_of_fixed(self, joints: dict[str, Element]) -> None:
+        """Remove the <mimic> of each fixed joint, with a warning: tools that fix the joints of a hand often keep it."""
+        for name, joint in joints.items():
+            mimic = joint.find("mimic")
+            if mimic is None or joint.get("type") != "fixed" or name in self.retyped:
+                continue
+            joint.remove(mimic)
+            self.findings.warn("mimic", f"joint '{name}' is fixed, so its mimic has no effect.", name)
 
     def _transmitted(self, root: Element, joints: dict[str, Element]) -> set[str]:
         """Return the joints that transmissions move.
