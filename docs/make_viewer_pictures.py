@@ -22,7 +22,7 @@ from twin.core.units import MM
 from twin.model.scene import load_scene
 from twin.ui.session.desk import Desk
 from twin.ui.viewer.console import ConsoleFront
-from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.front import ShownRobot, Front
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 
@@ -86,7 +86,7 @@ def opened(name: str) -> Front | ConsoleFront:
     server = serve(name, "127.0.0.1", 0)
     file = scenes.find(name)
     if file is None:
-        return open_page(f"twin · {name}", [Actor(name, name, Desk(twin.load(name)))], None, server)
+        return open_page(f"twin · {name}", [ShownRobot(name, name, Desk(twin.load(name)))], None, server)
     scene = load_scene(file)
     return ConsoleFront(f"twin · {name}", scenes.load(scene), server)
 

@@ -279,7 +279,7 @@ def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path,
     operation.frame(0, 0.0)
     for k in range(75):
         if k == 60:
-            operation.ask("c1", wire.Haptics(type="haptics", on=not operation.reading["haptics"]))
+            operation.ask("c1", wire.HapticsMessage(type="haptics", on=not operation.reading["haptics"]))
         s = k / RATE
         for hand, x in ((0, 0.08), (1, -0.08)):
             way = 2 * ramp(s, 24 * MM * down)

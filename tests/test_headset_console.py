@@ -147,7 +147,7 @@ def test_a_tool_goes_in_the_picture_as_its_hand_does_and_turns_with_it(hands, si
     hands.R[side] = turn @ hands.R[side]
     hands.wait(0.3)
     assert np.allclose(hands.seen(robot)[:3, :3], turn @ T[:3, :3], atol=1e-6)
-    hands.op.ask("c1", wire.Scale(type="scale", value=0.1))
+    hands.op.ask("c1", wire.ScaleMessage(type="scale", value=0.1))
     hands.wait(0.1)
     p = hands.seen(robot)[:3, 3]
     hands.move(side, way)
@@ -257,9 +257,9 @@ def test_a_broken_message_is_refused_by_name(change, text):
 @pytest.mark.parametrize(
     "message",
     [
-        wire.Play(type="play", on=True),
-        wire.Grab(type="grab", target="tool", robot="psm1"),
-        wire.Drag(type="drag", value=1.0, robot="psm1"),
+        wire.PlayMessage(type="play", on=True),
+        wire.GrabMessage(type="grab", target="tool", robot="psm1"),
+        wire.DragMessage(type="drag", value=1.0, robot="psm1"),
     ],
 )
 def test_nothing_else_moves_what_the_hands_move(hands, message):
@@ -274,10 +274,10 @@ def test_one_client_has_the_hands_until_it_lets_go_or_is_silent(hands):
     with pytest.raises(RefusedError, match="c1 controls the hands"):
         other.say()
     with pytest.raises(RefusedError, match="c1 controls the hands"):
-        hands.op.ask("c2", wire.Scale(type="scale", value=0.1))
+        hands.op.ask("c2", wire.ScaleMessage(type="scale", value=0.1))
     before = hands.q()
     hands.op.release("c1")
-    hands.op.ask("c2", wire.Scale(type="scale", value=0.1))
+    hands.op.ask("c2", wire.ScaleMessage(type="scale", value=0.1))
     assert hands.op.owner is None, "who sets the scale has not taken the hands"
     other.tick = hands.tick
     other.wait(0.3)  # in the very next tick another one speaks: its hands are elsewhere

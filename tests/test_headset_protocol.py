@@ -116,9 +116,9 @@ def test_the_documentation_shows_every_message_code_flag_and_limit():
         assert number in words, number
     of_robot = re.search(r"((?:`\w+`(?:, | and )?)+) may have a `robot`", words)[1]
     assert set(re.findall(r"`(\w+)`", of_robot)) == {
-        m.model_fields["type"].annotation.__args__[0] for m in get_args(wire.OfRobot)
+        m.model_fields["type"].annotation.__args__[0] for m in get_args(wire.RobotMessage)
     }
-    assert {m for m in get_args(wire.Message) if "robot" in m.model_fields} == set(get_args(wire.OfRobot))
+    assert {m for m in get_args(wire.Message) if "robot" in m.model_fields} == set(get_args(wire.RobotMessage))
     assert limits.SOCKETS_OF_ONE * 2 == limits.SOCKETS
 
 

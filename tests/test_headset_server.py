@@ -34,7 +34,7 @@ from twin.ui.headset import recording as recordings
 from twin.ui.headset import server as servers
 from twin.ui.headset import twin as live
 from twin.ui.headset.protocol import RefusedError, sevens
-from twin.ui.headset.recording import Recording, Replay
+from twin.ui.headset.recording import Replay, StreamRecording
 from twin.ui.session import workspace
 from twin.ui.session.timeline import prepare
 
@@ -568,7 +568,7 @@ def test_a_recording_ends_when_it_is_full(tmp_path, monkeypatch, limit, entries)
         lambda r, k: r.add_document(k, {"type": "state", "reason": "x" * 100}),
         lambda r, k: r.add_request(k, "c1", wire.parse(json.dumps({"type": "play", "on": True}))),
     ):
-        recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+        recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
         count = next(k for k in range(entries * 60) if add(recording, k) or recording.full(k))
         assert 0 < count < 2000
         assert not recording.finish()() if recording._frames else True
@@ -576,7 +576,7 @@ def test_a_recording_ends_when_it_is_full(tmp_path, monkeypatch, limit, entries)
 
 def test_budget_of_all_recordings(tmp_path, monkeypatch):
     monkeypatch.setattr(recordings, "IN_ALL", 1000)
-    recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+    recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
     recording.check_room()
     recording.add_frame(0, b"x" * 1000)
     with pytest.raises(RefusedError, match="one run of the server records at most"):
@@ -630,7 +630,7 @@ def test_a_write_to_who_is_gone_is_none(caplog):
 @pytest.mark.slow
 def test_a_running_recording_counts(tmp_path, monkeypatch):
     monkeypatch.setattr(recordings, "FILES", 1)
-    recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+    recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
     recording.check_room()  # nothing is recorded yet
     recording.add_frame(0, b"x")
     with pytest.raises(RefusedError, match="one run of the server records at most"):
@@ -638,7 +638,7 @@ def test_a_running_recording_counts(tmp_path, monkeypatch):
 
 
 def test_a_document_with_an_infinite_number_is_recorded_as_sent(tmp_path):
-    recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+    recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
     recording.add_frame(0, b"x")
     recording.add_document(0, {"type": "clearance", "found": float("inf"), "distance": [float("nan"), 1.0]})
     recording.finish()()
@@ -647,7 +647,7 @@ def test_a_document_with_an_infinite_number_is_recorded_as_sent(tmp_path):
 
 
 def test_after_a_seek_a_replay_has_the_state_of_that_time(tmp_path):
-    recording = Recording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+    recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
     for tick, name in ((0, "first"), (60, "second")):
         recording.add_document(tick, {"type": "state", "protocol": name})
         recording.add_document(tick, {"type": "path", "points": name})
@@ -657,7 +657,7 @@ def test_after_a_seek_a_replay_has_the_state_of_that_time(tmp_path):
     recording.finish()()
     replay = Replay(tmp_path / "s.json", "sils", "sha256:0")
     for t, name in ((2.0, "second"), (0.5, "first"), (1.0, "second"), (0.0, "first")):
-        replay.ask("c1", wire.Seek(type="seek", t=t))
+        replay.ask("c1", wire.SeekMessage(type="seek", t=t))
         replay.frame(0, 0.0)
         assert replay.state()["protocol"] == name
         assert [d["points"] for d in replay.welcome()] == [name]

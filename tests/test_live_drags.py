@@ -167,7 +167,7 @@ def test_a_point_that_slides_along_two_limits_ends_in_one_place():
 @pytest.mark.parametrize("robot", contrasting(robots()), indirect=True, scope="module")
 def test_the_speed_of_the_hand_does_not_matter_and_the_assembly_stays(robot, rng):
     desk = Desk(robot)
-    desk.hand.prepare()
+    desk.solver.prepare()
     found = judged(desk, robot, drags(desk, rng, max(1, DRAGS // len(robots()))), SPEEDS)
     times = np.array(found.refused or [0.0]) * 1e3
     good = np.array(found.solved or [0.0]) * 1e3

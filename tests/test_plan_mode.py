@@ -34,7 +34,7 @@ from twin.ui.headset.protocol import RefusedError
 from twin.ui.session import plan_mode, plan_work
 from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room
+from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck
 
 ARM = "raven_left"
 
@@ -71,15 +71,15 @@ class Here:
 
 def quick(job):
     """Yield as `plan_work.work` does, but a straight motion of 1.5 s up, without a search."""
-    if isinstance(job, Check):
+    if isinstance(job, TargetCheck):
         if job.q is not None:
-            yield Checked("")
+            yield CheckedTarget("")
         return
     yield 0.5
     T = twin.load(ARM).kinematics().forward(job.start)
     Ts = np.tile(T, (1501, 1, 1))
     Ts[:, 2, 3] += np.linspace(0, 6 * MM, 1501)
-    yield Found(Ts, np.tile(np.eye(4), (10, 2, 1, 1)), ("a", "b"), np.zeros((0, 2, 3)))
+    yield PlannedMotion(Ts, np.tile(np.eye(4), (10, 2, 1, 1)), ("a", "b"), np.zeros((0, 2, 3)))
 
 
 @pytest.fixture(scope="module")
@@ -250,7 +250,7 @@ def test_a_target_at_rest_is_planned_before_the_pedal_is_released(planned):
     lifted(planned)
     planned.wait(30)
     jobs = planned.mode._stream.jobs
-    assert isinstance(jobs[-1], Plan)
+    assert isinstance(jobs[-1], PlanJob)
     assert (planned.mode.phase, planned.mode.preview) == ("aim", None), "nothing is shown before the release"
     count = len(jobs)
     planned.ask("find")
@@ -276,7 +276,7 @@ def test_a_hand_that_trembles_on_its_support_rests(planned):
     for k in range(30):
         planned.move([0.03 * MM * (-1) ** k, 0, 0], 1)
     jobs = planned.mode._stream.jobs
-    assert isinstance(jobs[-1], Plan)
+    assert isinstance(jobs[-1], PlanJob)
     count = len(jobs)
     for k in range(10):
         planned.move([0.03 * MM * (-1) ** k, 0, 0], 1)
@@ -299,7 +299,7 @@ def test_an_early_plan_is_accepted_from_where_it_starts(planned, by, again):
 
 def test_the_reason_why_a_resting_target_has_no_plan_is_told_after_the_release(planned):
     def fails(job):
-        if isinstance(job, Plan):
+        if isinstance(job, PlanJob):
             raise TwinError("no path")
         yield from quick(job)
 
@@ -318,7 +318,7 @@ def test_the_reason_why_a_resting_target_has_no_plan_is_told_after_the_release(p
 
 def test_the_geometry_is_loaded_again_after_a_plan_that_came_before_it_and_failed(planned):
     def slow(job):
-        if isinstance(job, Plan):
+        if isinstance(job, PlanJob):
             raise TwinError("no path")
         yield from [0.0] * (60 if job.q is None else 0)
 
@@ -711,14 +711,14 @@ def room(scene, number=1):
 def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
     scene = dome.scene
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
-    pieces = list(plan_work.work(Plan(room(scene), start, above(), 0.06, 45 * DEG)))
+    pieces = list(plan_work.work(PlanJob(room(scene), start, above(), 0.06, 45 * DEG)))
     kinds = [type(p) for p in pieces]
-    assert [k for k in dict.fromkeys(kinds) if k is not float] == [Found, Clear, Proven]
+    assert [k for k in dict.fromkeys(kinds) if k is not float] == [PlannedMotion, Clear, Proven]
     clear = np.concatenate([p.distance for p in pieces if isinstance(p, Clear)])
     proven = pieces[-1]
     assert 1 * MM < proven.proven <= proven.found + 1e-12
     assert proven.proven <= clear.min()
-    found = next(p for p in pieces if isinstance(p, Found))
+    found = next(p for p in pieces if isinstance(p, PlannedMotion))
     assert len(found.tree) > 10
     assert found.shown.shape[1:] == (len(found.links), 4, 4)
     tool, ticks = (mechanism := twin.load(ARM).mechanism).frame(mechanism.tool), plan_work.SHOWN / plan_work.DT
@@ -728,16 +728,16 @@ def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
 
 def test_the_work_says_why_a_configuration_is_not_free(dome):
     (checked,) = plan_work.work(
-        Check(room(dome.scene), np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0))
+        TargetCheck(room(dome.scene), np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0))
     )
-    assert isinstance(checked, Checked)
+    assert isinstance(checked, CheckedTarget)
     assert checked.why == "shaft and props/dome collide (required: 2 mm apart)"
 
 
 def test_from_a_start_in_the_dome_the_arm_is_to_be_moved_and_not_the_target(dome):
     inside = np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     with pytest.raises(TwinError, match=r"at the start, .* move the arm, or another arm that is in the way"):
-        list(plan_work.work(Plan(room(dome.scene), inside, above(), 0.06, 45 * DEG)))
+        list(plan_work.work(PlanJob(room(dome.scene), inside, above(), 0.06, 45 * DEG)))
 
 
 def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):
@@ -755,7 +755,7 @@ def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):
 
     monkeypatch.setattr("twin.planning.obstacle_avoidance.around", endless)
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
-    asked = Plan(room(dome.scene), start, above(), 0.06, 45 * DEG)
+    asked = PlanJob(room(dome.scene), start, above(), 0.06, 45 * DEG)
     plan_work.work(asked).close()  # before its first piece
     assert not begun
     job = plan_work.work(asked)

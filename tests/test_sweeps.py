@@ -25,7 +25,7 @@ from twin import cli
 from twin.analysis import cluster, design, joints, table
 from twin.analysis import workspace as reach
 from twin.analysis.tolerance import Spread, Tolerances
-from twin.api.robot import Robot, Source
+from twin.api.robot import Robot, RobotSource
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM, UM
@@ -195,7 +195,7 @@ def planar_arm(limits=(-2.0, 2.0)) -> Mechanism:
 
 
 def bare(mechanism: Mechanism) -> twin.Robot:
-    return Robot(Source(None, Path("arm.usda")), None, changed=mechanism)
+    return Robot(RobotSource(None, Path("arm.usda")), None, changed=mechanism)
 
 
 def test_a_mechanism_without_equations_goes_through_its_joints(robots):

@@ -20,9 +20,9 @@ from twin.simulation.frame import Frame
 from twin.ui.headset import served
 from twin.ui.headset.scene_frame import SceneFrame
 from twin.ui.session.desk import Desk
-from twin.ui.session.feed import Surface
+from twin.ui.session.feed import FieldSurface
 from twin.ui.session.organs import OrganFeed
-from twin.ui.viewer.front import Actor
+from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 
@@ -38,7 +38,7 @@ class Leaf:
     def __init__(self, robot):
         mechanism = robot.mechanism
         self.touching = {robot.name: [mechanism.frame(mechanism.tool).body]}
-        self.surfaces = {"leaf": Surface(np.array([[0, 1, 2]]))}
+        self.surfaces = {"leaf": FieldSurface(np.array([[0, 1, 2]]))}
         self.calls, self.v = [], np.eye(3)
 
     def follow(self, links, passed):
@@ -75,7 +75,7 @@ def test_organs_in_the_stream_follow_the_displayed_links():
 def test_organs_in_the_viewer_follow_the_displayed_links():
     robot = twin.load(ROBOT)
     leaf = Leaf(robot)
-    front = open_page("test", [Actor(ROBOT, ROBOT, Desk(robot))], None, serve("test", "127.0.0.1", 0), feed=leaf)
+    front = open_page("test", [ShownRobot(ROBOT, ROBOT, Desk(robot))], None, serve("test", "127.0.0.1", 0), feed=leaf)
     try:
         name = leaf.touching[ROBOT][0]
         for posture in robot.mechanism.postures:

@@ -43,7 +43,7 @@ from twin.reference.certificate import Certificate
 from twin.reference.clearance import Clearance, Shape, distance_between
 from twin.reference.following import Follower
 from twin.ui.report import together
-from twin.ui.report.scene import Row
+from twin.ui.report.scene import RobotPhases
 from twin.ui.report.scene import distances as drawn
 from twin.ui.report.style import PALETTE
 
@@ -362,7 +362,7 @@ def test_a_phase_shorter_than_the_steps_of_the_distances_keeps_its_nearest_bodie
 
 def test_every_pair_of_a_scene_is_drawn():
     pairs = {(f"a{k}", "b"): np.array([0.1, 0.2]) for k in range(len(PALETTE) + 2)}
-    axes = drawn("t", np.array([0.0, 1.0]), pairs, 0.005, [Row("b", [(0.0, 1.0)])]).axes[0]
+    axes = drawn("t", np.array([0.0, 1.0]), pairs, 0.005, [RobotPhases("b", [(0.0, 1.0)])]).axes[0]
     legend = [text.get_text() for text in axes.get_legend().get_texts()]
     assert legend == [f"{a} - {b}" for a, b in pairs]
     looks = [(line.get_color(), line.get_linestyle()) for line in axes.get_lines()]

@@ -24,7 +24,7 @@ from twin.exchange.audit import audit
 from twin.model.scene import Place, load_scene
 from twin.planning import phase_path as paths
 from twin.planning.protocol import load_protocol
-from twin.simulation.scene_play import Actor as Playing
+from twin.simulation.scene_play import ShownRobot as Playing
 from twin.simulation.scene_play import _port, trocars_of
 from twin.ui.headset.track import trocars as told
 from twin.ui.session.desk import Desk
@@ -33,7 +33,7 @@ from twin.ui.session.patient import patient_of
 from twin.ui.session.timeline import prepare
 from twin.ui.session.trocars import in_trocars
 from twin.ui.viewer import readout
-from twin.ui.viewer.front import Actor
+from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.keep import _ends_inside
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -368,7 +368,7 @@ def test_both_trocars_are_read_and_told(robot):
 @pytest.mark.slow
 def test_both_trocars_are_drawn_and_sent_where_the_protocol_has_them(robot, folder):
     playback = prepare(str(folder), "moved")
-    actor = Actor(made.NAME, str(folder), Desk(robot))
+    actor = ShownRobot(made.NAME, str(folder), Desk(robot))
     front = open_page("test", [actor], None, serve("test", "127.0.0.1", 0))
     try:
         actor.playback = playback

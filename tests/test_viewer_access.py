@@ -32,10 +32,10 @@ from twin.ui.access import limits
 from twin.ui.access.rules import AccessRules
 from twin.ui.session import session as session_files
 from twin.ui.session.desk import Desk
-from twin.ui.session.session import Session
+from twin.ui.session.session import RecordedSession
 from twin.ui.viewer import admission, message_filter
 from twin.ui.viewer import server as servers
-from twin.ui.viewer.front import Actor
+from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 
@@ -63,7 +63,7 @@ def page_of(robot, host="127.0.0.1", **more):
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
     server = serve("access", "127.0.0.1", port, AccessRules(host, port, False, tokens.append))
-    front = open_page("access", [Actor(robot.name, robot.name, Desk(robot))], None, server, **more)
+    front = open_page("access", [ShownRobot(robot.name, robot.name, Desk(robot))], None, server, **more)
     front.tokens = tokens  # type: ignore[attr-defined]
     try:
         yield front
@@ -528,7 +528,7 @@ def part(front, index, content, transfer="t"):
 
 def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
     desk = front.hand.desk
-    session = Session.of(desk.mechanism)
+    session = RecordedSession.of(desk.mechanism)
     rng = np.random.default_rng(3)
     for k in range(3):
         session.add(
@@ -609,7 +609,7 @@ def test_a_file_that_would_grow_when_it_is_read_is_refused_before(hibou, tmp_pat
     (tmp_path / "session.json").write_text(text)
     before = resident()
     with pytest.raises(TwinError, match=why):
-        Session.load(tmp_path / "session.json", hibou.mechanism)
+        RecordedSession.load(tmp_path / "session.json", hibou.mechanism)
     assert resident() - before < 250
 
 

@@ -371,7 +371,7 @@ def test_a_robot_that_cannot_be_bound_leaves_the_desk_as_it_was(monkeypatch, fai
 
     robot = twin.load("hibou")
     where = {"kinematics": "api.Robot.kinematics", "assembly": "reference.ReferenceModel.solve"}
-    monkeypatch.setattr(f"twin.{where.get(failing, 'ui.session.desk.Hand')}", fail)
+    monkeypatch.setattr(f"twin.{where.get(failing, 'ui.session.desk.DragSolver')}", fail)
     with pytest.raises(TwinError, match="no"):
         desk.bind(robot)
     assert all(vars(desk)[name] is value for name, value in before.items())

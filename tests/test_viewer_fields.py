@@ -11,7 +11,7 @@ import twin
 from made.cloth import Cloth
 from twin.simulation.frame import Frame
 from twin.ui.session.desk import Desk
-from twin.ui.viewer.front import Actor
+from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 
@@ -30,7 +30,7 @@ def front():
     robot = twin.load("hibou")
     feed = Torn(n=5)
     front = open_page(
-        "test", [Actor(robot.name, robot.name, Desk(robot))], None, serve("test", "127.0.0.1", 0), feed=feed
+        "test", [ShownRobot(robot.name, robot.name, Desk(robot))], None, serve("test", "127.0.0.1", 0), feed=feed
     )
     yield front
     front.close()

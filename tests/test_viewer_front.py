@@ -16,7 +16,7 @@ from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.timeline import Clock, prepare
 from twin.ui.viewer import recording
-from twin.ui.viewer.front import Actor
+from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.panels import curves
 from twin.ui.viewer.server import serve
@@ -24,7 +24,7 @@ from twin.ui.viewer.server import serve
 
 @contextmanager
 def front_of(*robots, protocol=None):
-    actors = [Actor(r.name, r.name, Desk(r), protocol=protocol) for r in robots]
+    actors = [ShownRobot(r.name, r.name, Desk(r), protocol=protocol) for r in robots]
     front = open_page("test", actors, None, serve("test", "127.0.0.1", 0))
     try:
         yield front

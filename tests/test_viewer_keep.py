@@ -20,7 +20,7 @@ from twin.core.units import DEG
 from twin.planning.phase_path import build
 from twin.planning.protocol import load_protocol
 from twin.planning.protocol.course import angles_of, rotation
-from twin.ui.viewer.keep import Session, append_phase, save_posture
+from twin.ui.viewer.keep import RecordedSession, append_phase, save_posture
 from twin.ui.viewer.rewrite import rewrite
 
 ROOT = Path(__file__).parents[1]
@@ -352,8 +352,8 @@ def test_an_appended_phase_plans_and_arrives(robot, name, protocol, robots):
 # -------------------------------------------------------------------------------------------------- sessions
 
 
-def recorded(mechanism, rng) -> Session:
-    session = Session.of(mechanism)
+def recorded(mechanism, rng) -> RecordedSession:
+    session = RecordedSession.of(mechanism)
     for k, label in enumerate(("start", "", 'grazes the "column" at 5 µm', "")):
         q = np.array(list(somewhere(mechanism, rng).values()))
         session.add(0.5 + k / 3, q, spatial.pose(spatial.exp_so3(rng.normal(size=3)), rng.normal(size=3)), label)
@@ -365,7 +365,7 @@ def test_a_session_comes_back_exactly(name, robots, tmp_path, rng):
     mechanism = robots[name].mechanism
     session = recorded(mechanism, rng)
     session.save(tmp_path / "new" / "s.json")
-    back = Session.load(tmp_path / "new" / "s.json", mechanism)
+    back = RecordedSession.load(tmp_path / "new" / "s.json", mechanism)
     assert (back.robot, back.joints, back.units) == (session.robot, session.joints, session.units)
     for a, b in zip(session.moments, back.moments, strict=True):
         assert (a.time, a.label) == (b.time, b.label)
@@ -385,12 +385,12 @@ def test_a_session_is_linear_between_its_moments(robots, rng):
 
 def test_an_empty_session_lasts_no_time(robots, tmp_path):
     mechanism = robots["pa10"].mechanism
-    session = Session.of(mechanism)
+    session = RecordedSession.of(mechanism)
     assert session.duration == 0
     with pytest.raises(TwinError, match="the session is empty"):
         session.at(0)
     session.save(tmp_path / "s.json")
-    assert Session.load(tmp_path / "s.json", mechanism).moments == []
+    assert RecordedSession.load(tmp_path / "s.json", mechanism).moments == []
 
 
 @pytest.mark.parametrize(
@@ -404,7 +404,7 @@ def test_an_empty_session_lasts_no_time(robots, tmp_path):
     ],
 )
 def test_a_moment_that_makes_no_sense_is_refused(time, q, T, words, robots):
-    session = Session.of(robots["pa10"].mechanism)
+    session = RecordedSession.of(robots["pa10"].mechanism)
     session.add(1.0, np.zeros(7), np.eye(4))
     with pytest.raises(TwinError, match=f"session of pa10, moment 1: .*{re.escape(words)}"):
         session.add(time, q, T)
@@ -412,7 +412,7 @@ def test_a_moment_that_makes_no_sense_is_refused(time, q, T, words, robots):
 
 
 def test_a_moment_keeps_its_own_numbers(robots):
-    session, q = Session.of(robots["pa10"].mechanism), np.zeros(7)
+    session, q = RecordedSession.of(robots["pa10"].mechanism), np.zeros(7)
     session.add(0.0, q, np.eye(4))
     q[:] = 1
     np.testing.assert_array_equal(session.at(0), np.zeros(7))
@@ -436,7 +436,7 @@ def test_a_file_that_is_no_session_of_this_robot_is_refused(change, words, robot
     recorded(mechanism, rng).save(path)
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
     with pytest.raises(TwinError, match=re.escape(str(path))) as caught:
-        Session.load(path, mechanism)
+        RecordedSession.load(path, mechanism)
     assert words in str(caught.value)
 
 
@@ -446,7 +446,7 @@ def test_a_file_that_is_no_session_at_all_is_refused(data, robots, tmp_path):
     if data is not None:
         path.write_bytes(data)
     with pytest.raises(TwinError, match=re.escape(str(path))):
-        Session.load(path, robots["pa10"].mechanism)
+        RecordedSession.load(path, robots["pa10"].mechanism)
 
 
 def test_moments_out_of_order_in_a_file_are_refused(robots, tmp_path, rng):
@@ -456,4 +456,4 @@ def test_moments_out_of_order_in_a_file_are_refused(robots, tmp_path, rng):
     data["moments"].reverse()
     path.write_text(json.dumps(data))
     with pytest.raises(TwinError, match=r"s\.json: session of pa10, moment 1: time"):
-        Session.load(path, mechanism)
+        RecordedSession.load(path, mechanism)

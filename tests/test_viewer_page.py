@@ -52,11 +52,11 @@ def without_shadows(front):
 @contextmanager
 def shown(name, protocol=None):
     """Yield a running front with one robot."""
-    from twin.ui.viewer.front import Actor
+    from twin.ui.viewer.front import ShownRobot
     from twin.ui.viewer.page import open_page
     from twin.ui.viewer.server import serve
 
-    actor = Actor(name, name, Desk(twin.load(name)), protocol=protocol)
+    actor = ShownRobot(name, name, Desk(twin.load(name)), protocol=protocol)
     front = without_shadows(open_page(f"twin · {name}", [actor], None, serve(name, "127.0.0.1", 0)))
     thread = threading.Thread(target=front.run)
     thread.start()
@@ -575,13 +575,15 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(browser, query, m
 @pytest.mark.usefixtures("aside")
 def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(browser):
     from twin.ui.access.rules import AccessRules
-    from twin.ui.viewer.front import Actor
+    from twin.ui.viewer.front import ShownRobot
     from twin.ui.viewer.page import open_page
     from twin.ui.viewer.server import serve
 
     tokens = []
     server = serve("hibou", "127.0.0.1", 0, AccessRules("0.0.0.0", 0, False, tokens.append))
-    front = open_page("twin · hibou", [Actor("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False)
+    front = open_page(
+        "twin · hibou", [ShownRobot("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False
+    )
     thread = threading.Thread(target=front.run)
     thread.start()
     try:

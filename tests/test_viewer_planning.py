@@ -14,7 +14,7 @@ from twin.cli.scene import load
 from twin.core.units import MM
 from twin.ui.session import console, plan_view
 from twin.ui.session.plan_mode import Preview
-from twin.ui.session.plan_work import DT, SHOWN, Check, Checked, Clear, Found, Proven
+from twin.ui.session.plan_work import DT, SHOWN, CheckedTarget, Clear, PlannedMotion, Proven, TargetCheck
 from twin.ui.viewer.console import ConsoleFront
 from twin.ui.viewer.nodes import BLUE, RED
 from twin.ui.viewer.server import serve
@@ -37,11 +37,11 @@ class Planner:
 
     def __call__(self, job):
         kin, links = self.member.kin, self.member.links
-        if isinstance(job, Check):
+        if isinstance(job, TargetCheck):
             if job.q is not None:
                 z = kin.forward(job.q)[2, 3]
                 self.z = z if self.z is None else self.z
-                yield Checked("jaw and floor are 0.10 mm apart (limit 2 mm)" if z < self.z - LOW else "")
+                yield CheckedTarget("jaw and floor are 0.10 mm apart (limit 2 mm)" if z < self.z - LOW else "")
             return
         yield 0.5
         ticks = round(2 * SHOWN / DT)
@@ -50,7 +50,7 @@ class Planner:
         names = tuple(poses[0])
         Ts = kin.forward_many(q)
         tree = np.stack([Ts[:3, :3, 3], Ts[1:4, :3, 3] + 0.01], axis=1)
-        yield Found(Ts, np.array([[row[n] for n in names] for row in poses]), names, tree)
+        yield PlannedMotion(Ts, np.array([[row[n] for n in names] for row in poses]), names, tree)
         yield Clear(np.array([0.0, 0.01]), np.array([8, 6]) * MM)
         yield Clear(np.array([0.02, 0.033]), np.array([5, 7]) * MM)
         yield Proven(4.5 * MM, 5 * MM, ("jaw", "floor"))
@@ -253,7 +253,9 @@ STATE = {
     "ready": True,
     "done": 0.3,
 }
-PREVIEW = Preview(Found(np.tile(np.eye(4), (2001, 1, 1)), np.arange(32.0).reshape(2, 1, 4, 4), ("x",), np.zeros(0)))
+PREVIEW = Preview(
+    PlannedMotion(np.tile(np.eye(4), (2001, 1, 1)), np.arange(32.0).reshape(2, 1, 4, 4), ("x",), np.zeros(0))
+)
 
 
 @pytest.mark.parametrize(

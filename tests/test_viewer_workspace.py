@@ -21,7 +21,7 @@ from twin.core.units import MM
 from twin.kinematics import singularity
 from twin.kinematics.closed_loops.dragging import Bound
 from twin.ui.session import workspace
-from twin.ui.session.workspace import Cloud, Job, evaluate, poses
+from twin.ui.session.workspace import Cloud, WorkspaceJob, evaluate, poses
 
 REACH = {"sils": 0.3, "sher": 0.05, "pa10": 0.8, "lapbot": 0.15, "hibou": 0.1}
 ENDLESS = 10**9
@@ -50,16 +50,16 @@ FORMULA = Formula(
 '''  # fmt: skip
 
 
-def job_of(name: str, count: int = 500, **changes) -> Job:
+def job_of(name: str, count: int = 500, **changes) -> WorkspaceJob:
     """Return the job about a robot's home posture, with its own limits."""
     robot = twin.load(name)
     T = robot.kinematics().forward(robot.mechanism.posture("home"))
     limits = np.array([j.limits for j in robot.mechanism.active])
-    return replace(Job(name, None, {}, limits, T, REACH[name], count), **changes)
+    return replace(WorkspaceJob(name, None, {}, limits, T, REACH[name], count), **changes)
 
 
 @pytest.fixture(scope="module")
-def sils() -> Job:
+def sils() -> WorkspaceJob:
     return job_of("sils")
 
 
@@ -75,7 +75,7 @@ def joined(chunks) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([c.points for c in chunks]), np.concatenate([c.condition for c in chunks])
 
 
-def wait(cloud: Cloud, until=lambda c: c.error or c.evaluated == c.count) -> list[workspace.Chunk]:
+def wait(cloud: Cloud, until=lambda c: c.error or c.evaluated == c.count) -> list[workspace.WorkspaceChunk]:
     """Poll until a chunk is the one that is waited for; return all."""
     chunks, end = [], time.monotonic() + 300  # a nice process on a busy machine
     while not chunks or not until(chunks[-1]):
@@ -196,7 +196,7 @@ def test_equations_without_a_closed_inverse_are_refused(tmp_path):
     shutil.copy(Path(__file__).parent / "data/cad/crank.toml", tmp_path / "cad")
     (tmp_path / "formula.py").write_text(FORWARD_ONLY)
     with pytest.raises(KinematicsError, match="slide: its equations have no closed-form inverse"):
-        next(evaluate(Job(str(tmp_path), None, {}, np.zeros((3, 2)), np.eye(4), 0.1)))
+        next(evaluate(WorkspaceJob(str(tmp_path), None, {}, np.zeros((3, 2)), np.eye(4), 0.1)))
 
 
 @pytest.mark.parametrize(
@@ -290,12 +290,12 @@ def test_close_leaves_no_process_and_start_begins_another(sils):
 VIEWER = """
 import time
 import numpy as np
-from twin.ui.session.workspace import Cloud, Job
+from twin.ui.session.workspace import Cloud, WorkspaceJob
 
 if __name__ == "__main__":
     try:
         cloud = Cloud()
-        cloud.start(Job("sils", None, {}, np.tile([-9.0, 9.0], (6, 1)), np.eye(4), 0.5, 10**9))
+        cloud.start(WorkspaceJob("sils", None, {}, np.tile([-9.0, 9.0], (6, 1)), np.eye(4), 0.5, 10**9))
         while cloud.poll() is None:
             time.sleep(0.01)
         print("runs", flush=True)

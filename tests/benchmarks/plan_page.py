@@ -78,7 +78,7 @@ def alone(file: Path, goal: np.ndarray, plans: int) -> list[float]:
     room, out = plan_work.Room(1, str(file), "raven_left", {}), []
     for seed in range(plans + 1):
         began = time.process_time()
-        next(plan_work.plan(plan_work.Plan(room, START, goal, 0.06, 45 * DEG, seed)))
+        next(plan_work.plan(plan_work.PlanJob(room, START, goal, 0.06, 45 * DEG, seed)))
         out.append(time.process_time() - began)
     return out[1:]  # the first one loads the shapes
 

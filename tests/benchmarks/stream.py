@@ -30,7 +30,7 @@ import numpy as np
 from websockets.asyncio.client import connect
 
 import twin
-from twin.ui.headset.protocol import Frame, sevens, unpack
+from twin.ui.headset.protocol import RobotFrame, sevens, unpack
 from twin.ui.session.timeline import RATE, prepare
 
 BAR_MS = 50.0
@@ -228,7 +228,7 @@ def bites(t: np.ndarray, poses: np.ndarray) -> bool:
     mixed = poses[k].copy()
     moving = int(np.argmax(np.abs(poses[k] - poses[k - 1]).max(axis=1)))
     mixed[moving] = poses[k - 1, moving]
-    frames = [Frame(0, 0.0, float(t[k]), p.astype(np.float32), np.zeros(0), 0) for p in (poses[k], mixed)]
+    frames = [RobotFrame(0, 0.0, float(t[k]), p.astype(np.float32), np.zeros(0), 0) for p in (poses[k], mixed)]
     return whole(frames[0], t, poses) and not whole(frames[1], t, poses)
 
 

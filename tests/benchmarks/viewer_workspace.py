@@ -18,7 +18,7 @@ import numpy as np
 
 import twin
 from twin.core.units import MM
-from twin.ui.session.workspace import Cloud, Job
+from twin.ui.session.workspace import Cloud, WorkspaceJob
 
 ROUNDS, ALONE, RATE = 4, 4.0, 60.0
 
@@ -30,7 +30,7 @@ def main() -> None:
     assembly = model.home()
     home = assembly.T_base_tool.copy()
     limits = np.array([j.limits for j in robot.mechanism.active])
-    job = Job("sils", None, {}, limits, home, reach=0.3)
+    job = WorkspaceJob("sils", None, {}, limits, home, reach=0.3)
     cloud, steps, q = Cloud(), 0, kin.inverse(home)
     times: dict[str, list[float]] = {"alone": [], "beside the cloud": []}
     totals: list[float] = []

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from twin.simulation.frame import Frame
-from twin.ui.session.feed import Surface
+from twin.ui.session.feed import FieldSurface
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 RATE = 60.0
@@ -36,7 +36,7 @@ class Cloth:
         at = np.arange(n * n).reshape(n, n)
         quads = [(at[i, j], at[i, j + 1], at[i + 1, j + 1], at[i + 1, j]) for i in range(n - 1) for j in range(n - 1)]
         triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-        self.surfaces = {"cloth": Surface(triangles, (0.16, 0.55, 0.5), 1.0)}
+        self.surfaces = {"cloth": FieldSurface(triangles, (0.16, 0.55, 0.5), 1.0)}
         pairs = [(at[:, :-1], at[:, 1:]), (at[:-1], at[1:]), (at[:-1, :-1], at[1:, 1:]), (at[:-1, 1:], at[1:, :-1])]
         self.edges = np.concatenate([np.stack([a.ravel(), b.ravel()], 1) for a, b in pairs])
         start = self._start()

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import served
-from twin.ui.headset.recording import Recording
+from twin.ui.headset.recording import StreamRecording
 from twin.ui.headset.scene_frame import unpack_any
 from twin.ui.headset.server import StreamServer
 
@@ -43,7 +43,7 @@ async def serving(robot, host="127.0.0.1", source=None, record=None, plans=True,
     shown = robot() if callable(robot) else served.of_robot(robot, robot.name, None, plans)
     of, recording = shown.live, None
     if record is not None:
-        recording = Recording(record, shown.name, shown.model_hash, of.links, of.joints, of.version)
+        recording = StreamRecording(record, shown.name, shown.model_hash, of.links, of.joints, of.version)
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]

@@ -48,7 +48,7 @@ _PEDAL_SIGNALS = ("clutch", "camera", "scale")
 
 
 @dataclass(frozen=True)
-class Arm:
+class ArmPath:
     """A robot of a session: its place, its mechanism, and its motion at the samples of the session.
 
     Attributes:
@@ -88,7 +88,7 @@ class ConsoleSession(Result):
     seed: int | None
     task: Task | None
     ran: Ran
-    arms: Mapping[str, Arm]
+    arms: Mapping[str, ArmPath]
     lost: str = ""
     recorded: bytes | None = None
     pegs: Mapping[str, Peg] = field(default_factory=dict)

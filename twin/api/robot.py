@@ -54,7 +54,7 @@ def names() -> list[str]:
     return assets.names()
 
 
-class Source:
+class RobotSource:
     """The CAD or USD stage of a robot, read once and shared by all robots with this source."""
 
     def __init__(self, files: assets.RobotFiles | None, stage: Path | None, tool: str | None = None) -> None:
@@ -131,7 +131,7 @@ class Robot:
         inverse_by: what gives the joint values of planned poses: "equations", or "points", the published optimisation.
     """
 
-    source: Source
+    source: RobotSource
     files: assets.RobotFiles | None
     chosen_variants: Mapping[str, str] | str | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -601,7 +601,7 @@ def load(
         if not path.is_file():
             raise TwinError(f"{path}: the stage does not exist")
         admit(path)
-        return Robot(Source(None, path, tool), None, variants, dict(parameters or {}))
+        return Robot(RobotSource(None, path, tool), None, variants, dict(parameters or {}))
     if tool is not None:
         raise TwinError(f"{robot} is not a USD stage: the tool is set in the robot's description")
     files = assets.files(robot)
@@ -610,4 +610,4 @@ def load(
         logging.getLogger(__name__).warning(
             "'%s' is the built-in robot; for the robot in the folder %s write ./%s", robot, other, robot
         )
-    return Robot(Source(files, None), files, variants, dict(parameters or {}))
+    return Robot(RobotSource(files, None), files, variants, dict(parameters or {}))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.api.act import members_of, props_of, robots_at
-from twin.api.console_session import Arm, ConsoleSession
+from twin.api.console_session import ArmPath, ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
 from twin.api.standing import load_scene
@@ -241,7 +241,7 @@ def _setup(scene: Scene, task: Task | None, condition: Condition | None) -> tupl
     return robots, Setup(scene, members, task, props, condition)
 
 
-def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, Arm]) -> AlignMeasures:
+def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, ArmPath]) -> AlignMeasures:
     """Return the measures of an alignment, from the camera's equations and from a picture of the mechanisms."""
     scene, props = setup.scene, setup.props
     camera = scene.cameras[console_scene.console_of(scene).camera]
@@ -268,11 +268,11 @@ def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, Arm]) -
     return camera_task.measure(ran.kept, goal, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
 
 
-def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]:
+def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmPath]:
     """Return {name of a place: motion of its robot}, computed from the robots' mechanisms."""
     table = console_scene.console_of(setup.scene)
     camera = setup.scene.cameras[table.camera].robot
-    arms: dict[str, Arm] = {}
+    arms: dict[str, ArmPath] = {}
     for place in console_scene.led_by(setup.scene):
         robot = robots[place.name]
         mechanism = robot.mechanism
@@ -290,5 +290,5 @@ def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, Arm]
             tip = table.tip
         frame = mechanism.frame(tip)
         Ts_world_tip = place.T_world_base @ links[frame.body] @ frame.T_body_frame
-        arms[place.name] = Arm(place, mechanism, q, links, Ts_world_tip[:, :3, 3])
+        arms[place.name] = ArmPath(place, mechanism, q, links, Ts_world_tip[:, :3, 3])
     return arms

@@ -31,7 +31,7 @@ def free_port(host: str, port: int) -> int:
         return int(s.getsockname()[1])
 
 
-class Address:
+class PageAddress:
     """The address of a page, as printed on the terminal.
 
     `url` is the address for a browser on this machine or, if the server is open to the network, on another machine;

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from twin import api
 from twin.cli import machines
 from twin.cli import scene as scenes
-from twin.cli.address import Address, free_port
+from twin.cli.address import PageAddress, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
 
@@ -150,7 +150,7 @@ async def serve_until_stopped(
     """Serve the object that `make` returns, until Ctrl-C; `make` is called in the event loop."""
     from twin.ui.access.rules import AccessRules
     from twin.ui.headset import files
-    from twin.ui.headset.recording import Recording, Replay
+    from twin.ui.headset.recording import Replay, StreamRecording
     from twin.ui.headset.server import StreamServer
 
     # Each send releases the interpreter's lock; by default, the solver thread would then hold the lock for 5 ms.
@@ -165,12 +165,14 @@ async def serve_until_stopped(
         if args.replay is not None:
             source = Replay(Path(args.replay), name, shown.model_hash)
         if args.record is not None:
-            recording = Recording(Path(args.record), name, shown.model_hash, live.links, live.joints, live.version)
+            recording = StreamRecording(
+                Path(args.record), name, shown.model_hash, live.links, live.joints, live.version
+            )
         web = Path(str(resources.files("twin.ui.headset"))) / "web" / "dist"
         own = ChainMap(files.page_files(web, shown.preload) | shown.files, shown.late)
         is_https = context is not None
         advice = "" if is_https else _ADVICE
-        address = Address(args.host, port, is_https, name, advice)
+        address = PageAddress(args.host, port, is_https, name, advice)
         rules = AccessRules(args.host, port, is_https, address.say)
         server = StreamServer(source, shown.hello, own, rules, recording)
         server.stopping = stopping

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from twin import api
 from twin.cli import machines, show
 from twin.cli import scene as scenes
-from twin.cli.address import Address, free_port
+from twin.cli.address import PageAddress, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from twin.model.scene import Scene
     from twin.ui.viewer.console import ConsoleFront
     from twin.ui.viewer.front import Front
-    from twin.ui.viewer.loop import Loop
+    from twin.ui.viewer.loop import ViewerPage
     from twin.ui.viewer.watch import WatchFront
 
     Page = Front | ConsoleFront | WatchFront
@@ -64,7 +64,7 @@ def show_page(
     title: str,
     port: int,
     advice: str,
-    open_page: Callable[[viser.ViserServer, threading.Event, bool], Loop],
+    open_page: Callable[[viser.ViserServer, threading.Event, bool], ViewerPage],
 ) -> int:
     """Show a page of viser until Ctrl-C.
 
@@ -90,7 +90,7 @@ def show_page(
 
     before = signal.signal(signal.SIGINT, end)
     try:
-        address = Address(args.host, port, False, title, advice)
+        address = PageAddress(args.host, port, False, title, advice)
         rules = AccessRules(args.host, port, False, address.say)
         server = serve(f"twin · {title}", args.host, port, rules)
         if not rules.needs_token:
@@ -156,10 +156,10 @@ def _what(
 
         def of_robot(server: viser.ViserServer, more: dict[str, Any]) -> Front:
             from twin.ui.session.desk import Desk
-            from twin.ui.viewer.front import Actor
+            from twin.ui.viewer.front import ShownRobot
             from twin.ui.viewer.page import open_page
 
-            actor = Actor(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)
+            actor = ShownRobot(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)
             return open_page(f"twin · {robot.name}", [actor], None, server, **more)
 
         return robot.name, of_robot
@@ -179,14 +179,14 @@ def _what(
 
     def of_scene(server: viser.ViserServer, more: dict[str, Any]) -> Front:
         from twin.ui.session.desk import Desk
-        from twin.ui.viewer.front import Actor
+        from twin.ui.viewer.front import ShownRobot
         from twin.ui.viewer.page import open_page
 
         loaded = scenes.with_organs(scenes.load(scene))
         actors = []
         for place in scene.places:
             desk = Desk(loaded.robots[place.name])
-            actors.append(Actor(place.name, place.robot, desk, place.T_world_base, place.protocol))
+            actors.append(ShownRobot(place.name, place.robot, desk, place.T_world_base, place.protocol))
         return open_page(f"twin · {scene.name}", actors, loaded.props, server, feed=loaded.feed, **more)
 
     def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:

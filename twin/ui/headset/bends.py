@@ -11,7 +11,7 @@ from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset.scene_frame import pack_field
-from twin.ui.session.feed import Feed, Follower, vertices_of
+from twin.ui.session.feed import Feed, FollowingFeed, vertices_of
 
 _NOTHING = pack_field(np.zeros((0, 3)))
 
@@ -36,7 +36,7 @@ class Bends:
     @property
     def needs(self) -> Mapping[str, Sequence[str]]:
         """Names of the links that `follow` needs, by robot; empty if the deformables do not follow links."""
-        return self.feed.touching if isinstance(self.feed, Follower) and not self._broken else {}
+        return self.feed.touching if isinstance(self.feed, FollowingFeed) and not self._broken else {}
 
     def follow(self, links: Callable[[], Mapping[str, Mapping[str, Array]]], passed: float, t: float) -> None:
         """Deform, according to the present link poses, the deformables that follow links.
@@ -46,7 +46,7 @@ class Bends:
             passed: time in s since the last call.
             t: time in s of the scene.
         """
-        if not isinstance(self.feed, Follower) or self._broken:
+        if not isinstance(self.feed, FollowingFeed) or self._broken:
             return
         try:
             moved = self.feed.follow(links(), passed)

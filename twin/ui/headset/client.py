@@ -24,7 +24,7 @@ WAITING = 64
 """Maximum number of documents queued for one client; the client is disconnected if there are more."""
 
 
-class Source(Protocol):
+class StreamSource(Protocol):
     """Source of a stream: live robots or a recorded session.
 
     Attributes:

@@ -10,11 +10,11 @@ import numpy as np
 from twin.core.errors import unknown
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.session.desk import Desk, Moved
+from twin.ui.session.desk import Desk, MoveResult
 
 
 @dataclass(frozen=True)
-class Hold:
+class ClientHold:
     """The part of a robot that a client has grabbed.
 
     Attributes:
@@ -32,8 +32,8 @@ class Hold:
     point: tuple[float, ...] = ()
 
 
-def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
-    """Return the `Hold` that a client's message requests.
+def hold_of(client: str, message: wire.GrabMessage, desk: Desk) -> ClientHold:
+    """Return the `ClientHold` that a client's message requests.
 
     Raises:
         RefusedError: the joint or link does not exist, or cannot be moved.
@@ -50,10 +50,10 @@ def hold_of(client: str, message: wire.Grab, desk: Desk) -> Hold:
             raise RefusedError("unknown", unknown("link", name, links))
         if name == desk.mechanism.base:
             raise RefusedError("refused", f"{name} is the base and cannot move")
-    return Hold(client, message.target, joint, name, message.point or ())
+    return ClientHold(client, message.target, joint, name, message.point or ())
 
 
-def move_of(hold: Hold, message: wire.Drag, desk: Desk) -> Callable[[], Moved]:
+def move_of(hold: ClientHold, message: wire.DragMessage, desk: Desk) -> Callable[[], MoveResult]:
     """Return a function that moves the desk to the target of a drag message.
 
     Raises:

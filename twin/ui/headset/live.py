@@ -137,17 +137,17 @@ class Live:
         Raises:
             RefusedError: the request is refused; nothing has changed.
         """
-        if isinstance(message, wire.OfRobot):
-            if isinstance(message, wire.Release) and message.robot is None:
+        if isinstance(message, wire.RobotMessage):
+            if isinstance(message, wire.ReleaseMessage) and message.robot is None:
                 return self.release(client)
             return self._of(client, message).ask(client, message)
-        if not isinstance(message, wire.Speed | wire.Loop | wire.Seek | wire.Play):
+        if not isinstance(message, wire.SpeedMessage | wire.LoopMessage | wire.SeekMessage | wire.PlayMessage):
             raise RefusedError("refused", f"`{message.type}` is for a console: this server has no console")
         for twin in self.twins.values():
             twin.leave_to(client)
-        if isinstance(message, wire.Speed):
+        if isinstance(message, wire.SpeedMessage):
             self.clock.speed = message.value
-        elif isinstance(message, wire.Loop):
+        elif isinstance(message, wire.LoopMessage):
             self.clock.loop = message.on
         else:
             self._time(message)
@@ -155,7 +155,7 @@ class Live:
                 twin.let_go(client)
         return None
 
-    def _of(self, client: str, message: wire.OfRobot) -> Twin:
+    def _of(self, client: str, message: wire.RobotMessage) -> Twin:
         """Return the robot to which a request applies.
 
         Without a robot's name, a drag applies to the only robot that the client holds; other requests need the name if
@@ -166,7 +166,7 @@ class Live:
                 raise RefusedError("unknown", unknown("robot", message.robot, self.twins))
             return self.twins[message.robot]
         meant = list(self.twins.values())
-        if isinstance(message, wire.Drag) and len(meant) > 1:
+        if isinstance(message, wire.DragMessage) and len(meant) > 1:
             meant = [t for t in meant if t.holder == client]
             if not meant:
                 raise RefusedError("not_held", "grab first, then drag")
@@ -177,12 +177,12 @@ class Live:
             )
         return meant[0]
 
-    def _time(self, message: wire.Seek | wire.Play) -> None:
+    def _time(self, message: wire.SeekMessage | wire.PlayMessage) -> None:
         if not self.clock.duration > 0:
             why = [(n, t.why_not) for n, t in self.twins.items()]
             text = why[0][1] if self.alone else "; ".join(f"{n}: {w}" for n, w in why)
             raise RefusedError("refused", f"no protocol is planned yet: {text}")
-        if isinstance(message, wire.Seek):
+        if isinstance(message, wire.SeekMessage):
             self.clock.seek(message.t)
         elif message.on:
             self.clock.play()

@@ -103,5 +103,5 @@ class Mirrored:
         Raises:
             RefusedError: a robot that follows a machine cannot be moved.
         """
-        if not isinstance(message, wire.Release):
+        if not isinstance(message, wire.ReleaseMessage):
             raise RefusedError("refused", f"{self.mirror.name} follows its machine and cannot be moved here")

@@ -266,26 +266,26 @@ class Operation(LiveConsole):
         Raises:
             RefusedError: the request is refused; nothing has changed.
         """
-        if isinstance(message, wire.Release):
+        if isinstance(message, wire.ReleaseMessage):
             return self.release(client)
         try:
-            if isinstance(message, wire.Hands):
+            if isinstance(message, wire.HandsMessage):
                 return self._hands(client, message)
-            if isinstance(message, wire.Scale):
+            if isinstance(message, wire.ScaleMessage):
                 return self.rescale(client, message.value)
-            if isinstance(message, wire.Task):
+            if isinstance(message, wire.TaskMessage):
                 return (self.restart if message.do == "restart" else self.end)(client)
-            if isinstance(message, wire.Haptics):
+            if isinstance(message, wire.HapticsMessage):
                 return self.feel(client, message.on)
-            if isinstance(message, wire.Fulcrum):
+            if isinstance(message, wire.FulcrumMessage):
                 return self.choose_fulcrum(client, message.mode)
-            if isinstance(message, wire.Training):
+            if isinstance(message, wire.TrainingMessage):
                 return self.train(client, Mode[message.mode.upper()])
-            if isinstance(message, wire.Button):
+            if isinstance(message, wire.ButtonMessage):
                 return self.press(client, message.button)
-            if isinstance(message, wire.Plan):
+            if isinstance(message, wire.PlanMessage):
                 return self.plan(client, message.do, message.hand)
-            if isinstance(message, wire.Tool):
+            if isinstance(message, wire.ToolMessage):
                 return self.take_tool(client, message.hand, message.name)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
@@ -293,7 +293,7 @@ class Operation(LiveConsole):
             raise RefusedError("refused", str(error)) from None
         raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
 
-    def _hands(self, client: str, message: wire.Hands) -> None:
+    def _hands(self, client: str, message: wire.HandsMessage) -> None:
         states = [
             HandState(k, message.clutch, message.camera, message.number, wire.pose_of(hand.pose), hand.grip)
             for k, hand in enumerate((message.right, message.left))

@@ -61,7 +61,7 @@ OBJECTS = "objects"
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class RobotFrame:
     """A complete frame.
 
     Attributes:
@@ -108,7 +108,7 @@ def size_of(data: bytes) -> int:
     return _HEADER.size + 4 * (7 * links + joints + (7 if flags & GHOST else 0))
 
 
-def unpack(data: bytes) -> Frame:
+def unpack(data: bytes) -> RobotFrame:
     """Return the frame in a binary message.
 
     Raises:
@@ -121,7 +121,7 @@ def unpack(data: bytes) -> Frame:
     counts = (7 * links, joints, 7 if flags & GHOST else 0)
     values = np.frombuffer(data, "<f4", offset=_HEADER.size)
     poses, q, ghost = np.split(values, np.cumsum(counts)[:2])
-    return Frame(seq, server_time, clip_time, poses.reshape(links, 7), q, flags, ghost if flags & GHOST else None)
+    return RobotFrame(seq, server_time, clip_time, poses.reshape(links, 7), q, flags, ghost if flags & GHOST else None)
 
 
 def sevens(Ts: Array) -> Array:
@@ -176,55 +176,55 @@ class _Message(BaseModel):
     id: Annotated[int, Field(ge=0, le=2**53)] | Annotated[str, Field(max_length=40)] | None = None
 
 
-class _OfRobot(_Message):
+class _RobotMessage(_Message):
     """A message for one robot of a scene; the robot's name may be omitted if only one robot is possible."""
 
     robot: _Name | None = None
 
 
-class Play(_Message):
+class PlayMessage(_Message):
     """Play or pause the protocol."""
 
     type: Literal["play"]
     on: bool
 
 
-class Seek(_Message):
+class SeekMessage(_Message):
     """Set the playback time in s."""
 
     type: Literal["seek"]
     t: Annotated[float, Field(ge=0, le=1e6)]
 
 
-class Speed(_Message):
+class SpeedMessage(_Message):
     """Set the playback speed."""
 
     type: Literal["speed"]
     value: Annotated[float, Field(ge=0.05, le=8)]
 
 
-class Loop(_Message):
+class LoopMessage(_Message):
     """Set whether the protocol loops."""
 
     type: Literal["loop"]
     on: bool
 
 
-class Protocol(_OfRobot):
+class ProtocolMessage(_RobotMessage):
     """Choose a protocol of the robot."""
 
     type: Literal["protocol"]
     name: _Name
 
 
-class Posture(_OfRobot):
+class PostureMessage(_RobotMessage):
     """Move the robot to a named posture."""
 
     type: Literal["posture"]
     name: _Name
 
 
-class Grab(_OfRobot):
+class GrabMessage(_RobotMessage):
     """Grab the tool, a joint, or a link at `point` (3,) in m in the link's frame."""
 
     type: Literal["grab"]
@@ -233,7 +233,7 @@ class Grab(_OfRobot):
     point: _Vector | None = None
 
     @model_validator(mode="after")
-    def _fits(self) -> Grab:
+    def _fits(self) -> GrabMessage:
         if (self.name is None) != (self.target == "tool"):
             raise ValueError("name: required to grab a joint or a link, not allowed for the tool")
         if (self.point is None) != (self.target != "link"):
@@ -241,7 +241,7 @@ class Grab(_OfRobot):
         return self
 
 
-class Drag(_OfRobot):
+class DragMessage(_RobotMessage):
     """Drag a grabbed tool to a pose, a joint to a value, or a point of a link to a position (m, rad, world frame)."""
 
     type: Literal["drag"]
@@ -250,7 +250,7 @@ class Drag(_OfRobot):
     point: _Vector | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> Drag:
+    def _one(self) -> DragMessage:
         if sum(v is not None for v in (self.pose, self.value, self.point)) != 1:
             raise ValueError("give exactly one of pose, value and point")
         if self.pose is not None and not 0.9 < sum(v * v for v in self.pose[3:]) < 1.1:
@@ -258,34 +258,34 @@ class Drag(_OfRobot):
         return self
 
 
-class Release(_OfRobot):
+class ReleaseMessage(_RobotMessage):
     """Release the grab."""
 
     type: Literal["release"]
 
 
-class Variant(_OfRobot):
+class VariantMessage(_RobotMessage):
     """Show the ghost for a variant of the equations ("printed" or "eq1=printed"); null hides the ghost."""
 
     type: Literal["variant"]
     name: _Name | None
 
 
-class Workspace(_OfRobot):
+class WorkspaceMessage(_RobotMessage):
     """Compute the tool positions reachable at the present orientation, or stop the computation and clear the points."""
 
     type: Literal["workspace"]
     on: bool
 
 
-class Record(_Message):
+class RecordMessage(_Message):
     """Begin or end a recording; requires a server started with --record."""
 
     type: Literal["record"]
     on: bool
 
 
-class Hand(BaseModel):
+class HandInput(BaseModel):
     """Input of one hand: pose of the console's handle, and angle of the gripper in rad.
 
     The pose is in frame {H}, the axes of the endoscope's picture: x y z in m, quaternion x y z w.
@@ -297,66 +297,66 @@ class Hand(BaseModel):
     grip: Annotated[float, Field(ge=-_OPEN, le=_OPEN)]
 
     @model_validator(mode="after")
-    def _unit(self) -> Hand:
+    def _unit(self) -> HandInput:
         if not 0.999 < sum(v * v for v in self.pose[3:]) < 1.001:
             raise ValueError("pose: the quaternion x y z w must have length 1")
         return self
 
 
-class Hands(_Message):
+class HandsMessage(_Message):
     """Both hands and the pedals of a console; `number` increases by one with each message."""
 
     type: Literal["hands"]
     number: Annotated[int, Field(ge=0, lt=2**32)]
-    right: Hand
-    left: Hand
+    right: HandInput
+    left: HandInput
     clutch: bool
     camera: bool
 
 
-class Scale(_Message):
+class ScaleMessage(_Message):
     """Set the motion scale of a console."""
 
     type: Literal["scale"]
     value: Annotated[float, Field(ge=0.05, le=1)]
 
 
-class Task(_Message):
+class TaskMessage(_Message):
     """End the present attempt at the task of a console, or begin a new one."""
 
     type: Literal["task"]
     do: Literal["end", "restart"]
 
 
-class Haptics(_Message):
+class HapticsMessage(_Message):
     """Switch the forces on the hands of a console on or off."""
 
     type: Literal["haptics"]
     on: bool
 
 
-class Fulcrum(_Message):
+class FulcrumMessage(_Message):
     """Choose which end of the instruments the hands move: the tip ("compensated") or the outer end ("direct")."""
 
     type: Literal["fulcrum"]
     mode: Literal["compensated", "direct"]
 
 
-class Training(_Message):
+class TrainingMessage(_Message):
     """Request a mode of the machines' trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay."""
 
     type: Literal["training"]
     mode: Literal["teleoperate", "rehearse", "judge", "replay"]
 
 
-class Button(_Message):
+class ButtonMessage(_Message):
     """Press a button of the machines."""
 
     type: Literal["button"]
     button: Literal["start", "stop"]
 
 
-class Plan(_Message):
+class PlanMessage(_Message):
     """Planning mode for the arm of a hand: move a target, find a motion to the target, accept the motion, or cancel."""
 
     type: Literal["plan"]
@@ -364,7 +364,7 @@ class Plan(_Message):
     hand: Literal["right", "left"]
 
 
-class Tool(_Message):
+class ToolMessage(_Message):
     """Choose the tool of the instrument that a hand controls."""
 
     type: Literal["tool"]
@@ -372,7 +372,7 @@ class Tool(_Message):
     name: _Name
 
 
-class Ping(_Message):
+class PingMessage(_Message):
     """Request a `pong` with the same t and the server's time; a grab is not released while its client sends pings."""
 
     type: Literal["ping"]
@@ -380,32 +380,34 @@ class Ping(_Message):
 
 
 Message = (
-    Play
-    | Seek
-    | Speed
-    | Loop
-    | Protocol
-    | Posture
-    | Grab
-    | Drag
-    | Release
-    | Variant
-    | Workspace
-    | Hands
-    | Scale
-    | Task
-    | Haptics
-    | Fulcrum
-    | Training
-    | Button
-    | Plan
-    | Tool
-    | Record
-    | Ping
+    PlayMessage
+    | SeekMessage
+    | SpeedMessage
+    | LoopMessage
+    | ProtocolMessage
+    | PostureMessage
+    | GrabMessage
+    | DragMessage
+    | ReleaseMessage
+    | VariantMessage
+    | WorkspaceMessage
+    | HandsMessage
+    | ScaleMessage
+    | TaskMessage
+    | HapticsMessage
+    | FulcrumMessage
+    | TrainingMessage
+    | ButtonMessage
+    | PlanMessage
+    | ToolMessage
+    | RecordMessage
+    | PingMessage
 )
 """Classes of all client messages."""
 
-OfRobot = Protocol | Posture | Grab | Drag | Release | Variant | Workspace
+RobotMessage = (
+    ProtocolMessage | PostureMessage | GrabMessage | DragMessage | ReleaseMessage | VariantMessage | WorkspaceMessage
+)
 """Classes of messages for one robot; other messages concern clock, recording, console or connection."""
 
 _ADAPTER: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])

@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.ui.headset.protocol import RefusedError, floats
 from twin.ui.session.desk import Desk
-from twin.ui.session.workspace import Cloud, Job, without_meshes
+from twin.ui.session.workspace import Cloud, WorkspaceJob, without_meshes
 
 POSES = 100_000
 """Number of evaluated poses."""
@@ -16,7 +16,7 @@ _MOST = 4000
 """Maximum number of points in one document, so that headsets can draw the points in time."""
 
 
-class Reach:
+class ReachablePoints:
     """Computation of the tool positions that a robot can reach with the present tool orientation.
 
     Attributes:
@@ -58,8 +58,8 @@ class Reach:
         T = desk.assembly.T_base_tool.copy()
         limits, half = desk.mechanism.limits, 0.5 * self._size
         self._cloud.start(
-            Job(
-                *(self._source, dict(desk.kin.variants), parameters, limits, T, half, POSES, desk.hand.bounds),
+            WorkspaceJob(
+                *(self._source, dict(desk.kin.variants), parameters, limits, T, half, POSES, desk.solver.bounds),
                 mechanism=without_meshes(desk.mechanism),
             )
         )

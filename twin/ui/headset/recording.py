@@ -38,7 +38,7 @@ _ENTRY = 64
 """Approximate overhead in bytes of each entry in the file."""
 
 
-class Recording:
+class StreamRecording:
     """Recorder of the messages of a server; `finish` returns a function that writes the file.
 
     Attributes:
@@ -232,11 +232,11 @@ class Replay:
         Raises:
             RefusedError: the message is not a request to play, pause or seek.
         """
-        if isinstance(message, wire.Play):
+        if isinstance(message, wire.PlayMessage):
             if message.on and self._at >= self.last:
                 self._at = -1
             self._running = message.on
-        elif isinstance(message, wire.Seek):
+        elif isinstance(message, wire.SeekMessage):
             self._at = min(int(message.t * RATE), self.last) - 1
             self._state, self._others = {"type": "state"}, {}
             for tick in sorted(t for t in self._documents if t <= self._at):

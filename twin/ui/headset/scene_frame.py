@@ -34,7 +34,7 @@ class SceneFrame:
     """A complete frame of a scene.
 
     Attributes:
-        seq, server_time: see `wire.Frame`.
+        seq, server_time: see `wire.RobotFrame`.
         time: time of the scene's clock in s.
         flags: `wire.PLAYING`, and `wire.HELD` if a client holds a robot.
         robots: frames of the robots, in the order of the scene.
@@ -46,7 +46,7 @@ class SceneFrame:
     server_time: float
     time: float
     flags: int
-    robots: tuple[wire.Frame, ...]
+    robots: tuple[wire.RobotFrame, ...]
     fields: tuple[np.ndarray, ...]
 
 
@@ -107,7 +107,7 @@ def unpack_scene(data: bytes) -> SceneFrame:
     return SceneFrame(seq, server_time, time, flags, tuple(parts), tuple(bends))
 
 
-def unpack_any(data: bytes) -> wire.Frame | SceneFrame:
+def unpack_any(data: bytes) -> wire.RobotFrame | SceneFrame:
     """Return the frame of a robot or of a scene in a binary message.
 
     Raises:

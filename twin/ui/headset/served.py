@@ -28,7 +28,7 @@ from twin.ui.headset.live import Live
 from twin.ui.headset.twin import Twin
 from twin.ui.session.desk import Desk
 from twin.ui.session.exercise import NO_TASK, Exercise
-from twin.ui.session.feed import Feed, Surface
+from twin.ui.session.feed import Feed, FieldSurface
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import Clock
 
@@ -218,7 +218,7 @@ def _describe(name: str, title: str, robots: Sequence[JsonObject], feed: Feed | 
     }
 
 
-def _field(name: str, surface: Surface) -> JsonObject:
+def _field(name: str, surface: FieldSurface) -> JsonObject:
     triangles = np.ascontiguousarray(surface.triangles, "<u4")
     return {
         "name": name,

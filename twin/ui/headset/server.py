@@ -29,9 +29,9 @@ from twin.ui.access.requests import (
 from twin.ui.access.responses import File, error_response
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.client import Client, Source
+from twin.ui.headset.client import Client, StreamSource
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.headset.recording import Recording
+from twin.ui.headset.recording import StreamRecording
 from twin.ui.session.timeline import RATE
 
 STATE = 6
@@ -60,11 +60,11 @@ class StreamServer:
 
     def __init__(
         self,
-        source: Source,
+        source: StreamSource,
         hello: JsonObject,
         files: Mapping[str, File],
         rules: AccessRules,
-        recording: Recording | None = None,
+        recording: StreamRecording | None = None,
     ) -> None:
         self.rules = rules
         self.files = files
@@ -302,7 +302,7 @@ class StreamServer:
                 self._end(client, 1008, "too many malformed messages")
             return
         client.heard = now
-        if isinstance(message, wire.Ping):
+        if isinstance(message, wire.PingMessage):
             pong = {"type": "pong", "t": message.t, "server_time": time.monotonic(), "id": message.id}
             self._answer(client, pong)
             return
@@ -314,17 +314,17 @@ class StreamServer:
             self.recording.add_request(self._tick, client.id, message)
         held = self.source.holds(client.id)
         try:
-            if isinstance(message, wire.Record):
+            if isinstance(message, wire.RecordMessage):
                 self._record(message.on)
             else:
                 self.source.ask(client.id, message)
         except RefusedError as error:
             self._error(client, error.code, str(error), message.id)
             return
-        if isinstance(message, wire.Hands) and self._response is None:
+        if isinstance(message, wire.HandsMessage) and self._response is None:
             self._respond(now)
         # `hands` arrives 100 times per second: only the first one causes a `state` at once.
-        is_repeated = isinstance(message, wire.Drag) or (held and isinstance(message, wire.Hands))
+        is_repeated = isinstance(message, wire.DragMessage) or (held and isinstance(message, wire.HandsMessage))
         if not is_repeated:
             self._dirty = True
         if message.id is not None:

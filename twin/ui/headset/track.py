@@ -10,7 +10,7 @@ from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset.protocol import pose_of
 from twin.ui.session.desk import Desk
-from twin.ui.session.instruments import Reading
+from twin.ui.session.instruments import RobotReading
 from twin.ui.session.timeline import Playback
 from twin.ui.session.trocars import in_trocars, rcm_at
 
@@ -19,7 +19,7 @@ PATH_POINTS = 600
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class DisplayedState:
     """A displayed state of the robot, in double precision.
 
     Attributes:
@@ -36,14 +36,14 @@ class Shown:
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class StreamedPlayback:
     """A playback, with its link poses (k, links, 7) in the format of the stream."""
 
     playback: Playback
     poses: Array
 
 
-def path(track: Track | None) -> JsonObject:
+def path(track: StreamedPlayback | None) -> JsonObject:
     """Return the document `path`: the protocol's name and its tip path in m; without a protocol, no points."""
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
@@ -74,7 +74,7 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[JsonObje
     ]
 
 
-def apart(shown: Shown, links: tuple[str, ...], tool: JsonMapping) -> float | None:
+def apart(shown: DisplayedState, links: tuple[str, ...], tool: JsonMapping) -> float | None:
     """Return the distance in m between the ghost's origin and the tool's origin; None without a ghost."""
     if shown.ghost is None:
         return None
@@ -82,7 +82,7 @@ def apart(shown: Shown, links: tuple[str, ...], tool: JsonMapping) -> float | No
     return float(np.linalg.norm(T[:3, 3] - shown.ghost[:3]))
 
 
-def measured(reading: Reading | None, ghost: float | None) -> JsonObject:
+def measured(reading: RobotReading | None, ghost: float | None) -> JsonObject:
     """Return the readings for the document `state`; `ghost`: distance in m between ghost and tool, None: no ghost.
 
     With a ghost, the residual in the document is `ghost`. Without a ghost, the residual is the largest difference, a

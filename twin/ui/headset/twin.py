@@ -21,14 +21,14 @@ from twin.reference.states import Assembly
 from twin.ui.headset import description
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.ghost import Ghost
-from twin.ui.headset.hold import Hold, hold_of, move_of
+from twin.ui.headset.hold import ClientHold, hold_of, move_of
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.headset.reach import Reach
-from twin.ui.headset.track import Shown, Track, apart, measured, path, trocars
+from twin.ui.headset.reach import ReachablePoints
+from twin.ui.headset.track import DisplayedState, StreamedPlayback, apart, measured, path, trocars
 from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
-from twin.ui.session.desk import Desk, Moved
-from twin.ui.session.instruments import Reading
+from twin.ui.session.desk import Desk, MoveResult
+from twin.ui.session.instruments import RobotReading
 from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
 from twin.ui.session.trocars import rcm_at
 
@@ -74,14 +74,14 @@ class Twin:
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock() if clock is None else clock
         self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
-        self._ghost, self._reach = Ghost(self.desk), Reach(self.desk, source)
-        self._hold: Hold | None = None
+        self._ghost, self._reach = Ghost(self.desk), ReachablePoints(self.desk, source)
+        self._hold: ClientHold | None = None
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
-        self._track: Track | None = None
+        self._track: StreamedPlayback | None = None
         self._sample: int | None = None
         self._wanted = ""
-        self._reading: Reading | None = None
+        self._reading: RobotReading | None = None
         self._failed = ""
         self._tick, self._looked = -1, -LOOK
         self._moved, self._wish = -1, None
@@ -183,24 +183,24 @@ class Twin:
         """Identifier of the client that holds the robot; None: no client."""
         return None if self._hold is None else self._hold.client
 
-    def ask(self, client: str, message: wire.OfRobot) -> None:
+    def ask(self, client: str, message: wire.RobotMessage) -> None:
         """Handle a request of a client.
 
         Raises:
             RefusedError: the request is refused; nothing has changed.
         """
-        if isinstance(message, wire.Drag):
+        if isinstance(message, wire.DragMessage):
             return self._drag(client, message)
-        if isinstance(message, wire.Release):
+        if isinstance(message, wire.ReleaseMessage):
             return self.release(client)
-        if isinstance(message, wire.Variant):
+        if isinstance(message, wire.VariantMessage):
             return self._variant(message.name)
-        if isinstance(message, wire.Workspace):
+        if isinstance(message, wire.WorkspaceMessage):
             return self._reach.ask(message.on)
         self.leave_to(client)
-        if isinstance(message, wire.Grab):
+        if isinstance(message, wire.GrabMessage):
             return self._grab(client, message)
-        if isinstance(message, wire.Posture):
+        if isinstance(message, wire.PostureMessage):
             self._posture(message.name)
         else:
             if message.name not in self._protocols:
@@ -230,11 +230,11 @@ class Twin:
             self._shown = replace(self._shown, reason="")
             self._worker.ask("let go", self.desk.let_go, lambda _: None)
 
-    def _grab(self, client: str, message: wire.Grab) -> None:
+    def _grab(self, client: str, message: wire.GrabMessage) -> None:
         hold = hold_of(client, message, self.desk)
         self._leave_track()
         if hold.target != "tool":
-            self._worker.ask("prepare", self.desk.hand.prepare, lambda _: None)
+            self._worker.ask("prepare", self.desk.solver.prepare, lambda _: None)
         self._hold = hold
 
     def _leave_track(self) -> None:
@@ -251,7 +251,7 @@ class Twin:
 
         self._worker.ask("settle", job, lambda _: None)
 
-    def _drag(self, client: str, message: wire.Drag) -> None:
+    def _drag(self, client: str, message: wire.DragMessage) -> None:
         hold = self._hold
         if hold is not None and hold.client != client:
             raise RefusedError("held", f"{hold.client} holds {self.called}")
@@ -283,7 +283,7 @@ class Twin:
 
     # -- jobs and their results -----------------------------------------------------------------------
 
-    def _move(self, move: Callable[[], Moved]) -> None:
+    def _move(self, move: Callable[[], MoveResult]) -> None:
         """Execute the newest request for a move of the desk, at most one per tick, and display the result."""
         if self._moved == self._tick:  # only one solution is displayed per tick
             self._wish = move
@@ -291,12 +291,12 @@ class Twin:
         self._moved, self._wish = self._tick, None
         hold = self._hold
 
-        def job() -> tuple[Shown, bool]:
+        def job() -> tuple[DisplayedState, bool]:
             moved = move()
             reason = "" if moved.more else moved.reason
             return self._of(self.desk.assembly, self._ghost.here(), reason), moved.more
 
-        def done(found: tuple[Shown, bool]) -> None:
+        def done(found: tuple[DisplayedState, bool]) -> None:
             shown, more = found
             if hold is not None and self._hold is not hold:  # already released: ignore the refused target
                 shown = replace(shown, reason="")
@@ -307,17 +307,17 @@ class Twin:
 
         self._worker.ask("move", job, done)
 
-    def _of(self, assembly: Assembly, ghost: Array | None, reason: str = "") -> Shown:
+    def _of(self, assembly: Assembly, ghost: Array | None, reason: str = "") -> DisplayedState:
         poses = wire.sevens(np.stack([assembly.link_poses[n] for n in self.links]))
-        return Shown(poses, assembly.q, ghost, reason)
+        return DisplayedState(poses, assembly.q, ghost, reason)
 
-    def _show(self, shown: Shown) -> None:
+    def _show(self, shown: DisplayedState) -> None:
         """Display a state, with each quaternion's sign chosen for continuity with the previously displayed state."""
         last = getattr(self, "_shown", shown)
         ghost = shown.ghost
         if ghost is not None and last.ghost is not None:
             ghost = wire.near_signs(ghost[None], last.ghost[None])[0]
-        self._shown = Shown(wire.near_signs(shown.poses, last.poses), shown.q, ghost, shown.reason)
+        self._shown = DisplayedState(wire.near_signs(shown.poses, last.poses), shown.q, ghost, shown.reason)
 
     def _again(self) -> None:
         """Display the present state again, because the ghost has changed."""
@@ -334,7 +334,7 @@ class Twin:
         k = int(np.clip(round(self.clock.time * RATE), 0, len(track.playback.t) - 1))
         self._sample, self._wish = k, None
         self._worker.drop("move")
-        self._show(Shown(track.poses[k], track.playback.q[k], self._ghost.at(k)))
+        self._show(DisplayedState(track.poses[k], track.playback.q[k], self._ghost.at(k)))
 
     def _look(self) -> None:
         track, k, time = self._track, self._sample, self.clock.time
@@ -342,12 +342,12 @@ class Twin:
             return
         desk = self.desk
 
-        def job() -> Reading:
+        def job() -> RobotReading:
             if track is not None and k is not None:
                 desk.show(desk.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
             return instruments.read(desk, None if track is None else rcm_at(track.playback, time))
 
-        def done(reading: Reading) -> None:
+        def done(reading: RobotReading) -> None:
             self._reading = reading
 
         self._worker.ask("look", job, done)
@@ -388,7 +388,7 @@ class Twin:
             return
         playback, desk = answer, self.desk
 
-        def job() -> Track:
+        def job() -> StreamedPlayback:
             protocol = (robot := self.robot).protocol(self._protocols[playback.protocol])
             if (bound := robot.bound(protocol)) is not desk.robot:
                 desk.bind(bound)
@@ -396,9 +396,9 @@ class Twin:
             links = desk.model.link_poses(playback.x)
             poses = np.stack([wire.sevens(links[n]) for n in self.links], axis=1)
             self._ghost.follow(playback)
-            return Track(playback, poses)
+            return StreamedPlayback(playback, poses)
 
-        def done(track: Track) -> None:
+        def done(track: StreamedPlayback) -> None:
             self._track = track
             self.send(path(track))
             self.planned()

@@ -18,7 +18,7 @@ from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.scene_frame import unpack_scene
-from twin.ui.session.feed import Surface
+from twin.ui.session.feed import FieldSurface
 
 _AGAIN, _PATIENCE = 1.0, 10.0
 """Times in s: pause between two attempts to connect; maximum time until the server answers."""
@@ -52,7 +52,7 @@ class Watched:
         self.objects: Sequence[str] = tuple(about.get("objects", {}).get("names", ()))
         if self.objects:
             self._links[wire.OBJECTS] = self.objects
-        self.surfaces: Mapping[str, Surface] = {f["name"]: _surface(f) for f in about["fields"]}
+        self.surfaces: Mapping[str, FieldSurface] = {f["name"]: _surface(f) for f in about["fields"]}
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
@@ -119,7 +119,7 @@ class Watched:
                 self.reading = document.get("console")
 
 
-def _surface(field: JsonMapping) -> Surface:
+def _surface(field: JsonMapping) -> FieldSurface:
     triangles = np.frombuffer(base64.b64decode(field["triangles"]), "<u4").reshape(-1, 3)
     red, green, blue = field["color"]
-    return Surface(triangles, (red, green, blue), field["opacity"])
+    return FieldSurface(triangles, (red, green, blue), field["opacity"])

@@ -24,7 +24,7 @@ _STYLES = ("-", ":", "-.")
 
 
 @dataclass(frozen=True)
-class Row:
+class RobotPhases:
     """Name of a robot, and (start, end) in s of each of its phases."""
 
     name: str
@@ -37,13 +37,13 @@ def figure(played: Played) -> Figure:
     rows = []
     for actor in played.actors:
         phases = [(phase.t0, phase.t1) for phase in actor.trajectory.phases]
-        rows.append(Row(actor.place.name, phases))
+        rows.append(RobotPhases(actor.place.name, phases))
     pairs = {pair: found.distance for pair, found in played.by_pair.items()}
     return distances(f"{played.scene.title}: minimum clearances", played.t, pairs, played.scene.clearance, rows)
 
 
 def distances(
-    title: str, t: Array, pairs: Mapping[tuple[str, str], Array], required: float, rows: Sequence[Row]
+    title: str, t: Array, pairs: Mapping[tuple[str, str], Array], required: float, rows: Sequence[RobotPhases]
 ) -> Figure:
     """Return a figure with two panels: distances of pairs over time, and phases of robots.
 

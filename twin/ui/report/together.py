@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from twin.core.units import MM
 from twin.planning.group_result import PlannedTogether
-from twin.ui.report.scene import LEAST, Row, distances
+from twin.ui.report.scene import LEAST, RobotPhases, distances
 from twin.ui.report.style import at, mark, styled
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def figure(planned: PlannedTogether) -> Figure:
     rows = []
     for name in planned.order:
         phases = [(phase.t0, phase.t1) for phase in planned.robots[name].phases]
-        rows.append(Row(name, phases))
+        rows.append(RobotPhases(name, phases))
     clearances = planned.apart
     pairs = {pair: found.distance for pair, found in clearances.by_pair.items()}
     out = distances(title, clearances.t, pairs, planned.required, rows)

@@ -27,14 +27,14 @@ from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
-from twin.ui.session.hand import Hand
+from twin.ui.session.drag_solver import DragSolver
 
 ENDOSCOPE = "endoscope_tip"
 """Name of the frame of a robot's endoscope camera; the camera looks along the z axis of this frame."""
 
 
 @dataclass(frozen=True)
-class Moved:
+class MoveResult:
     """Result of a move request.
 
     Attributes:
@@ -67,14 +67,14 @@ class Desk:
         self.robot = robot
         self.mechanism: Mechanism = robot.mechanism
         self.model: ReferenceModel = robot.reference()
-        self.hand = _hand(robot, self.model)
+        self.solver = _solver(robot, self.model)
         self.kin: Kinematics | None = _equations(robot)
         self.parameters: dict[str, float] = {}
         self.variants: dict[str, str] = {}
         self.lock = threading.RLock()
         self.assembly: Assembly = _first(self.model)
         self.asked: Array | None = None
-        self.moved = Moved(True)
+        self.moved = MoveResult(True)
         self._kept: dict[str, Array] = {}
         self._frame, self._axis = self.mechanism.tool, np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
@@ -117,7 +117,7 @@ class Desk:
 
     # -- moving ---------------------------------------------------------------------------------------
 
-    def move_tool(self, T_base_tool: Array) -> Moved:
+    def move_tool(self, T_base_tool: Array) -> MoveResult:
         """Move the tool to a pose T_base_tool (4, 4); if the robot has equations, they compute the joint values.
 
         If a robot with trocars, or with fewer than six degrees of freedom, cannot reach the pose, only the origin of
@@ -137,7 +137,7 @@ class Desk:
             tool = self.mechanism.frame(self.mechanism.tool)
             return self._led(tool.body, tool.T_body_frame[:3, 3], T_base_tool[:3, 3])
 
-    def move_joint(self, joint: int, value: float) -> Moved:
+    def move_joint(self, joint: int, value: float) -> MoveResult:
         """Move an active joint towards a value in m or rad; if the joint stops before, the result states the reason."""
         with self.lock:
             q = self.assembly.q.copy()
@@ -145,22 +145,22 @@ class Desk:
             dragged: list[Dragged] = []
 
             def go() -> Assembly:
-                found, how = self.hand.joints(self.assembly, q)
+                found, how = self.solver.joints(self.assembly, q)
                 dragged.append(how)
                 return found
 
             out = self._try(go)
             if out.good and dragged[0].more:
-                out = self.moved = Moved(False, f"{self.joints[joint].name} is still moving", out.seconds, True)
+                out = self.moved = MoveResult(False, f"{self.joints[joint].name} is still moving", out.seconds, True)
             elif out.good and abs(self.assembly.q[joint] - value) > 1e-12:
                 out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, dragged[0]))
             return out
 
-    def move_joints(self, q: Array) -> Moved:
+    def move_joints(self, q: Array) -> MoveResult:
         """Move all active joints to values (n,) in m or rad."""
         return self._try(lambda: self._assembled(np.asarray(q, float)))
 
-    def move_point(self, body: str, p_body: Array, target: Array) -> Moved:
+    def move_point(self, body: str, p_body: Array, target: Array) -> MoveResult:
         """Move the point `p_body` of a body towards `target`, in the same assembly mode.
 
         `p_body` (3,) is in m in the frame of the body, `target` (3,) in m in the base frame.
@@ -170,9 +170,9 @@ class Desk:
     def let_go(self) -> None:
         """Clear the message about an unreached target, after the user has released the robot."""
         with self.lock:
-            self.moved = Moved(True)
+            self.moved = MoveResult(True)
 
-    def go(self, posture: str) -> Moved:
+    def go(self, posture: str) -> MoveResult:
         """Move to a named posture of the robot, or to a state stored by `keep`.
 
         Raises:
@@ -191,7 +191,7 @@ class Desk:
     def show(self, assembly: Assembly, asked: Array | None = None) -> None:
         """Set the state to an assembly of the same model, such as a protocol's sample; `asked`: requested tool pose."""
         with self.lock:
-            self.assembly, self.asked, self.moved = assembly, asked, Moved(True)
+            self.assembly, self.asked, self.moved = assembly, asked, MoveResult(True)
 
     @property
     def edited(self) -> bool:
@@ -214,9 +214,9 @@ class Desk:
         """
         with self.lock:
             model, kin = robot.reference(), self._compiled(robot)
-            assembly, hand = _first(model), _hand(robot, model)
+            assembly, solver = _first(model), _solver(robot, model)
             self.robot, self.mechanism, self.model = robot, robot.mechanism, model
-            self.kin, self.assembly, self.hand = kin, assembly, hand
+            self.kin, self.assembly, self.solver = kin, assembly, solver
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Change variants or parameters (in SI units) of the equations; earlier changes remain.
@@ -244,8 +244,8 @@ class Desk:
         with self.lock:
             model = ReferenceModel(mechanism)
             assembly = model.solve(self.assembly.q)
-            hand = _hand(self.robot, model)
-            self.mechanism, self.model, self.assembly, self.hand = mechanism, model, assembly, hand
+            solver = _solver(self.robot, model)
+            self.mechanism, self.model, self.assembly, self.solver = mechanism, model, assembly, solver
 
     def _compiled(self, robot: Robot) -> Kinematics | None:
         """Return the equations of a robot with the chosen variants and parameters; None if it has no equations."""
@@ -269,7 +269,7 @@ class Desk:
         for joint, value, (low, high) in zip(self.joints, q, self.mechanism.limits, strict=True):
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise KinematicsError(_beyond(joint, float(value), low, high))
-        for bound in self.hand.bounds:
+        for bound in self.solver.bounds:
             beyond = bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9
             if bound.kind == "motor" and beyond:
                 by = f"{-bound.slack(q):.3g} {self._unit(bound)}"
@@ -289,12 +289,12 @@ class Desk:
                 raise KinematicsError(f"{joint.name} would exceed its limits of {_range(joint)} by {by}")
         return found
 
-    def _led(self, body: str, p_body: Array, target: Array) -> Moved:
+    def _led(self, body: str, p_body: Array, target: Array) -> MoveResult:
         """Move a point; the result states the remaining distance and the reason if the target was not reached."""
         dragged: list[Dragged] = []
 
         def go() -> Assembly:
-            found, how = self.hand.point(self.assembly, body, p_body, target)
+            found, how = self.solver.point(self.assembly, body, p_body, target)
             dragged.append(how)
             return found
 
@@ -306,7 +306,7 @@ class Desk:
             left = float(np.linalg.norm(p - target))
             if dragged[0].more:
                 text = f"{body} is still moving, {left / MM:.1f} mm short of the target"
-                out = self.moved = Moved(False, text, out.seconds, True)
+                out = self.moved = MoveResult(False, text, out.seconds, True)
             elif left > 0.05 * MM:
                 where = " ".join(f"{v:.1f}" for v in p / MM)
                 text = f"{body} stops {left / MM:.1f} mm short of the target, at [{where}] mm: {self._why(dragged[0])}"
@@ -348,7 +348,7 @@ class Desk:
         q = self.assembly.q.copy()
         q[number] = value
         reasons = [] if low <= value <= high else [_beyond(joint, value, low, high)]
-        for bound in (b for b in self.hand.bounds if b.kind == "gap" and b.slack(q) < -1e-9):
+        for bound in (b for b in self.solver.bounds if b.kind == "gap" and b.slack(q) < -1e-9):
             lower, upper = bound.name.split()
             if joint.name in (lower, upper):
                 other, side = (upper, "below") if joint.name == lower else (lower, "above")
@@ -366,7 +366,7 @@ class Desk:
     def _rail(self, lower: str, upper: str) -> str:
         return " and ".join(self.mechanism.joint(n).child for n in (lower, upper)) + " share a rail"
 
-    def _try(self, go: Callable[[], Assembly], asked: Array | None = None) -> Moved:
+    def _try(self, go: Callable[[], Assembly], asked: Array | None = None) -> MoveResult:
         with self.lock:
             start = time.perf_counter()
             try:
@@ -374,10 +374,10 @@ class Desk:
                     raise KinematicsError("the requested pose is not rigid")
                 found = go()
             except (KinematicsError, AssemblyError) as error:
-                self.moved = Moved(False, str(error), time.perf_counter() - start)
+                self.moved = MoveResult(False, str(error), time.perf_counter() - start)
             else:
                 self.assembly, self.asked = found, asked
-                self.moved = Moved(True, "", time.perf_counter() - start)
+                self.moved = MoveResult(True, "", time.perf_counter() - start)
             return self.moved
 
 
@@ -387,8 +387,8 @@ def _first(model: ReferenceModel) -> Assembly:
     return model.home() if home is None else model.solve(home)
 
 
-def _hand(robot: Robot, model: ReferenceModel) -> Hand:
-    return Hand(model.mechanism, model, robot.gaps)
+def _solver(robot: Robot, model: ReferenceModel) -> DragSolver:
+    return DragSolver(model.mechanism, model, robot.gaps)
 
 
 def _equations(robot: Robot) -> Kinematics | None:

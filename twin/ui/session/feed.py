@@ -14,7 +14,7 @@ from twin.simulation.frame import Frame
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class FieldSurface:
     """Constant data of a deformable: triangles and appearance.
 
     Attributes:
@@ -37,14 +37,14 @@ class Feed(Protocol):
     """
 
     @property
-    def surfaces(self) -> Mapping[str, Surface]: ...  # noqa: D102
+    def surfaces(self) -> Mapping[str, FieldSurface]: ...  # noqa: D102
     @property
     def duration(self) -> float: ...  # noqa: D102
     def at(self, t: float) -> Frame: ...  # noqa: D102
 
 
 @runtime_checkable
-class Follower(Feed, Protocol):
+class FollowingFeed(Feed, Protocol):
     """Source of deformables that depend on the displayed robots instead of the time.
 
     Attributes:
@@ -63,7 +63,7 @@ class Follower(Feed, Protocol):
         ...
 
 
-def vertices_of(frame: Frame, name: str, surface: Surface) -> Array:
+def vertices_of(frame: Frame, name: str, surface: FieldSurface) -> Array:
     """Return the vertices (n, 3) of the surface `name` in a `Frame`, in m in the world frame.
 
     Raises:

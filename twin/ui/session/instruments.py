@@ -17,7 +17,7 @@ from twin.ui.session.desk import Desk
 from twin.ui.session.trocars import InTrocar, in_trocars
 
 
-class Residual(NamedTuple):
+class EquationError(NamedTuple):
     """Difference between equations and mechanism in the quantity `what`; `size` is in rad if `is_angle`, else in m."""
 
     size: float
@@ -51,7 +51,7 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class Reading:
+class RobotReading:
     """The readings of a robot at one state.
 
     Attributes:
@@ -80,7 +80,7 @@ class Reading:
     condition: float | None = None
     singular: tuple[tuple[str, str, float], ...] = ()
     trocars: tuple[InTrocar, ...] = ()
-    residual: Residual | None = None
+    residual: EquationError | None = None
     scope: str = ""
     points: dict[str, Array] = field(default_factory=dict)
     actual: dict[str, Array] = field(default_factory=dict)
@@ -107,7 +107,7 @@ class Reading:
         return self.residual is None or self.residual.size <= AGREE
 
 
-def read(desk: Desk, rcm: Array | None = None) -> Reading:
+def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
     """Return the readings at the desk's state; without trocars, `rcm` (3,) is the RCM in m in the base frame."""
     with desk.lock:
         kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
@@ -125,7 +125,7 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
         rows = [*zip("xyz", p / MM, ("mm",) * 3, strict=True)]
         rows += [*zip(("rx", "ry", "rz"), turn / DEG, ("°",) * 3, strict=True)]
         coordinates = tuple((n, float(v), u) for n, v, u in rows)
-        return Reading(coordinates, tuple(limits), now.worst_gap, trocars=trocars, reason=reason)
+        return RobotReading(coordinates, tuple(limits), now.worst_gap, trocars=trocars, reason=reason)
     values = kin.program.coordinates_of_pose.one(T.ravel())
     coordinates = tuple(
         (name, float(v) / (MM if unit == "m" else DEG), "mm" if unit == "m" else "°")
@@ -145,7 +145,7 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
     residual, scope = _residual(desk, now, points, actual, asked)
     if scope:
         points = actual = {}
-    return Reading(
+    return RobotReading(
         coordinates,
         tuple(limits),
         now.worst_gap,
@@ -163,8 +163,8 @@ def read(desk: Desk, rcm: Array | None = None) -> Reading:
 
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
-) -> tuple[Residual, str]:
-    """Return (residual, scope), the values of these attributes of `Reading`.
+) -> tuple[EquationError, str]:
+    """Return (residual, scope), the values of these attributes of `RobotReading`.
 
     Joint values, named points and tool are compared. The same tool pose may be reached in several assembly modes.
     Equations for one mode cannot be compared with a mechanism in another mode. Such equations are nevertheless correct
@@ -174,19 +174,19 @@ def _residual(
     """
     kin, q, T = desk.kin, now.q, now.T_base_tool
     assert kin is not None
-    of_pose: list[Residual] = []
+    of_pose: list[EquationError] = []
     if asked is not None:
-        of_pose.append(Residual(float(np.linalg.norm(asked[:3, 3] - T[:3, 3])), "tool"))
-        of_pose.append(Residual(float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3])), "tool rotation", True))
+        of_pose.append(EquationError(float(np.linalg.norm(asked[:3, 3] - T[:3, 3])), "tool"))
+        of_pose.append(EquationError(float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3])), "tool rotation", True))
     found = [
-        Residual(float(np.linalg.norm(points[n] - p)), f"point {n}")
+        EquationError(float(np.linalg.norm(points[n] - p)), f"point {n}")
         for n, p in actual.items()
         if np.isfinite(points[n]).all()
     ]
     if desk.model.redundant:
         if kin.closed_forward:
             there = kin.forward(q)
-            found.append(Residual(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool at these joints"))
+            found.append(EquationError(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool at these joints"))
         return _largest(found + of_pose), ""
     try:
         theirs = kin.inverse(T, q)
@@ -194,7 +194,7 @@ def _residual(
         return _largest(found + of_pose), ""
     found.append(_joints_apart(desk, theirs, q))
     if _largest(found).size > AGREE and _agree_as_drawn(desk):
-        away = min((_poses_apart(A, T) for A in desk.hand.tools(now, theirs)), key=lambda r: r.size, default=None)
+        away = min((_poses_apart(A, T) for A in desk.solver.tools(now, theirs)), key=lambda r: r.size, default=None)
         if away is not None and away.size <= AGREE:
             return _largest([away, *of_pose]), OTHER
         if not _has_value(kin, q):
@@ -210,22 +210,22 @@ def _has_value(kin: Kinematics, q: Array) -> bool:
         return False
 
 
-def _largest(found: list[Residual]) -> Residual:
-    return max((f for f in found if np.isfinite(f.size)), key=lambda f: f.size, default=Residual(0.0, ""))
+def _largest(found: list[EquationError]) -> EquationError:
+    return max((f for f in found if np.isfinite(f.size)), key=lambda f: f.size, default=EquationError(0.0, ""))
 
 
-def _joints_apart(desk: Desk, theirs: Array, q: Array) -> Residual:
+def _joints_apart(desk: Desk, theirs: Array, q: Array) -> EquationError:
     """Return the largest difference between the joint values `theirs` (n,) and q (n,); angles modulo full turns."""
     angle = np.array([j.is_angle for j in desk.joints], bool)
     apart = np.where(angle, (theirs - q + np.pi) % (2 * np.pi) - np.pi, theirs - q)
     k = int(np.argmax(np.abs(apart)))
-    return Residual(float(abs(apart[k])), f"joint {desk.joints[k].name}", bool(angle[k]))
+    return EquationError(float(abs(apart[k])), f"joint {desk.joints[k].name}", bool(angle[k]))
 
 
-def _poses_apart(A: Array, B: Array) -> Residual:
+def _poses_apart(A: Array, B: Array) -> EquationError:
     way, turn = float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
     what = "tool at the equations' joints"
-    return Residual(turn, what, True) if turn > way else Residual(way, what)
+    return EquationError(turn, what, True) if turn > way else EquationError(way, what)
 
 
 def _agree_as_drawn(desk: Desk) -> bool:

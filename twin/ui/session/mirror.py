@@ -25,7 +25,7 @@ _LARGEST = 1e4
 """Largest joint value in rad or m that is shown (ASSUMED); at much larger values no pose can be computed."""
 
 
-class Source(Protocol):
+class StateSource(Protocol):
     """Source of the states of a machine: `StateReader` or `JointPackets`."""
 
     @property
@@ -64,7 +64,7 @@ class Mirror:
         world: the World.
     """
 
-    def __init__(self, robot: Robot, source: Source) -> None:
+    def __init__(self, robot: Robot, source: StateSource) -> None:
         """Start in the posture home."""
         self.robot = robot
         self._source = source

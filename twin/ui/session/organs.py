@@ -15,7 +15,7 @@ from twin.simulation.console_scene import ORGANS
 from twin.simulation.frame import Frame
 from twin.simulation.plants.tissue import Organs, Tool
 from twin.simulation.world import World
-from twin.ui.session.feed import Surface
+from twin.ui.session.feed import FieldSurface
 
 _MOST_STEPS = 2
 """Maximum number of steps of the organs for each picture. Two steps make up for one late picture; more steps would make
@@ -48,10 +48,10 @@ class OrganFeed:
 
     def __init__(self, tissues: Sequence[Tissue], links: Mapping[str, Sequence[Body]]) -> None:
         """Build the organs; `links`: bodies that can touch the organs, by robot."""
-        self.surfaces: dict[str, Surface] = {}
+        self.surfaces: dict[str, FieldSurface] = {}
         self._fields: dict[str, Array] = {}
         for tissue in tissues:
-            self.surfaces[tissue.name] = Surface(tissue.surface.triangles, tissue.color_rgba[:3])
+            self.surfaces[tissue.name] = FieldSurface(tissue.surface.triangles, tissue.color_rgba[:3])
             self._fields[tissue.name] = tissue.surface.vertices
         self.touching: dict[str, tuple[str, ...]] = {}
         tools = []
@@ -107,15 +107,15 @@ class WorldFeed:
         self._world = world
         self._organ = organ
         self._bed = f"{organ.name}_bed"
-        self.surfaces: dict[str, Surface] = {}
+        self.surfaces: dict[str, FieldSurface] = {}
         self._signals: list[str] = []
         for deformable in world().deformables:
             mesh = deformable.mesh
-            self.surfaces[deformable.name] = Surface(mesh.triangles, mesh.color_rgba[:3])
+            self.surfaces[deformable.name] = FieldSurface(mesh.triangles, mesh.color_rgba[:3])
             self._signals.append(deformable.signal)
         self._signals.append(f"{organ.name}.freed")
         marks = [_OCTAHEDRON_FACES + len(_OCTAHEDRON) * cell for cell in range(len(organ.held))]
-        self.surfaces[self._bed] = Surface(np.concatenate(marks), _BED_COLOR)
+        self.surfaces[self._bed] = FieldSurface(np.concatenate(marks), _BED_COLOR)
         self._shown = b""
 
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:

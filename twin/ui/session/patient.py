@@ -43,7 +43,7 @@ class PartTable(Table):
     port: Identifier | None = None
 
 
-class PortTable(Table):
+class PatientPortTable(Table):
     """A port for instruments: a sphere of `diameter_mm`, in which instruments may penetrate the parts in `opens`."""
 
     position_mm: Vector
@@ -59,7 +59,7 @@ class PatientFile(Table):
     title: str
     provenance: Origin
     note: str = Field(min_length=1)
-    port: dict[Identifier, PortTable]
+    port: dict[Identifier, PatientPortTable]
     part: list[PartTable] = Field(min_length=1)
 
 

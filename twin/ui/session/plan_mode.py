@@ -30,7 +30,7 @@ from twin.simulation.controllers.trainer import Phase as TrainerPhase
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.setup import Member
 from twin.simulation.world import World
-from twin.ui.session.plan_work import Check, Checked, Clear, Found, Plan, Proven, Room, work
+from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck, work
 
 Phase = Literal["off", "aim", "plan", "preview", "run"]
 
@@ -71,7 +71,7 @@ class _Ahead:
         end: None while the search runs; then "" (success) or the error.
     """
 
-    job: Plan
+    job: PlanJob
     pieces: list[Any] = field(default_factory=list)
     end: str | None = None
 
@@ -80,7 +80,7 @@ class _Ahead:
 class Preview:
     """A planned motion, the clearances computed so far, and the proven bound of the clearance (None until known)."""
 
-    found: Found
+    found: PlannedMotion
     clear: list[Clear] = field(default_factory=list)
     proven: Proven | None = None
 
@@ -164,7 +164,7 @@ class PlanMode:
     def _load(self) -> None:
         """Begin to load the geometry, if it is not loaded."""
         if not self.ready:
-            self._stream.start(Check(self._require_room()))
+            self._stream.start(TargetCheck(self._require_room()))
             self._checks = True
 
     def find(self) -> None:
@@ -275,9 +275,9 @@ class PlanMode:
     def _take(self, piece: Any) -> None:
         if isinstance(piece, float):
             self.done = piece
-        elif isinstance(piece, Checked):
+        elif isinstance(piece, CheckedTarget):
             self.blocked = piece.why
-        elif isinstance(piece, Found):
+        elif isinstance(piece, PlannedMotion):
             self.preview, self.phase, self.done = Preview(piece), "preview", 1.0
             self.changes += 1
         elif self.preview is not None and isinstance(piece, Clear):
@@ -321,21 +321,21 @@ class PlanMode:
         now = self._world().t
         if self._tested is None or not np.array_equal(self._tested, self._q):
             self._tested, self._checks, self._moved, self._ahead = self._q, True, now, None
-            self._stream.start(Check(self._require_room(), self._q))
+            self._stream.start(TargetCheck(self._require_room(), self._q))
         elif self._ahead is None and self._error is None and not self.blocked and now - self._moved > _REST:
             start = self._at(self.robot)
             if np.abs(self._q - start).max() >= _SAME:
                 self._ahead = _Ahead(self._plan(start))
                 self._stream.start(self._ahead.job)
 
-    def _serves(self, job: Plan, start: Array) -> bool:
+    def _serves(self, job: PlanJob, start: Array) -> bool:
         """Return whether a job plans from start (n,) to the present target, in the present surroundings of the arm."""
         goes = np.array_equal(job.goal, self._q) and np.abs(job.start - start).max() <= _MOVED
         return job.room is self._room and bool(goes)
 
-    def _plan(self, start: Array) -> Plan:
+    def _plan(self, start: Array) -> PlanJob:
         """Return the job that plans a motion from start (n,) to the target."""
-        return Plan(self._require_room(), start, self._q, *self._limits())
+        return PlanJob(self._require_room(), start, self._q, *self._limits())
 
     def _reach(self, member: Member, T: Array) -> str:
         """Move the ghost to a pose (4, 4) in the base frame; return why this is not possible, "" if it is possible."""

@@ -60,26 +60,26 @@ class Room:
 
 
 @dataclass(frozen=True)
-class Check:
-    """Job: check whether the arm can be at q (n,), and yield a `Checked`; if q is None, only load the geometry."""
+class TargetCheck:
+    """Job: check whether the arm can be at q (n,), and yield a `CheckedTarget`; q None: only load the geometry."""
 
     room: Room
     q: Array | None = None
 
 
 @dataclass(frozen=True)
-class Checked:
-    """Result of a `Check`: why the arm cannot be at the joint values (contact, limit); "" if it can."""
+class CheckedTarget:
+    """Result of a `TargetCheck`: why the arm cannot be at the joint values (contact, limit); "" if it can."""
 
     why: str
 
 
 @dataclass(frozen=True)
-class Plan:
+class PlanJob:
     """Job: plan a motion from joint values start (n,) to goal (n,).
 
-    The job yields the completed fraction of the search (a float) repeatedly, then one `Found`, several `Clear` and one
-    `Proven`. `speed` in m/s and `turn` in rad/s are the largest speeds of the tool.
+    The job yields the completed fraction of the search (a float) repeatedly, then one `PlannedMotion`, several `Clear`
+    and one `Proven`. `speed` in m/s and `turn` in rad/s are the largest speeds of the tool.
     """
 
     room: Room
@@ -91,7 +91,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Found:
+class PlannedMotion:
     """A timed motion.
 
     Attributes:
@@ -130,23 +130,23 @@ class Proven:
     bodies: tuple[str, str]
 
 
-def work(job: Check | Plan) -> Iterator[Any]:
+def work(job: TargetCheck | PlanJob) -> Iterator[Any]:
     """Yield the results of a job.
 
     Raises:
         TwinError: a file is malformed, or there is no plan; the message has the reason.
     """
-    if isinstance(job, Plan):
+    if isinstance(job, PlanJob):
         yield from _beside(job)
         return
     arm = _arm_of(job.room)
     if job.q is not None:
-        yield Checked(arm.space.why(job.q))
+        yield CheckedTarget(arm.space.why(job.q))
     else:
         arm.space.load()
 
 
-def _beside(job: Plan) -> Iterator[Any]:
+def _beside(job: PlanJob) -> Iterator[Any]:
     """Yield the results of a plan and, at least every `_EVERY` s, the completed fraction of the search."""
     said: queue.SimpleQueue[Any] = queue.SimpleQueue()
     ends, done = threading.Event(), [0.0]
@@ -182,8 +182,8 @@ def _beside(job: Plan) -> Iterator[Any]:
 
 
 def plan(
-    job: Plan, report: Callable[[float], None] = lambda fraction: None, cancelled: Callable[[], bool] = lambda: False
-) -> Iterator[Found | Clear | Proven]:
+    job: PlanJob, report: Callable[[float], None] = lambda fraction: None, cancelled: Callable[[], bool] = lambda: False
+) -> Iterator[PlannedMotion | Clear | Proven]:
     """Yield the results of a plan; `report` is called with the completed fraction of the search.
 
     Raises:
@@ -211,7 +211,7 @@ def plan(
     links = [arm.links(x) for x in q[rows]]
     names = tuple(links[0])
     shown = np.array([[row[n] for n in names] for row in links])
-    yield Found(arm.kin.forward_many(q), shown, names, _tips(arm, trees))
+    yield PlannedMotion(arm.kin.forward_many(q), shown, names, _tips(arm, trees))
     for part in np.array_split(np.unique(np.linspace(0, len(s) - 1, _PLACES).astype(int)), _PLACES // 8):
         check()
         yield Clear(times[part], np.array([arm.space.nearest(x)[0] for x in q[part]]))
@@ -226,7 +226,7 @@ def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
     return arm.kin.forward_many(trees[-1].q)[:, :3, 3][trees[-1].branches]
 
 
-def _timed(path: Any, arm: _Arm, job: Plan) -> Array:
+def _timed(path: Any, arm: _Arm, job: PlanJob) -> Array:
     """Return path parameters s (k,), one every `DT` s, of the fastest motion within the limits of joints and tool."""
     from twin.planning.timing import time_path
 

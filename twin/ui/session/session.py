@@ -38,7 +38,7 @@ class Moment:
 
 
 @dataclass
-class Session:
+class RecordedSession:
     """A recorded session of one robot.
 
     Attributes:
@@ -54,7 +54,7 @@ class Session:
     moments: list[Moment] = field(default_factory=list)
 
     @classmethod
-    def of(cls, mechanism: Mechanism) -> Session:
+    def of(cls, mechanism: Mechanism) -> RecordedSession:
         """Return an empty session of a robot."""
         active = mechanism.active
         return cls(mechanism.name, tuple(j.name for j in active), tuple("rad" if j.is_angle else "m" for j in active))
@@ -113,7 +113,7 @@ class Session:
             (work / path.name).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
 
     @classmethod
-    def load(cls, path: Path, mechanism: Mechanism) -> Session:
+    def load(cls, path: Path, mechanism: Mechanism) -> RecordedSession:
         """Read a session that was recorded with this robot.
 
         Raises:

@@ -29,7 +29,7 @@ CHUNK = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class WorkspaceJob:
     """Arguments of the computation of a workspace.
 
     Attributes:
@@ -55,7 +55,7 @@ class Job:
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
+class WorkspaceChunk:
     """Results of a job that are new since the last call of `Cloud.poll`.
 
     Attributes:
@@ -73,7 +73,7 @@ class Chunk:
     error: str = ""
 
 
-def poses(job: Job, first: int, last: int) -> Array:
+def poses(job: WorkspaceJob, first: int, last: int) -> Array:
     """Return the poses (last - first, 4, 4) of a job with indices `first` to `last` - 1, in the order of evaluation.
 
     Pose 0 is the present pose. The positions are a low-discrepancy sequence (additive recurrence): for every n, the
@@ -85,7 +85,7 @@ def poses(job: Job, first: int, last: int) -> Array:
     return Ts
 
 
-def evaluate(job: Job) -> Iterator[Chunk]:
+def evaluate(job: WorkspaceJob) -> Iterator[WorkspaceChunk]:
     """Yield the reachable positions of a job in chunks, evaluated with the same kernel as `twin workspace`.
 
     Raises:
@@ -112,7 +112,7 @@ def evaluate(job: Job) -> Iterator[Chunk]:
             raise KinematicsError(f"{kin.formula.name}: none of {job.count} positions is {why} with this orientation.")
         with np.errstate(divide="ignore"):
             condition = 1 / inverse[0, good]
-        yield Chunk(Ts[good, :3, 3].astype(np.float32), condition.astype(np.float32), last, job.count)
+        yield WorkspaceChunk(Ts[good, :3, 3].astype(np.float32), condition.astype(np.float32), last, job.count)
 
 
 def without_meshes(mechanism: Mechanism) -> Mechanism:
@@ -120,7 +120,7 @@ def without_meshes(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
 
 
-def _passive(kin: Kinematics, job: Job) -> PassiveCheck | None:
+def _passive(kin: Kinematics, job: WorkspaceJob) -> PassiveCheck | None:
     """Return the check of limits of passive joints; None: none is checked."""
     if job.mechanism is None or not passive_limits(job.mechanism):
         return None
@@ -128,7 +128,7 @@ def _passive(kin: Kinematics, job: Job) -> PassiveCheck | None:
     return check if measure.agree(kin, check, job.T_base_tool) else None
 
 
-def _check(kin: Kinematics, job: Job) -> None:
+def _check(kin: Kinematics, job: WorkspaceJob) -> None:
     name, n = kin.formula.name, len(kin.joints)
     if not kin.closed_inverse:
         raise KinematicsError(
@@ -154,7 +154,7 @@ class Cloud:
         self._stream = Stream(evaluate)
         self.start, self.cancel, self.close = self._stream.start, self._stream.cancel, self._stream.close
 
-    def poll(self) -> Chunk | None:
+    def poll(self) -> WorkspaceChunk | None:
         """Return the new results of the present job; None without new results."""
         new, end = self._stream.poll()
         if not new and not end:
@@ -162,5 +162,5 @@ class Cloud:
         points = np.concatenate([np.zeros((0, 3), np.float32), *(c.points for c in new)])
         condition = np.concatenate([np.zeros(0, np.float32), *(c.condition for c in new)])
         if end:
-            return Chunk(points, condition, 0, 0, end)
-        return Chunk(points, condition, new[-1].evaluated, new[-1].count)
+            return WorkspaceChunk(points, condition, 0, 0, end)
+        return WorkspaceChunk(points, condition, new[-1].evaluated, new[-1].count)

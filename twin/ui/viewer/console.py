@@ -32,7 +32,7 @@ from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.pens import Pens
 from twin.ui.viewer.fields import FieldNodes
-from twin.ui.viewer.loop import Loop
+from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.planning import PlanningPanel
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
@@ -74,7 +74,7 @@ _HELP = """Drag the arrows at an instrument to move it, and the rings to rotate 
 pressed, the arrows move the endoscope's picture. While the pedal **clutch** is pressed, only the arrows move."""
 
 
-class ConsoleFront(Loop):
+class ConsoleFront(ViewerPage):
     """The page of a scene with a console.
 
     Attributes:

@@ -11,12 +11,12 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.ui.session.desk import Desk, Moved
-from twin.ui.session.instruments import Reading, read
-from twin.ui.session.workspace import Chunk, Cloud, Job, without_meshes
+from twin.ui.session.desk import Desk, MoveResult
+from twin.ui.session.instruments import RobotReading, read
+from twin.ui.session.workspace import Cloud, WorkspaceChunk, WorkspaceJob, without_meshes
 from twin.ui.viewer import readout
 from twin.ui.viewer.design import distances, with_distance
-from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.nodes import ORANGE, RobotNodes
 
 _SHOWN = 60_000
@@ -63,7 +63,7 @@ class DesignPanel:
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def _equations(self, a: Actor) -> None:
+    def _equations(self, a: ShownRobot) -> None:
         gui, desk = self.gui, a.desk
         assert desk.kin is not None
         folder = gui.add_folder("Equations")
@@ -113,7 +113,7 @@ class DesignPanel:
             number.on_update(change)
             reset.on_click(undo)
 
-    def _chooser(self, a: Actor, name: str, buttons: viser.GuiDropdownHandle):
+    def _chooser(self, a: ShownRobot, name: str, buttons: viser.GuiDropdownHandle):
         def chosen(event: viser.GuiEvent) -> None:
             value = buttons.value
             self._wish(lambda: (a.desk.change(variants={name: value}), self._again(a)))
@@ -122,7 +122,7 @@ class DesignPanel:
 
     # -- mechanism ------------------------------------------------------------------------------------
 
-    def _mechanism(self, a: Actor) -> None:
+    def _mechanism(self, a: ShownRobot) -> None:
         gui, desk = self.gui, a.desk
         found = {f"{d.body}: {d.joint} to {d.other}": d for d in distances(desk.robot.mechanism)}
         if not found:
@@ -168,7 +168,7 @@ class DesignPanel:
 
     # -- two designs ----------------------------------------------------------------------------------
 
-    def _compare(self, a: Actor) -> None:
+    def _compare(self, a: ShownRobot) -> None:
         gui = self.gui
         folder = gui.add_folder("Two designs")
         self._handles.append(folder)
@@ -206,7 +206,7 @@ class DesignPanel:
             aside = spatial.pose(p=[0.0, 1.15 * a.scale * float(box[1, 1] - box[0, 1]), 0.0])
             self._other_nodes.place(aside @ a.T_world_base, a.scale)
 
-    def other_poses(self, a: Actor) -> dict[str, Array] | None:
+    def other_poses(self, a: ShownRobot) -> dict[str, Array] | None:
         """Return the link poses of the unedited mechanism at the present joint values, for a ghost.
 
         None if the mechanism is not edited, or if the unedited mechanism cannot be assembled at these joint values.
@@ -218,7 +218,7 @@ class DesignPanel:
         except AssemblyError:
             return None
 
-    def show(self, reading: Reading) -> None:
+    def show(self, reading: RobotReading) -> None:
         """Show the readings of both designs in a table; design B is moved to the tool pose of design A."""
         if self._other is None or self._other_nodes is None:
             return
@@ -237,7 +237,7 @@ class DesignPanel:
 
     # -- workspace ------------------------------------------------------------------------------------
 
-    def _workspace(self, a: Actor) -> None:
+    def _workspace(self, a: ShownRobot) -> None:
         gui = self.gui
         folder = gui.add_folder("Workspace")
         self._handles.append(folder)
@@ -262,8 +262,8 @@ class DesignPanel:
             parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
             limits, variants = desk.mechanism.limits, dict(desk.kin.variants)
             half, mechanism = edge.value * MM, without_meshes(desk.mechanism)
-            bounds = desk.hand.bounds
-            self._cloud.start(Job(a.source, variants, parameters, limits, T, half, poses, bounds, mechanism))
+            bounds = desk.solver.bounds
+            self._cloud.start(WorkspaceJob(a.source, variants, parameters, limits, T, half, poses, bounds, mechanism))
 
         def hide() -> None:
             self._cloud.cancel()
@@ -274,7 +274,7 @@ class DesignPanel:
         stop.on_click(lambda _: self._wish(hide))
 
     def _poll(self) -> None:
-        chunk: Chunk | None = self._cloud.poll()
+        chunk: WorkspaceChunk | None = self._cloud.poll()
         if chunk is None:
             return
         if chunk.error:
@@ -301,14 +301,14 @@ class DesignPanel:
     def _wish(self, go) -> None:
         self.front.ask("design", go)
 
-    def _again(self, a: Actor) -> None:
+    def _again(self, a: ShownRobot) -> None:
         """Move the robot to the last requested tool pose again, because the equations have changed."""
         asked = a.desk.asked if a.desk.asked is not None else a.desk.assembly.T_base_tool
         a.desk.move_tool(asked)
         self.front.rebuilt(a)
 
 
-def differs(reading: Reading) -> str:
+def differs(reading: RobotReading) -> str:
     """Return a text on the largest difference between equations and mechanism: value with unit, and quantity."""
     if reading.residual is None:
         return "-"
@@ -318,7 +318,7 @@ def differs(reading: Reading) -> str:
     return readout.amount(reading.residual) + what
 
 
-def refused(moved: Moved) -> str:
+def refused(moved: MoveResult) -> str:
     """Return an HTML text on why design B cannot reach the pose of design A; "" if it can."""
     if moved.good:
         return ""

@@ -10,7 +10,7 @@ import viser
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import srgb
-from twin.ui.session.feed import Feed, Follower, vertices_of
+from twin.ui.session.feed import Feed, FollowingFeed, vertices_of
 
 
 class FieldNodes:
@@ -27,7 +27,7 @@ class FieldNodes:
         `links` returns the poses T_world_link (4, 4), by link, of the robot with the given name; `passed` is the time
         in s since the last call.
         """
-        if not isinstance(self._feed, Follower) or self.broken:
+        if not isinstance(self._feed, FollowingFeed) or self.broken:
             return False
         try:
             return self._feed.follow({robot: links(robot) for robot in self._feed.touching}, passed)

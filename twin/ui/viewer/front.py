@@ -14,12 +14,12 @@ import viser
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.ui.session import instruments, timeline
-from twin.ui.session.desk import Desk, Moved
+from twin.ui.session.desk import Desk, MoveResult
 from twin.ui.session.feed import Feed
 from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.fields import FieldNodes
-from twin.ui.viewer.loop import Loop
+from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes
 
 _READ = 0.1
@@ -32,7 +32,7 @@ start."""
 
 
 @dataclass
-class Actor:
+class ShownRobot:
     """A robot in the scene.
 
     Attributes:
@@ -54,14 +54,14 @@ class Actor:
     playback: Playback | None = None
 
 
-class Terminal(Protocol):
+class QuestionTerminal(Protocol):
     """Interface of a terminal that asks one question at a time."""
 
     def ask(self, question: str, then: Callable[[bool], object]) -> None: ...  # noqa: D102
     def poll(self) -> None: ...  # noqa: D102
 
 
-class Scenery(Protocol):
+class SceneryInterface(Protocol):
     """Interface through which `Front` uses the surroundings of the robots; implemented by `scenery.Scenery`."""
 
     def panel(self) -> None: ...  # noqa: D102
@@ -71,7 +71,7 @@ class Scenery(Protocol):
     def protocol_changed(self) -> None: ...  # noqa: D102
 
 
-class Panels(Protocol):
+class PanelsInterface(Protocol):
     """Interface through which `Front` uses the controls and displays; implemented by `panels.Panels`.
 
     Attributes:
@@ -81,18 +81,18 @@ class Panels(Protocol):
     why: str
 
     def rebuild(self) -> None: ...  # noqa: D102
-    def show(self, reading: instruments.Reading) -> None: ...  # noqa: D102
+    def show(self, reading: instruments.RobotReading) -> None: ...  # noqa: D102
     def equations_shown(self) -> bool: ...  # noqa: D102
     def exaggeration(self) -> float: ...  # noqa: D102
     def ghost(self, visible: bool) -> None: ...  # noqa: D102
-    def ghost_poses(self, a: Actor) -> dict[str, Array] | None: ...  # noqa: D102
-    def preparing(self, a: Actor, protocol: str | None) -> None: ...  # noqa: D102
-    def failed(self, a: Actor, error: str) -> None: ...  # noqa: D102
-    def ready(self, a: Actor) -> None: ...  # noqa: D102
+    def ghost_poses(self, a: ShownRobot) -> dict[str, Array] | None: ...  # noqa: D102
+    def preparing(self, a: ShownRobot, protocol: str | None) -> None: ...  # noqa: D102
+    def failed(self, a: ShownRobot, error: str) -> None: ...  # noqa: D102
+    def ready(self, a: ShownRobot) -> None: ...  # noqa: D102
     def close(self) -> None: ...  # noqa: D102
 
 
-class Front(Loop):
+class Front(ViewerPage):
     """The page with one active robot and possibly further robots; created by `page.open_page`.
 
     Attributes:
@@ -109,12 +109,12 @@ class Front(Loop):
     def __init__(
         self,
         title: str,
-        actors: list[Actor],
+        actors: list[ShownRobot],
         server: viser.ViserServer,
         stopping: threading.Event | None = None,
         *,
         local: bool = True,
-        terminal: Terminal | None = None,
+        terminal: QuestionTerminal | None = None,
         feed: Feed | None = None,
     ) -> None:
         super().__init__(server, title, stopping)
@@ -136,7 +136,7 @@ class Front(Loop):
             self.nodes[a.name].place(a.T_world_base, a.scale)
         self.gizmo = self._add_gizmo()
 
-    def furnish(self, scenery: Callable[[Front], Scenery], panels: Callable[[Front], Panels]) -> None:
+    def furnish(self, scenery: Callable[[Front], SceneryInterface], panels: Callable[[Front], PanelsInterface]) -> None:
         """Create the surroundings, then the panels, which contain controls for the surroundings."""
         self.scenery = scenery(self)
         self.panels = panels(self)
@@ -170,7 +170,7 @@ class Front(Loop):
         self._plans.clear()
         super().close()
 
-    def go_on(self, kind: str, move: Callable[[], Moved]) -> None:
+    def go_on(self, kind: str, move: Callable[[], MoveResult]) -> None:
         """Store a request for a move; a move that exceeds its time limit is continued in the next frame."""
         self.repeat(kind, lambda: move().more)
 
@@ -224,7 +224,7 @@ class Front(Loop):
         self.panels.rebuild()
         self._stale = True
 
-    def rebuilt(self, a: Actor) -> None:
+    def rebuilt(self, a: ShownRobot) -> None:
         """Remove a robot's ghost, because the robot's mechanism has changed."""
         ghost = self.ghosts.pop(a.name, None)
         if ghost is not None:
@@ -267,7 +267,7 @@ class Front(Loop):
 
         self.after_frame.append(wait)
 
-    def load(self, a: Actor, protocol: str | None) -> None:
+    def load(self, a: ShownRobot, protocol: str | None) -> None:
         """Plan a protocol in a separate process; the robot plays the protocol when it is planned."""
         if a.name in self._plans:
             self._plans.pop(a.name).close()
@@ -323,7 +323,7 @@ class Front(Loop):
 
         return gizmo
 
-    def _tool_to(self, wxyz: Array, position: Array) -> Moved:
+    def _tool_to(self, wxyz: Array, position: Array) -> MoveResult:
         node = self.nodes[self.hand.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
         u, _, vt = np.linalg.svd(R)  # nearest rotation: pages send rounded values
@@ -342,7 +342,7 @@ class Front(Loop):
             for body, handle in self.nodes[a.name].meshes:
                 handle.on_drag("left", modifier="shift")(self._follower(a, body, held))
 
-    def _follower(self, a: Actor, body: str, held: dict[str, Array]):
+    def _follower(self, a: ShownRobot, body: str, held: dict[str, Array]):
         node = self.nodes[a.name]
 
         async def lead(event: viser.SceneNodeDragEvent) -> None:
@@ -350,7 +350,7 @@ class Front(Loop):
                 T = a.desk.assembly.link_poses[body]
                 held[body] = (spatial.inverse(T) @ np.append(node.to_base(np.array(event.start_position)), 1.0))[:3]
                 self.clock.playing = False
-                self.ask("prepare", a.desk.hand.prepare)
+                self.ask("prepare", a.desk.solver.prepare)
             elif event.phase == "update" and body in held:
                 target, p = node.to_base(np.array(event.end_position)), held[body]
                 self.go_on("point", lambda: a.desk.move_point(body, p, target))

@@ -24,7 +24,7 @@ AGAIN = 3.0
 """Minimum time in s before the same notice is shown again; a refused drag causes the same notice in every frame."""
 
 
-class Loop(ABC):
+class ViewerPage(ABC):
     """Base class of a page of the viewer; one thread handles all requests and draws all frames.
 
     Attributes:

@@ -11,12 +11,12 @@ import viser
 from twin.core.units import MM
 from twin.ui.session.mirror import Mirror
 from twin.ui.viewer.deviation import DeviationCurve, largest
-from twin.ui.viewer.loop import Loop
+from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes
 from twin.ui.viewer.room import OUTSIDE, furnish
 
 
-class MirrorFront(Loop):
+class MirrorFront(ViewerPage):
     """The page that shows the measured and desired joint values of a machine.
 
     Attributes:

@@ -7,13 +7,13 @@ from typing import Any
 import viser
 
 from twin.model.mechanism import Mechanism
-from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.panels import Panels
 from twin.ui.viewer.scenery import Scenery
 
 
 def open_page(
-    title: str, actors: list[Actor], props: Mechanism | None, server: viser.ViserServer, **more: Any
+    title: str, actors: list[ShownRobot], props: Mechanism | None, server: viser.ViserServer, **more: Any
 ) -> Front:
     """Return the front end of a page, ready to run.
 

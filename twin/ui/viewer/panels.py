@@ -13,11 +13,11 @@ from viser import uplot
 from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.ui.session.instruments import Reading
+from twin.ui.session.instruments import RobotReading
 from twin.ui.session.timeline import SPEEDS, Playback, protocols_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.design_panel import DesignPanel
-from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.record_panel import RecordPanel
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
@@ -137,19 +137,19 @@ class Panels:
         else:
             clock.play()
 
-    def preparing(self, a: Actor, protocol: str | None) -> None:
+    def preparing(self, a: ShownRobot, protocol: str | None) -> None:
         """Show that a protocol of a robot is being planned; None: its default protocol."""
         self._run.disabled = True
         self._state.content = (
             f"planning **{Path(protocol).stem if protocol else 'the default protocol'}** of {a.name} …"
         )
 
-    def failed(self, a: Actor, error: str) -> None:
+    def failed(self, a: ShownRobot, error: str) -> None:
         """Show why the protocol of a robot cannot be played."""
         self.why = error
         self._state.content = f"<span style='color:#d62f2f'>{a.name}: {escape(error)}</span>"
 
-    def ready(self, a: Actor) -> None:
+    def ready(self, a: ShownRobot) -> None:
         """Show the timeline of the planned protocol of a robot."""
         front = self.front
         if a is front.hand and a.playback is not None:
@@ -261,7 +261,7 @@ class Panels:
         """Return the factor by which differences between points of equations and mechanism are drawn larger."""
         return float(self._times.value.split()[0])
 
-    def ghost_poses(self, a: Actor) -> dict[str, Array] | None:
+    def ghost_poses(self, a: ShownRobot) -> dict[str, Array] | None:
         """Return the link poses T_base_body (4, 4) of a robot's ghost, by body; None if the poses cannot be computed.
 
         If the mechanism is edited, the ghost is the unedited mechanism at the same joint values. Otherwise, the ghost
@@ -278,7 +278,7 @@ class Panels:
         except AssemblyError:
             return None
 
-    def show(self, reading: Reading) -> None:
+    def show(self, reading: RobotReading) -> None:
         """Show the readings of the active robot, the time, and the curves."""
         front = self.front
         desk = front.hand.desk

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.format import quantity
 from twin.core.units import DEG, MM
-from twin.ui.session.instruments import AGREE, Limit, Reading, Residual
+from twin.ui.session.instruments import AGREE, EquationError, Limit, RobotReading
 
 _GOOD, _BAD, _WARN, _DIM = "#1f8a55", "#d62f2f", "#c77700", "#7d8896"
 
@@ -24,7 +24,7 @@ def length(metres: float) -> str:
     return quantity(metres, "m")
 
 
-def amount(residual: Residual) -> str:
+def amount(residual: EquationError) -> str:
     """Return a residual (a length or an angle) as text with a suitable unit."""
     return angle(residual.size) if residual.is_angle else length(residual.size)
 
@@ -35,7 +35,7 @@ def angle(radians: float) -> str:
     return f"{degrees:.3f}°" if degrees >= 0.001 else f"{degrees:.1e}°"
 
 
-def table(reading: Reading, variants: str = "") -> str:
+def table(reading: RobotReading, variants: str = "") -> str:
     """Return the panel with all readings as HTML; values beyond their limits are red."""
     columns = f"{_GRID};grid-template-rows:repeat({(len(reading.coordinates) + 1) // 2},auto)"
     rows = [f"<div style='{columns}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]

@@ -11,17 +11,17 @@ import viser
 
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
-from twin.ui.session.session import MOST, Session
-from twin.ui.viewer.front import Actor, Front
+from twin.ui.session.session import MOST, RecordedSession
+from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.keep import append_phase, identifier, save_posture
 
 
 class RecordPanel:
     """Controls below the joint sliders: record, replay, save and load a session; save a posture or a phase."""
 
-    def __init__(self, front: Front, a: Actor, tab: viser.GuiTabHandle, handles: list) -> None:
+    def __init__(self, front: Front, a: ShownRobot, tab: viser.GuiTabHandle, handles: list) -> None:
         self.front, self.actor = front, a
-        self.session: Session | None = None
+        self.session: RecordedSession | None = None
         self._began = 0.0
         self._replayed: float | None = None
         gui = front.server.gui
@@ -62,7 +62,7 @@ class RecordPanel:
     def _toggle(self) -> None:
         if self._record.label == "● Record":
             a = self.actor
-            self.session = Session.of(a.desk.mechanism)
+            self.session = RecordedSession.of(a.desk.mechanism)
             self._began, self._record.label, self._replay.disabled = time.perf_counter(), "■ Stop recording", True
         else:
             self._record.label, self._replay.disabled = "● Record", False
@@ -93,7 +93,7 @@ class RecordPanel:
         with Scratch() as folder:
             path = Path(folder) / "session.json"
             path.write_bytes(content)
-            self.session = Session.load(path, self.actor.desk.mechanism)
+            self.session = RecordedSession.load(path, self.actor.desk.mechanism)
         self._replay.disabled = False
         self.front.say(f"{len(self.session.moments)} states, {self.session.duration:.1f} s: press Replay")
 

@@ -16,7 +16,7 @@ from twin.reference import ReferenceModel
 from twin.ui.session.patient import none_there, patient_of
 from twin.ui.session.trocars import in_trocars, rcm_at
 from twin.ui.viewer import recording
-from twin.ui.viewer.front import Actor, Front
+from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
 
@@ -178,7 +178,7 @@ class Scenery:
 
         self._busy(work)
 
-    def _put(self, a: Actor, p: Array, turn: float, scale: float) -> None:
+    def _put(self, a: ShownRobot, p: Array, turn: float, scale: float) -> None:
         a.scale = scale
         a.T_world_base = spatial.pose(spatial.rotation_z(turn), p)
         self.front.nodes[a.name].place(a.T_world_base, scale)
@@ -236,7 +236,7 @@ class Scenery:
         if self._patient_shown:
             self.front.ask("table and patient", lambda: self.patient(True))
 
-    def _show_links(self, a: Actor, hidden: frozenset[str]) -> None:
+    def _show_links(self, a: ShownRobot, hidden: frozenset[str]) -> None:
         for name, frame in self.front.nodes[a.name].bodies.items():
             frame.visible = name not in hidden
 

@@ -17,10 +17,10 @@ from twin.core.units import srgb
 from twin.model.trainer import MODEL
 from twin.reference import ReferenceModel
 from twin.simulation.plants.tissue import clips_of
-from twin.ui.session.feed import Surface
+from twin.ui.session.feed import FieldSurface
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.viewer.console import AWAY, hand_text, status
-from twin.ui.viewer.loop import Loop
+from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.room import OUTSIDE, corners, furnish
 
@@ -28,7 +28,7 @@ OBJECTS = "objects"
 """Key of the poses of movable objects in a frame of a stream."""
 
 
-class Stream(Protocol):
+class SpectatorStream(Protocol):
     """Interface of the source from which a page reads the data of a running server.
 
     Attributes:
@@ -39,7 +39,7 @@ class Stream(Protocol):
         problem: reason for missing frames; "" while frames arrive.
     """
 
-    surfaces: Mapping[str, Surface]
+    surfaces: Mapping[str, FieldSurface]
     robots: Sequence[str]
     objects: Sequence[str]
     reading: JsonObject | None
@@ -56,7 +56,7 @@ class Stream(Protocol):
     def close(self) -> None: ...  # noqa: D102
 
 
-class WatchFront(Loop):
+class WatchFront(ViewerPage):
     """The page of a spectator.
 
     Attributes:
@@ -69,7 +69,7 @@ class WatchFront(Loop):
         title: str,
         loaded: LoadedScene,
         server: viser.ViserServer,
-        stream: Stream,
+        stream: SpectatorStream,
         stopping: threading.Event | None = None,
     ) -> None:
         """Draw the scene; the robots are in their home postures until the first frame.

@@ -23,7 +23,7 @@ SECONDS = 0.014
 """Processor time in s after which a drag step stops; the next call continues."""
 
 
-class Hand:
+class DragSolver:
     """Solver that moves a mechanism; the loop equations are compiled at the first move, or earlier by `prepare`.
 
     Attributes:
