@@ -10,9 +10,9 @@ from __future__ import annotations
 import contextlib
 import copy
 import inspect
+import math
 from collections.abc import Collection, Iterable, Mapping
 from types import FunctionType
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from twin.core.spatial import Array
 from twin.formula.contract import Equation, Formula, Stage, arguments
 from twin.formula.flow import choose
 from twin.formula.rows import PlainRows
+from twin.formula.scalar import Value
 from twin.validation.explain import numeric, plain
 from twin.validation.explain.numeric import Matrix, Rebuilder, to_array
 from twin.validation.explain.rows import Helper, Place, Step, Tolerance
@@ -54,13 +55,19 @@ class Judge:
         of symbols (k, 1) that noise explains, in units of the tolerance; 1 for other symbols.
         """
         self.limits = dict(limits or {})
-        self.formula, self.truth, self.tolerance = formula, truth, tolerance or Tolerance()
+        self.formula = formula
+        self.truth = truth
+        self.tolerance = tolerance or Tolerance()
         self.variants = choose(formula, variants)
         self.rebuild = Rebuilder()
         self.notes: list[str] = []
         self._helpers: dict[str, list[Helper]] = {}
         self._zeros: dict[str, Array] = {}
-        self.steps = [s for e in formula.equations if (s := self._step(e)) is not None]
+        self.steps: list[Step] = []
+        for equation in formula.equations:
+            step = self._step(equation)
+            if step is not None:
+                self.steps.append(step)
         self.residuals: Residuals = {}
         self._run()
 
@@ -75,14 +82,18 @@ class Judge:
         `only`: names of the equations to run; None for all.
         """
         other = copy.copy(self)
-        other.truth, other.residuals, other.notes, other._zeros, other.limits = truth, {}, [], {}, {}
+        other.truth = truth
+        other.residuals = {}
+        other.notes = []
+        other._zeros = {}
+        other.limits = {}
         for name, limit in self.limits.items():  # at other states, the largest limit holds
             other.limits[name] = limit.max(keepdims=True, initial=1.0, where=np.isfinite(limit))
-        other.steps = [
-            Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required, plain=s.plain)
-            for s in self.steps
-            if only is None or s.equation.name in only
-        ]
+        other.steps = []
+        for s in self.steps:
+            if only is None or s.equation.name in only:
+                fresh = Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required, plain=s.plain)
+                other.steps.append(fresh)
         other._run()
         return other
 
@@ -111,138 +122,157 @@ class Judge:
         """Return the plain functions, written in formula files, that a step calls."""
         if step.equation.name in self._helpers:
             return self._helpers[step.equation.name]
-        seen: dict[int, Helper] = {}
-
-        def visit(names: Iterable[str], scope: Mapping[str, Any]) -> None:
-            for name in sorted(names):
-                f = scope.get(name)
-                if not isinstance(f, FunctionType) or id(f) in seen or not numeric.of_formula(f):
-                    continue
-                try:
-                    source = Source(f)
-                except KinematicsError:
-                    continue
-                seen[id(f)] = Helper(source, f)
-                visit({n for s in source.statements for n in s.reads}, f.__globals__)
-
-        visit({n for s in step.source.statements for n in s.reads}, step.scope)
-        return self._helpers.setdefault(step.equation.name, list(seen.values()))
+        found: dict[int, Helper] = {}
+        _add_helpers(step.source, step.scope, found)
+        helpers = list(found.values())
+        self._helpers[step.equation.name] = helpers
+        return helpers
 
     # -- running ---------------------------------------------------------------------------------------
 
     def _run_stage(self, stage: Stage) -> None:
-        computed: dict[str, Any] = {}
+        computed: dict[str, Value] = {}
         if stage == "helper":
-            for s in self.steps:
-                computed = {**s.gave, **computed}
+            for step in self.steps:
+                computed = {**step.gave, **computed}
         for step in self.steps:
             if step.stage != stage:
                 continue
-            step.computed = dict(computed)
-            step.known = frozenset(n for n in step.equation.outputs if n in self.truth.kinds)
-            step.held = step.known
-            if step.plain is not None:
-                step.held = step.known & plain.held(step.source, step.equation.outputs)
-            last = step.source.statements[-1]
-            returned = getattr(last.node, "value", None)
-            elements = getattr(returned, "elts", getattr(returned, "values", []))
-            names = step.equation.outputs
-            step.lines = tuple(e.lineno for e in elements) if len(elements) == len(names) else (last.line,) * len(names)
-            lost = [n for n in step.required if not self._has(n, computed)]
-            if lost:
-                step.missing = ", ".join(lost)
+            self._prepare(step, computed)
+            unknown = [n for n in step.required if n not in self.truth.symbols and n not in computed]
+            if unknown:
+                step.missing = ", ".join(unknown)
                 self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} is unknown")
                 continue
             if self.truth.free in step.inputs:
-                self._place(step)
-            env = self._environment(step, computed)
-            found: Residuals = {}
-            s = step.source.statements[0]
-            try:
-                for s, code in zip(step.source.statements, step.codes, strict=True):
-                    step.before.append(plain.copied(env))
-                    exec(code, env)
-                    self._check(step, s, s.writes, env, found)
-                step.gave = self._outputs(step, env, found)
-            except (NameError, IndexError) as error:
-                self._stuck(step, s, found)
-                self.notes.append(f"{step.equation.name} ({step.variant}) fails in line {s.line}: {error}")
-            except Exception as error:
-                step.missing = str(error)
-                self.notes.append(f"{step.equation.name} ({step.variant}) fails on arrays: {error}")
+                self._place(step, [], {})
+            if not self._run_step(step):
                 continue
-            self.residuals |= found
             for name, value in step.gave.items():
                 computed.setdefault(name, value)
 
-    def _stuck(self, step: Step, s: Statement, found: Residuals) -> None:
-        """Count all outputs from statement `s` on as wrong, because statement `s` uses an unknown name."""
-        step.stuck = True
-        late = [(t, i, name) for t in step.source.statements[s.index :] for i, name in enumerate(t.writes)]
+    def _prepare(self, step: Step, computed: Mapping[str, Value]) -> None:
+        """Set the attributes of a step that depend on the mechanism's values and on the earlier equations."""
+        names = step.equation.outputs
+        step.computed = dict(computed)
+        step.known = frozenset(names).intersection(self.truth.kinds)
+        step.held = step.known
+        if step.plain is not None:
+            step.held = step.known & plain.held(step.source, names)
         last = step.source.statements[-1]
-        late += [(last, i, name) for i, name in enumerate(step.equation.outputs)]
+        returned = getattr(last.node, "value", None)
+        # A tuple or a list has `elts`, a dictionary has `values`.
+        elements = getattr(returned, "elts", getattr(returned, "values", []))
+        step.lines = (last.line,) * len(names)
+        if len(elements) == len(names):
+            step.lines = tuple(e.lineno for e in elements)
+
+    def _run_step(self, step: Step) -> bool:
+        """Run an equation and store its residuals and outputs; return whether it could be run on arrays."""
+        scope = self._environment(step, step.computed)
+        found: Residuals = {}
+        statement = step.source.statements[0]
+        label = f"{step.equation.name} ({step.variant})"
+        try:
+            for statement, code in zip(step.source.statements, step.codes, strict=True):
+                step.before.append(plain.copied(scope))
+                exec(code, scope)
+                self._check(step, statement, statement.writes, scope, found)
+            step.gave = self._outputs(step, scope, found)
+        except (NameError, IndexError) as error:
+            # A misspelt name or a wrong index is a fault of the formula, so the rows count as wrong.
+            self._stuck(step, statement, found)
+            self.notes.append(f"{label} fails in line {statement.line}: {error}")
+        except Exception as error:
+            step.missing = str(error)
+            self.notes.append(f"{label} fails on arrays: {error}")
+            return False
+        self.residuals |= found
+        return True
+
+    def _stuck(self, step: Step, statement: Statement, found: Residuals) -> None:
+        """Count all outputs from `statement` on as wrong, because `statement` uses an unknown name."""
+        step.stuck = True
         seen = {p.symbol for p in found}
-        for t, i, name in late:
-            if name in (step.known if t is last else step.held) and name not in seen:
+        for later in step.source.statements[statement.index :]:
+            for i, name in enumerate(later.writes):
+                # The last statement returns; it writes an output only by its position.
+                compared = step.known if later.returns else step.held
+                if name in compared and name not in seen:
+                    seen.add(name)
+                    line = step.lines[i] if later.returns else later.line
+                    self._unknown(step.place(later.index, i, name, line), found)
+        last = step.source.statements[-1]
+        for i, name in enumerate(step.equation.outputs):
+            if name in step.known and name not in seen:
                 seen.add(name)
-                size = to_array(self.truth.symbols[name], self.truth.k).shape
-                found[step.place(t.index, i, name, step.lines[i] if t is last else t.line)] = np.full(size, np.nan)
+                self._unknown(step.place(last.index, i, name, step.lines[i]), found)
         step.gave = {name: self.truth.symbols[name] for name in step.known}
 
-    def _has(self, name: str, computed: Mapping[str, Any]) -> bool:
-        return name in self.truth.symbols or name in computed
+    def _unknown(self, place: Place, found: Residuals) -> None:
+        value = to_array(self.truth.symbols[place.symbol], self.truth.k)
+        found[place] = np.full(value.shape, np.nan)
 
-    def _place(self, step: Step, edits: list[Edit] | None = None, extra: Mapping[str, Any] | None = None) -> None:
+    def _place(self, step: Step, edits: list[Edit], extra: Mapping[str, Value]) -> None:
         """Set the swivel angle of each state so that the residuals of the rows that use this angle are minimal."""
 
         def rows(angle: Array) -> Residuals:
             step.free = {self.truth.free: angle}
-            return self._retry(step, edits or [], extra or {}, True, onwards=False)
+            return self._retry(step, edits, extra, True, onwards=False)
 
         with contextlib.suppress(Exception):  # the same errors are raised and handled when the rows are run
             step.free = {self.truth.free: fitted(rows, self.truth.k)}
 
-    def _environment(self, step: Step, computed: Mapping[str, Any]) -> dict[str, Any]:
+    def _environment(self, step: Step, computed: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the variables with which an equation starts: its globals and its arguments."""
         known = {**computed, **self.truth.symbols, **step.free}
         if step.plain is not None:
             return {**step.scope, **plain.arguments(step.plain, known)}
-        return {**step.scope, **{n: known[n] for n in step.inputs if n in known}}
+        scope = dict(step.scope)
+        for name in step.inputs:
+            if name in known:
+                scope[name] = known[name]
+        return scope
 
-    def _check(self, step: Step, s: Statement, names: Iterable[str], env: dict[str, Any], found: Residuals) -> None:
+    def _check(
+        self, step: Step, statement: Statement, names: Iterable[str], scope: dict[str, Value], found: Residuals
+    ) -> None:
         """Store the residuals of a statement's outputs, then replace the outputs by the mechanism's values."""
         for i, name in enumerate(names):
             if name in step.held:
-                said = plain.outside(step.plain, env[name])
-                found[step.place(s.index, i, name, s.line)] = self.difference(name, said)
-                env[name] = plain.inside(step.plain, self.truth.symbols[name])
+                value = plain.outside(step.plain, scope[name])
+                place = step.place(statement.index, i, name, statement.line)
+                found[place] = self.difference(name, value)
+                scope[name] = plain.inside(step.plain, self.truth.symbols[name])
 
-    def _outputs(self, step: Step, env: dict[str, Any], found: Residuals) -> dict[str, Any]:
-        values = env[OUT]
-        if step.plain is not None:
-            values = plain.parts(step.plain, values)
-        values = list(values) if isinstance(values, tuple | list) else [values]
+    def _outputs(self, step: Step, scope: Mapping[str, Value], found: Residuals) -> dict[str, Value]:
+        """Return the outputs of an equation that was run, and store the residuals of the known ones."""
+        values = returned_values(step, scope[OUT])
         names = step.equation.outputs
         if len(values) != len(names):
             raise ValueError(f"{len(values)} values for {len(names)} outputs")
         last = len(step.source.statements) - 1
-        out: dict[str, Any] = {}
-        for i, (name, value) in enumerate(zip(names, values, strict=True)):
+        outputs: dict[str, Value] = {}
+        for i, name in enumerate(names):
             if name not in step.known:
-                out[name] = value
+                outputs[name] = values[i]
                 continue
-            found[step.place(last, i, name, step.lines[i])] = self.difference(name, value)
-            out[name] = self.truth.symbols[name]
-        return out
+            found[step.place(last, i, name, step.lines[i])] = self.difference(name, values[i])
+            outputs[name] = self.truth.symbols[name]
+        return outputs
 
-    def difference(self, name: str, value: Any) -> Array:
+    def difference(self, name: str, value: Value) -> Array:
         """Return the difference of a value and the mechanism's value of the symbol `name`, as in `Residuals`."""
-        d = self._difference(name, value)
-        return d / self.limits[name] if name in self.limits else d
+        difference = self._difference(name, value)
+        if name in self.limits:
+            return difference / self.limits[name]
+        return difference
 
-    def _difference(self, name: str, value: Any) -> Array:
+    def _difference(self, name: str, value: Value) -> Array:
         """Return a value minus the mechanism's value of the symbol `name`, (k, entries) in units of the tolerance."""
-        true, kind = self.truth.symbols[name], self.truth.kinds[name]
-        if value is true:
+        true = self.truth.symbols[name]
+        kind = self.truth.kinds[name]
+        if value is true:  # a row that passes the mechanism's value on agrees exactly
             return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
         if isinstance(true, Matrix) and (not isinstance(value, Matrix) or value.shape != true.shape):
             raise ValueError(f"{name} does not have the shape of its value in the mechanism")
@@ -259,7 +289,7 @@ class Judge:
 
     # -- trials of edits ----------------------------------------------------------------------------------------
 
-    def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals:
+    def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Value] | None = None) -> Residuals:
         """Return the residuals of the rows that the edits change; call this method with NumPy's warnings disabled.
 
         The edits change statements of the step or of one helper function. `extra` contains the values of the names that
@@ -268,21 +298,30 @@ class Judge:
         Raises:
             Exception: any exception of the edited code, including SyntaxError.
         """
-        own = [e for e in edits if e.function == step.source.name and e.path == step.source.path]
-        foreign = [e for e in edits if e not in own]
-        undo = self._patch(step, foreign) if foreign else []
+        extra = extra or {}
+        own: list[Edit] = []
+        foreign: list[Edit] = []
+        for edit in edits:
+            in_step = edit.function == step.source.name and edit.path == step.source.path
+            if in_step:
+                own.append(edit)
+            else:
+                foreign.append(edit)
+        replaced: list[tuple[dict[str, Value], str, Value]] = []
+        if foreign:
+            replaced = self._patch(step, foreign)
         free = step.free
         try:
             if free:
                 self._place(step, own, extra)
-            found = self._retry(step, own, extra or {}, bool(foreign) or bool(free))
+            found = self._retry(step, own, extra, bool(foreign) or bool(free))
             if foreign:
                 found |= self._from_before(step, foreign)
             return found
         finally:
             step.free = free
-            for scope, name, old in undo:
-                scope[name] = old
+            for scope, name, original in replaced:
+                scope[name] = original
 
     def _from_before(self, step: Step, edits: list[Edit]) -> Residuals:
         """Return the residuals that change in a step because edits of a helper change the output of an earlier step.
@@ -290,76 +329,106 @@ class Judge:
         The earlier step calls the helper, and this step uses the output.
         """
         for earlier in self.steps[: self.steps.index(step)]:
+            if earlier.stage != step.stage or earlier.missing:
+                continue
             passes = set(earlier.equation.outputs) - set(self.truth.kinds)
-            calls = any(h.source.name == edits[0].function for h in self.helpers(earlier))
-            if earlier.stage == step.stage and not earlier.missing and calls and passes:
-                found = self._retry(earlier, [], {}, True)
-                mine = {p: r for p, r in found.items() if p.equation == step.equation.name}
-                if mine:
-                    return mine
+            if not passes or not self._calls(earlier, edits[0].function):
+                continue
+            rerun = self._retry(earlier, [], {}, True)
+            changed: Residuals = {}
+            for place, residual in rerun.items():
+                if place.equation == step.equation.name:
+                    changed[place] = residual
+            if changed:
+                return changed
         return {}
 
-    def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Any], str, Any]]:
+    def _calls(self, step: Step, function: str) -> bool:
+        return any(helper.source.name == function for helper in self.helpers(step))
+
+    def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Value], str, Value]]:
         """Install an edited helper; return (globals, name, original function) of each use, to restore the original."""
-        helper = next(h for h in self.helpers(step) if h.source.name == edits[0].function)
-        scope: dict[str, Any] = dict(helper.function.__globals__)
+        helpers = self.helpers(step)
+        helper = next(h for h in helpers if h.source.name == edits[0].function)
+        own_globals = helper.function.__globals__
+        scope: dict[str, Value] = dict(own_globals)
         exec(helper.source.whole(edits), scope)
         made = scope[helper.source.name]
-        new = FunctionType(made.__code__, helper.function.__globals__, made.__name__, helper.function.__defaults__)
-        undo = []
-        scopes = (*(s.scope for s in self.steps), *(h.function.__globals__ for h in self.helpers(step)))
-        for other in (helper.function.__globals__, *scopes):
-            for name, value in list(other.items()):
+        # The edited text ran in a copy of the globals; the function must see the real ones, where searches put names.
+        edited = FunctionType(made.__code__, own_globals, made.__name__, helper.function.__defaults__)
+        scopes = [own_globals]
+        for other in self.steps:
+            scopes.append(other.scope)
+        for other in helpers:
+            scopes.append(other.function.__globals__)
+        replaced: list[tuple[dict[str, Value], str, Value]] = []
+        for scope in scopes:
+            for name, value in list(scope.items()):
                 if value is helper.function:
-                    undo.append((other, name, value))
-                    other[name] = new
-        return undo
+                    replaced.append((scope, name, value))
+                    scope[name] = edited
+        return replaced
 
     def _retry(
-        self, step: Step, edits: list[Edit], extra: Mapping[str, Any], anew: bool, onwards: bool = True
+        self, step: Step, edits: list[Edit], extra: Mapping[str, Value], anew: bool, onwards: bool = True
     ) -> Residuals:
-        source = step.source
-        first = 0 if anew else min(e.statement for e in edits)
+        """Run an equation after edits, from the first edited statement on; return the residuals that may change.
+
+        `anew`: run the equation from its first statement. `onwards`: also run the later equations that use its outputs.
+        """
+        statements = step.source.statements
         codes = list(step.codes)
-        writes = {s.index: s.writes for s in source.statements}
-        for i in {e.statement for e in edits}:
-            s = source.statements[i]
-            mine = [e for e in edits if e.statement == i]
-            codes[i] = source.compiled(s, mine)
-            for e in mine:
-                if e.kind == "left side":
-                    writes[i] = tuple(e.new if w == e.old else w for w in s.writes)
-        env = self._environment(step, step.computed) if anew else plain.copied(step.before[first])
-        anew |= step.stuck  # there is no earlier result to reuse
-        for name in {e.define[0] for e in edits if e.define and not e.define[1]}:  # new arguments of the function
-            for known in (k for k in (step.computed, self.truth.symbols) if name in k):
-                env.setdefault(name, plain.inside(step.plain, known[name]))
-        for name, value in extra.items():
-            env.setdefault(name, value)
-        found: Residuals = {}
+        writes: dict[int, tuple[str, ...]] = {}  # other left sides, by index of the edited statement
         edited = {e.statement for e in edits}
-        dirty: set[str] = set()
-        for s in source.statements[first:]:
-            mine = writes[s.index]
-            if not anew and s.index not in edited and not dirty & s.reads:
-                if s.returns:
-                    return found
-                after = step.before[s.index + 1]
-                for name in mine:  # these outputs do not change, because their inputs do not change
-                    env[name] = plain.copied({name: after[name]})[name]
-                    dirty.discard(name)
+        for i in edited:
+            own = [e for e in edits if e.statement == i]
+            codes[i] = step.source.compiled(statements[i], own)
+            writes[i] = _renamed(statements[i].writes, own)
+        if anew:
+            first = 0
+            scope = self._environment(step, step.computed)
+        else:
+            first = min(edited)
+            scope = plain.copied(step.before[first])
+        anew |= step.stuck  # there is no earlier result to reuse
+        self._define_arguments(step, edits, scope)
+        for name, value in extra.items():
+            scope.setdefault(name, value)
+        found: Residuals = {}
+        dirty: set[str] = set()  # variables whose values differ from those of the unedited equation
+        for statement in statements[first:]:
+            i = statement.index
+            names = writes.get(i, statement.writes)
+            if anew or i in edited or dirty & statement.reads:
+                exec(codes[i], scope)
+                self._check(step, statement, names, scope, found)
+                dirty |= set(names) - step.held
                 continue
-            exec(codes[s.index], env)
-            self._check(step, s, mine, env, found)
-            dirty |= {n for n in mine if n not in step.held}
-        gave = self._outputs(step, env, found)
-        changed = {n for n in gave if n not in self.truth.kinds}
+            if statement.returns:
+                return found
+            after = step.before[i + 1]
+            for name in names:  # these outputs do not change, because their inputs do not change
+                scope[name] = plain.copied({name: after[name]})[name]
+                dirty.discard(name)
+        outputs = self._outputs(step, scope, found)
+        changed = set(outputs).difference(self.truth.kinds)
         if changed and onwards:
-            self._downstream(step, gave, changed, found)
+            self._downstream(step, outputs, changed, found)
         return found
 
-    def _downstream(self, step: Step, gave: dict[str, Any], changed: set[str], found: Residuals) -> None:
-        computed = {**step.computed, **gave}
+    def _define_arguments(self, step: Step, edits: list[Edit], scope: dict[str, Value]) -> None:
+        """Set the values of symbols that edits add to the arguments of the function."""
+        for edit in edits:
+            if not edit.define or edit.define[1]:  # a definition with an expression is an alias
+                continue
+            name = edit.define[0]
+            for values in (step.computed, self.truth.symbols):
+                if name in values:
+                    scope.setdefault(name, plain.inside(step.plain, values[name]))
+
+    def _downstream(self, step: Step, outputs: dict[str, Value], changed: set[str], found: Residuals) -> None:
+        """Run the later equations that use changed outputs, and store their residuals."""
+        computed = {**step.computed, **outputs}
         for later in self.steps[self.steps.index(step) + 1 :]:
             if later.stage != step.stage or later.missing:
                 continue
@@ -367,32 +436,75 @@ class Judge:
                 computed = {**later.gave, **computed}
                 continue
             # Do not reuse earlier results: a helper that this equation calls may be edited.
-            env = {**plain.copied(later.before[0]), **later.scope}
+            scope = {**plain.copied(later.before[0]), **later.scope}
             if later.plain is not None:
-                env |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
+                scope |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
             else:
-                env.update((n, computed[n]) for n in later.inputs if n in changed)
-            for s, code in zip(later.source.statements, later.codes, strict=True):
-                exec(code, env)
-                self._check(later, s, s.writes, env, found)
-            new = self._outputs(later, env, found)
-            changed |= {n for n in new if n not in self.truth.kinds}
-            computed |= {n: v for n, v in new.items() if n in changed or n not in computed}
+                for name in later.inputs:
+                    if name in changed:
+                        scope[name] = computed[name]
+            for statement, code in zip(later.source.statements, later.codes, strict=True):
+                exec(code, scope)
+                self._check(later, statement, statement.writes, scope, found)
+            again = self._outputs(later, scope, found)
+            changed |= set(again).difference(self.truth.kinds)
+            for name, value in again.items():
+                if name in changed or name not in computed:
+                    computed[name] = value
 
     # -- failing rows -----------------------------------------------------------------------------------
 
     def failing(self) -> list[Place]:
         """Return the rows whose residual exceeds the tolerance or is NaN."""
-        return [p for p, r in self.residuals.items() if not worst(r) <= 1]
+        return [p for p, r in self.residuals.items() if worst(r) > 1]
+
+
+def _add_helpers(source: Source, scope: Mapping[str, Value], found: dict[int, Helper]) -> None:
+    """Add the functions of formula files that a function calls, directly or through others, by their identity."""
+    names: set[str] = set()
+    for statement in source.statements:
+        names |= statement.reads
+    for name in sorted(names):
+        function = scope.get(name)
+        if not isinstance(function, FunctionType) or id(function) in found or not numeric.of_formula(function):
+            continue
+        try:
+            called = Source(function)
+        except KinematicsError:  # its source cannot be edited
+            continue
+        found[id(function)] = Helper(called, function)
+        _add_helpers(called, function.__globals__, found)
+
+
+def _renamed(names: tuple[str, ...], edits: Iterable[Edit]) -> tuple[str, ...]:
+    """Return the names on the left side of a statement after edits of the left side."""
+    left = list(names)
+    for edit in edits:
+        if edit.kind != "left side":
+            continue
+        left = list(names)
+        for i, name in enumerate(names):
+            if name == edit.old:
+                left[i] = edit.new
+    return tuple(left)
+
+
+def returned_values(step: Step, value: Value) -> list[Value]:
+    """Split what the function of a step returned into one value for each output."""
+    if step.plain is not None:
+        value = plain.parts(step.plain, value)
+    if isinstance(value, tuple | list):
+        return list(value)
+    return [value]
 
 
 def worst(r: Array) -> float:
     """Return the largest absolute residual; infinity if one is NaN."""
-    top = float(np.abs(r).max(initial=0.0))
-    return top if top == top else float("inf")
+    largest = float(np.abs(r).max(initial=0.0))
+    return float("inf") if math.isnan(largest) else largest
 
 
-def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, Any] | None = None) -> Residuals | None:
+def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, Value] | None = None) -> Residuals | None:
     """Return the residuals of `Judge.trial`, or None if the edited text cannot be run."""
     try:
         return judge.trial(step, edits, extra)
