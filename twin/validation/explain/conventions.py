@@ -5,26 +5,26 @@ Each convention is tried as a whole, because no edit of a single row has the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations, product
-from types import FunctionType
-from typing import Any
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL
+from twin.formula.scalar import Value
 from twin.validation.explain.invariants import said, said_pose
 from twin.validation.explain.judge import Judge, Place, worst
 from twin.validation.explain.numeric import Matrix, to_array, turn
 from twin.validation.explain.offsets import axes_text, offsets
 from twin.validation.explain.plain import enter, leave
 from twin.validation.explain.result import Convention
-from twin.validation.explain.rows import Helper, Step
+from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.suspects import suspects
+from twin.validation.explain.truth import Truth
 
 _NAMED = (
     (-1.0, "the opposite sign"),
@@ -43,9 +43,11 @@ def conventions(judge: Judge, known: Sequence[Convention] | None = None) -> list
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
-        found = [*(general(judge) if known is None else known), *_scalars(judge)]
-        if not found:
-            found = [*offsets(judge)]
+        if known is None:
+            known = general(judge)
+        found = [*known, *_scalars(judge)]
+        if not found:  # a slow search, so only where nothing simpler was found
+            found = list(offsets(judge))
     return sorted(found, key=lambda c: (-len(c.rows), c.after))
 
 
@@ -60,168 +62,281 @@ def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
 
     Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other`.
     """
-    bad = judge.failing()
-    now = {p.key: worst(r) for p, r in other.residuals.items()}
-    for p in judge.residuals:
-        agreed = p not in bad and judge.step(p.equation).stage != "helper"
-        if agreed and not now.get(p.key, np.inf) <= 1:
+    failing = judge.failing()
+    worst_by_row = {p.key: worst(r) for p, r in other.residuals.items()}
+    for place in judge.residuals:
+        if place in failing or judge.step(place.equation).stage == "helper":
+            continue
+        if worst_by_row.get(place.key, np.inf) > 1:
             return None
-    cured = [p for p in bad if now.get(p.key, np.inf) <= 1]
+    cured: list[Place] = []
+    largest = 0.0
+    for place in failing:
+        after = worst_by_row.get(place.key, np.inf)
+        if after <= 1:
+            cured.append(place)
+            largest = max(largest, after)
     if not cured:
         return None
-    return cured, max(now[p.key] for p in cured)
+    return cured, largest
 
 
 ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2])
 """The twelve axis sequences of Euler angles."""
 
 
+@dataclass(frozen=True)
+class _EulerConvention:
+    """Three rotations about axes; the formula's angles are the rotation angles in another order and with other signs.
+
+    Attributes:
+        order: axes of the rotations, such as "zyx".
+        transposed: whether the rotations are applied in the opposite order.
+        place: index of the rotation whose angle each of the formula's angles is.
+        signs: sign of each of the formula's angles.
+    """
+
+    order: str
+    transposed: bool
+    place: tuple[int, ...]
+    signs: tuple[float, ...]
+
+    def text(self, angles: Sequence[str]) -> str:
+        """Return the product of rotations as text, such as "Rz(psi) Ry(theta) Rx(-phi)"."""
+        factors = [""] * 3
+        for name, index, sign in zip(angles, self.place, self.signs, strict=True):
+            minus = "-" if sign < 0 else ""
+            factors[index] = f"R{self.order[index]}({minus}{name})"
+        if self.transposed:
+            factors.reverse()
+        return " ".join(factors)
+
+
+def _euler_conventions(R: Array) -> Iterator[tuple[_EulerConvention, Array]]:
+    """Yield (convention, its angles (k, 3) in rad of the rotations R (k, 3, 3))."""
+    for order in ORDERS:
+        for transposed in (False, True):
+            places: Iterable[tuple[int, ...]]
+            if transposed:
+                # The same angles, applied in the opposite order: R^T has the opposite signs.
+                values = -spatial.euler_angles(np.swapaxes(R, 1, 2), order)
+                places = ((0, 1, 2), (2, 1, 0))
+            else:
+                values = spatial.euler_angles(R, order)
+                places = permutations(range(3))
+            for place in places:
+                for signs in product((1.0, -1.0), repeat=3):
+                    yield _EulerConvention(order, transposed, place, signs), values[:, place] * signs
+
+
 def _euler(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the rows agree with the mechanism for another Euler sequence, or for other signs."""
     truth = judge.truth
     angles = [n for n, unit in truth.coordinates if unit == "rad"]
-    if len(angles) != 3 or not any(set(angles) & set(step.inputs) for step in judge.steps):
-        return  # no equation reads the angles
-    bad = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
-    if not bad:
+    if len(angles) != 3 or not _read(judge, angles):
         return
-    involved = {e for p in bad for e in suspects(judge, p)}
-    keys = {p.key for p in bad}
-    R = truth.Ts[:, :3, :3]
-    now = np.column_stack([truth.symbols[a] for a in angles])
-    for order in ORDERS:
-        for transposed in (False, True):
-            values = spatial.euler_angles(np.swapaxes(R, 1, 2) if transposed else R, order)
-            if transposed:
-                values = -values  # the same angles, applied in the opposite order
-            for place in permutations(range(3)) if not transposed else ((0, 1, 2), (2, 1, 0)):
-                for signs in product((1.0, -1.0), repeat=3):
-                    v = values[:, place] * signs
-                    if np.abs(np.sin(v - now)).max() < 1e-9:
-                        continue  # the formula's own convention
-                    symbols = {**truth.symbols, **dict(zip(angles, v.T, strict=True))}
-                    other = replace(truth, symbols=symbols)
-                    quick = judge.on(other, involved).residuals
-                    if not any(worst(r) <= 1 for p, r in quick.items() if p.key in keys):
-                        continue
-                    found = _cured(judge, judge.on(other))
-                    if found is None:
-                        continue
-                    terms = [""] * 3
-                    for k, (p, s) in enumerate(zip(place, signs, strict=True)):
-                        terms[p] = f"R{order[p]}({'-' if s < 0 else ''}{angles[k]})"
-                    text = " ".join(terms if not transposed else terms[::-1])
-                    rows = tuple(p.name for p in found[0])
-                    yield Convention(
-                        "euler", f"the rows agree with the angles of R = {text}, not with the angles "
-                        "that the formula's own convention gives", rows, found[1]
-                    )  # fmt: skip
-                    return
+    wrong = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
+    if not wrong:
+        return
+    involved: set[str] = set()
+    for place in wrong:
+        involved.update(suspects(judge, place))
+    own = np.column_stack([truth.symbols[a] for a in angles])
+    for convention, values in _euler_conventions(truth.Ts[:, :3, :3]):
+        if np.abs(np.sin(values - own)).max() < 1e-9:
+            continue  # the formula's own convention
+        symbols = {**truth.symbols, **dict(zip(angles, values.T, strict=True))}
+        other = replace(truth, symbols=symbols)
+        # Few equations first: nearly all of the conventions fail there.
+        if not _one_agrees(judge.on(other, involved), wrong):
+            continue
+        found = _cured(judge, judge.on(other))
+        if found is None:
+            continue
+        cured, after = found
+        text = (
+            f"the rows agree with the angles of R = {convention.text(angles)}, not with the angles "
+            "that the formula's own convention gives"
+        )
+        yield Convention("euler", text, _names(cured), after)
+        return
+
+
+def _read(judge: Judge, symbols: Sequence[str]) -> bool:
+    """Return whether an equation reads one of the symbols."""
+    inputs: set[str] = set()
+    for step in judge.steps:
+        inputs.update(step.inputs)
+    return not inputs.isdisjoint(symbols)
+
+
+def _one_agrees(judge: Judge, places: Sequence[Place]) -> bool:
+    keys = {p.key for p in places}
+    return any(place.key in keys and worst(r) <= 1 for place, r in judge.residuals.items())
+
+
+def _names(places: Iterable[Place]) -> tuple[str, ...]:
+    return tuple(p.name for p in places)
 
 
 def _angles_in(judge: Judge) -> Iterator[Convention]:
     """Yield one convention if the rows agree for angles in degrees, and one if they agree for lengths in mm."""
-    truth = judge.truth
-    for kind, factor, text in (
-        ("angle", 180 / np.pi, "the rows expect angles in degrees, but the angles are given in radians"),
-        ("length", 1e3, "the rows expect lengths in millimetres, but the lengths are given in metres"),
+    in_degrees = "the rows expect angles in degrees, but the angles are given in radians"
+    in_mm = "the rows expect lengths in millimetres, but the lengths are given in metres"
+    failing_names = {p.name for p in judge.failing()}
+    for kind, units, factor, text in (
+        ("angle", ("deg",), 180 / np.pi, in_degrees),
+        ("length", ("mm", "m"), 1e3, in_mm),
     ):
-        parameters = {p.name: p.unit for p in judge.formula.parameters}
-        units = ("deg",) if kind == "angle" else ("mm", "m")
-        symbols = {
-            n: v * factor if (truth.kinds.get(n) == kind or parameters.get(n) in units) else v
-            for n, v in truth.symbols.items()
-        }
-        if kind == "length":
-            T = truth.symbols[POSE_SYMBOL].a.copy()
-            T[:, :3, 3] *= factor
-            symbols[POSE_SYMBOL] = Matrix(T)
-        other = judge.on(replace(truth, symbols=symbols))
-        cured = []
-        for p, r in judge.residuals.items():
-            q = next((x for x in other.residuals if x.key == p.key), None)  # fmt: skip
-            if q is None or worst(r) <= 1 or truth.kinds[p.symbol] == "pose":
-                continue
+        other = judge.on(_scaled(judge, kind, units, factor))
+        cured = _cured_in_unit(judge, other, kind, factor)
+        if cured and len(cured) == len(failing_names):
+            yield Convention("unit", text, _names(cured), max(cured.values()))
+
+
+def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> Truth:
+    """Return the mechanism's values with all angles or all lengths multiplied by a factor."""
+    truth = judge.truth
+    scaled_parameters = {p.name for p in judge.formula.parameters if p.unit in units}
+    symbols = dict(truth.symbols)
+    for name, value in truth.symbols.items():
+        if truth.kinds.get(name) == kind or name in scaled_parameters:
+            symbols[name] = value * factor
+    if kind == "length":
+        T = truth.symbols[POSE_SYMBOL].a.copy()
+        T[:, :3, 3] *= factor
+        symbols[POSE_SYMBOL] = Matrix(T)
+    return replace(truth, symbols=symbols)
+
+
+def _cured_in_unit(judge: Judge, other: Judge, kind: str, factor: float) -> dict[Place, float]:
+    """Return {row that is wrong in `judge` and agrees in `other`: its residual}, where `other` has another unit."""
+    residuals: dict[Key, Array] = {}
+    for place, residual in other.residuals.items():
+        residuals.setdefault(place.key, residual)
+    cured: dict[Place, float] = {}
+    for place, r in judge.residuals.items():
+        if place.key not in residuals or worst(r) <= 1 or judge.truth.kinds[place.symbol] == "pose":
+            continue
+        residual = residuals[place.key]
+        after = worst(residual)
+        if judge.truth.kinds[place.symbol] == kind:
             # An output may be in either unit: it must agree in one of them.
-            value = other.residuals[q] / (factor if truth.kinds[p.symbol] == kind else 1.0)
-            if worst(value) <= 1 or worst(other.residuals[q]) <= 1:
-                cured.append((p, min(worst(value), worst(other.residuals[q]))))
-        if cured and len(cured) == len({p.name for p in judge.failing()}):
-            yield Convention("unit", text, tuple(p.name for p, _ in cured), max(w for _, w in cured))
+            after = min(after, worst(residual / factor))
+        if after <= 1:
+            cured[place] = after
+    return cured
 
 
 def _scalars(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for rows whose value differs from the mechanism's only by a sign, a unit or a zero offset."""
-    truth, values = judge.truth, said(judge)
+    truth = judge.truth
+    values = said(judge)
     groups: dict[str, list[tuple[Place, float]]] = {}
     for place in judge.failing():
         true = to_array(truth.symbols[place.symbol], truth.k)
         if place.symbol not in values or true.shape[1] != 1 or np.ptp(true) < 1e-9:
             continue
-        raw = values[place.symbol]
-        t, y = true[:, 0], np.asarray(raw, float)
-        tolerance = judge.tolerance.angle if truth.kinds[place.symbol] == "angle" else judge.tolerance.length
+        angle = truth.kinds[place.symbol] == "angle"
+        tolerance = judge.tolerance.angle if angle else judge.tolerance.length
+        value = np.asarray(values[place.symbol], float)
         for slope, text in (*_NAMED, (1.0, "")):
-            if truth.kinds[place.symbol] == "angle":
-                offset = np.angle(np.exp(1j * (y - slope * t))) if abs(slope) == 1 else y - slope * t
-                middle = float(np.angle(np.mean(np.exp(1j * offset)))) if abs(slope) == 1 else float(offset.mean())
-                left = np.abs(np.angle(np.exp(1j * (offset - middle)))).max() / tolerance
-            else:
-                offset = y - slope * t
-                middle = float(offset.mean())
-                left = float(np.abs(offset - middle).max()) / tolerance / abs(slope)
-            if not left <= 1:
+            middle, after = _offset(value, true[:, 0], slope, angle, tolerance)
+            if not after <= 1:  # also for NaN
                 continue
-            zero = ""
+            parts = [text] if text else []
             if abs(middle) > tolerance:
-                shown = (
-                    f"{np.degrees(middle):.6g}°" if truth.kinds[place.symbol] == "angle" else f"{middle * 1e3:.6g} mm"
-                )
-                zero = f"its zero position differs by {shown} from the zero position in the mechanism"
-            message = " and ".join(x for x in (text, zero) if x)
-            if message:
-                groups.setdefault(message, []).append((place, float(left)))
+                shown = f"{np.degrees(middle):.6g}°" if angle else f"{middle * 1e3:.6g} mm"
+                parts.append(f"its zero position differs by {shown} from the zero position in the mechanism")
+            if parts:
+                groups.setdefault(" and ".join(parts), []).append((place, after))
             break
-    for message, places in groups.items():
-        names = ", ".join(p.symbol for p, _ in places)
-        yield Convention(
-            "offset" if message.startswith("its zero") else "sign" if "sign" in message else "unit",
-            f"{names}: {message}", tuple(p.name for p, _ in places), max(w for _, w in places)
-        )  # fmt: skip
+    for message, rows in groups.items():
+        places = [place for place, _ in rows]
+        symbols = ", ".join(p.symbol for p in places)
+        kind = "unit"
+        if message.startswith("its zero"):
+            kind = "offset"
+        elif "sign" in message:
+            kind = "sign"
+        yield Convention(kind, f"{symbols}: {message}", _names(places), max(after for _, after in rows))
+
+
+def _offset(value: Array, true: Array, slope: float, angle: bool, tolerance: float) -> tuple[float, float]:
+    """Return (mean of `value` - `slope` * `true`, largest deviation from it / `tolerance`), of values (k,)."""
+    offset = value - slope * true
+    if not angle:
+        middle = float(offset.mean())
+        return middle, float(np.abs(offset - middle).max()) / tolerance / abs(slope)
+    if abs(slope) == 1:  # full turns do not count; in another unit an angle has no full turn of 2 pi
+        offset = np.angle(np.exp(1j * offset))
+        middle = float(np.angle(np.mean(np.exp(1j * offset))))
+    else:
+        middle = float(offset.mean())
+    return middle, float(np.abs(np.angle(np.exp(1j * (offset - middle)))).max() / tolerance)
+
+
+@dataclass(frozen=True)
+class _WrongPoint:
+    """A named point whose rows are wrong: its values (k, 3) in the formula, and in the mechanism."""
+
+    name: str
+    places: list[Place]
+    value: Array
+    true: Array
+
+
+def _wrong_points(judge: Judge) -> list[_WrongPoint]:
+    truth = judge.truth
+    values = said(judge)
+    failing = judge.failing()
+    points: list[_WrongPoint] = []
+    for name, symbol in judge.formula.points.items():
+        parts = (symbol,) if isinstance(symbol, str) else symbol
+        places = [p for p in failing if p.symbol in parts]
+        if not places or not values.keys() >= set(parts):
+            continue
+        value = np.hstack([to_array(values[p], truth.k) for p in parts])
+        true = np.hstack([to_array(truth.symbols[p], truth.k) for p in parts])
+        points.append(_WrongPoint(name, places, value, true))
+    return points
 
 
 def _axes(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the named points agree with the mechanism after axes are permuted, mirrored or scaled."""
-    truth, values = judge.truth, said(judge)
-    pairs = []
-    for name, symbol in judge.formula.points.items():
-        parts = (symbol,) if isinstance(symbol, str) else symbol
-        places = [p for p in judge.failing() if p.symbol in parts]
-        if not places or not all(p in values for p in parts):
-            continue
-        y = np.hstack([to_array(values[p], truth.k) for p in parts])
-        t = np.hstack([to_array(truth.symbols[p], truth.k) for p in parts])
-        pairs.append((name, places, y, t))
-    if not pairs:
+    points = _wrong_points(judge)
+    if not points:
         return
-    Y, T = np.vstack([p[2] for p in pairs]), np.vstack([p[3] for p in pairs])
-    if not np.isfinite(Y).all():
+    value = np.vstack([p.value for p in points])
+    true = np.vstack([p.true for p in points])
+    if not np.isfinite(value).all():
         return
     for P in signed_permutations()[1:]:
         for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
-            left = np.abs(Y - factor * T @ P.T).max() / factor / judge.tolerance.length
-            if left <= 1:
-                hand = "" if np.linalg.det(P) > 0 else ": a left-handed frame"
-                text = f"points {', '.join(p[0] for p in pairs)} use other axes{hand}: {axes_text(P)}{unit}"
-                rows = tuple(p.name for _, places, _, _ in pairs for p in places)
-                yield Convention("axes" if not hand else "handedness", text, rows, float(left))
-                return
+            after = float(np.abs(value - factor * true @ P.T).max() / factor / judge.tolerance.length)
+            if after > 1:
+                continue
+            kind = "axes"
+            handedness = ""
+            if np.linalg.det(P) < 0:
+                kind = "handedness"
+                handedness = ": a left-handed frame"
+            names = ", ".join(p.name for p in points)
+            rows: list[Place] = []
+            for point in points:
+                rows += point.places
+            text = f"points {names} use other axes{handedness}: {axes_text(P)}{unit}"
+            yield Convention(kind, text, _names(rows), after)
+            return
 
 
 def signed_permutations() -> list[Array]:
     """Return the 48 signed permutation matrices (3, 3), the identity first."""
-    signs = list(product((1.0, -1.0), repeat=3))
-    return [np.eye(3)[list(order)] * np.array(s)[:, None] for order in permutations(range(3)) for s in signs]
+    matrices: list[Array] = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            matrices.append(np.eye(3)[list(order)] * np.array(signs)[:, None])
+    return matrices
 
 
 def _frames(judge: Judge) -> Iterator[Convention]:
@@ -229,51 +344,64 @@ def _frames(judge: Judge) -> Iterator[Convention]:
     for place in judge.failing():
         if judge.truth.kinds[place.symbol] != "pose":
             continue
-        true, T = judge.truth.symbols[place.symbol].a, said_pose(judge, place)
+        T = said_pose(judge, place)
         if not np.isfinite(T).all():
             continue
-        made = {"": T, "inverted, ": np.linalg.inv(T) if np.linalg.cond(T).max() < 1e12 else T}
-        best: tuple[float, str] | None = None
-        for how, M in made.items():
-            for unit, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
-                p, R = M[:, :3, 3] * factor, M[:, :3, :3]
-                for P in signed_permutations():
-                    left = np.abs(p @ P.T - true[:, :3, 3]).max() / judge.tolerance.length
-                    if left > 1:
-                        continue
-                    Q = np.swapaxes(P @ R, 1, 2) @ true[:, :3, :3]
-                    spread = np.abs(Q - Q.mean(axis=0)).max() / judge.tolerance.angle
-                    if spread <= 1:
-                        base = "" if np.allclose(P, np.eye(3)) else f"base axes {axes_text(P)}, "
-                        tool = "" if np.allclose(Q[0], np.eye(3)) else f"tool axes {axes_text(Q[0].T)}, "
-                        text = f"{how}{unit}{base}{tool}".removesuffix(", ")
-                        score = (max(left, spread), text)
-                        best = score if best is None or len(text) < len(best[1]) else best
-        if best is not None:
-            yield Convention(
-                "axes", f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {best[1]}",
-                (place.name,), best[0],
-            )  # fmt: skip
+        found = _other_frames(judge, judge.truth.symbols[place.symbol].a, T)
+        if found is not None:
+            text, after = found
+            message = f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {text}"
+            yield Convention("axes", message, (place.name,), after)
+
+
+def _other_frames(judge: Judge, true: Array, T: Array) -> tuple[str, float] | None:
+    """Return (change of a pose T (k, 4, 4) with which it agrees, residual); the change with the shortest text."""
+    inverse = T
+    if np.linalg.cond(T).max() < 1e12:
+        inverse = np.linalg.inv(T)
+    best: tuple[str, float] | None = None
+    for inversion, M in (("", T), ("inverted, ", inverse)):
+        for unit, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
+            p = M[:, :3, 3] * factor
+            for P in signed_permutations():
+                position = float(np.abs(p @ P.T - true[:, :3, 3]).max() / judge.tolerance.length)
+                if position > 1:
+                    continue
+                # The rotation of the tool must be the same at all poses.
+                Q = np.swapaxes(P @ M[:, :3, :3], 1, 2) @ true[:, :3, :3]
+                rotation = float(np.abs(Q - Q.mean(axis=0)).max() / judge.tolerance.angle)
+                if not rotation <= 1:
+                    continue
+                text = f"{inversion}{unit}"
+                if not np.allclose(P, np.eye(3)):
+                    text += f"base axes {axes_text(P)}, "
+                if not np.allclose(Q[0], np.eye(3)):
+                    text += f"tool axes {axes_text(Q[0].T)}, "
+                text = text.removesuffix(", ")
+                if best is None or len(text) < len(best[0]):
+                    best = text, max(position, rotation)
+    return best
 
 
 def _dh(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for each helper that makes rows agree if it uses the other Denavit-Hartenberg form."""
+    failing = {p.equation for p in judge.failing()}
     for step in judge.steps:
-        bad = [p for p in judge.failing() if p.equation == step.equation.name]
-        if not bad or step.stage == "helper":
+        if step.equation.name not in failing or step.stage == "helper":
             continue
         for helper in judge.helpers(step):
             for stand_in, message in _other_forms(helper):
                 found = _with_helper(judge, step, helper, stand_in)
                 if found is not None:
-                    yield Convention("dh", message, tuple(p.name for p in found[0]), found[1])
+                    cured, after = found
+                    yield Convention("dh", message, _names(cured), after)
                     break
 
 
-def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Any], str]]:
+def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Value], str]]:
     """Yield (function in the other form, message) for a helper that returns poses."""
     name = helper.source.name
-    function: Any = helper.function
+    function = helper.function
     form = dh_form(function)
     if form is not None:
         kind, order = form
@@ -288,23 +416,26 @@ def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Any], str]]:
 
 
 def _with_helper(
-    judge: Judge, step: Step, helper: Helper, stand_in: Callable[..., Any]
+    judge: Judge, step: Step, helper: Helper, stand_in: Callable[..., Value]
 ) -> tuple[list[Place], float] | None:
     """Return the result of `_cured` if a function replaces a helper of an equation."""
-    undo = []
-    for scope in (step.scope, helper.function.__globals__, *(h.function.__globals__ for h in judge.helpers(step))):
+    scopes = [step.scope, helper.function.__globals__]
+    for called in judge.helpers(step):
+        scopes.append(called.function.__globals__)
+    replaced: list[tuple[dict[str, Value], str]] = []
+    for scope in scopes:
         for name, value in list(scope.items()):
             if value is helper.function:
-                undo.append((scope, name))
+                replaced.append((scope, name))
                 scope[name] = stand_in
     try:
         return _cured(judge, judge.on(judge.truth))
     finally:
-        for scope, name in undo:
+        for scope, name in replaced:
             scope[name] = helper.function
 
 
-def _swapped(function: FunctionType, back: bool, *values: Any) -> Any:
+def _swapped(function: Callable[..., Value], back: bool, *values: Value) -> Value:
     """Return the pose Rot Trans instead of Trans Rot of a function; `back`: Trans Rot instead of Rot Trans.
 
     Raises:
@@ -315,31 +446,39 @@ def _swapped(function: FunctionType, back: bool, *values: Any) -> Any:
     if not isinstance(pose, Matrix) or pose.shape != (4, 4):
         raise TypeError("no pose")
     T = pose.a.copy()
-    R = np.swapaxes(T[:, :3, :3], 1, 2) if back else T[:, :3, :3]
+    R = T[:, :3, :3]
+    if back:
+        R = np.swapaxes(R, 1, 2)
     T[:, :3, 3] = (R @ T[:, :3, 3:])[..., 0]
-    return enter(Matrix(T)) if not isinstance(value, Matrix) else Matrix(T)
+    if isinstance(value, Matrix):
+        return Matrix(T)
+    return enter(Matrix(T))
 
 
-def _dh_row(kind: str, order: tuple[int, ...], *values: Any) -> Matrix:
+def _dh_row(form: str, order: tuple[int, ...], *values: Value) -> Matrix:
     """Return the matrix of one row of a Denavit-Hartenberg table.
 
-    `kind` is "standard" or "modified"; `order` gives the positions of alpha, a, theta and d in `values`.
+    `form` is "standard" or "modified"; `order` gives the positions of alpha, a, theta and d in `values`.
     """
-    alpha, a, theta, d = (np.atleast_1d(np.asarray(values[i], float)) for i in order)
-    k = max(len(x) for x in (alpha, a, theta, d))
-    alpha, a, theta, d = (np.broadcast_to(x, (k,)) for x in (alpha, a, theta, d))
-
-    def place(R: Array, x: Array, z: Array) -> Array:
-        T = np.tile(np.eye(4), (k, 1, 1))
-        T[:, :3, :3], T[:, 0, 3], T[:, 2, 3] = R, x, z
-        return T
-
-    o = np.zeros(k)
-    about_x, about_z = place(turn(0)(alpha).a, a, o), place(turn(2)(theta).a, o, d)
-    return Matrix(about_x @ about_z if kind == "modified" else about_z @ about_x)
+    arrays = [np.atleast_1d(np.asarray(values[i], float)) for i in order]
+    k = max(len(x) for x in arrays)
+    alpha, a, theta, d = (np.broadcast_to(x, (k,)) for x in arrays)
+    about_x = _screw(turn(0)(alpha).a, 0, a)
+    about_z = _screw(turn(2)(theta).a, 2, d)
+    if form == "modified":
+        return Matrix(about_x @ about_z)
+    return Matrix(about_z @ about_x)
 
 
-def dh_form(function: FunctionType) -> tuple[str, tuple[int, ...]] | None:
+def _screw(R: Array, axis: int, distance: Array) -> Array:
+    """Return the poses (k, 4, 4) of rotations R (k, 3, 3) with translations (k,) along an axis."""
+    T = np.tile(np.eye(4), (len(R), 1, 1))
+    T[:, :3, :3] = R
+    T[:, axis, 3] = distance
+    return T
+
+
+def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | None:
     """Return ("standard" or "modified", positions of the arguments alpha, a, theta, d) of a Denavit-Hartenberg row.
 
     None if the function does not compute such a row.
@@ -355,6 +494,7 @@ def dh_form(function: FunctionType) -> tuple[str, tuple[int, ...]] | None:
         return None
     for kind in ("modified", "standard"):
         for order in permutations(range(4)):
+            # The four values of the probe differ, so that only one order fits.
             if np.abs(_dh_row(kind, order, *probe).a - made.a).max() < 1e-12:
                 return kind, order
     return None
