@@ -26,6 +26,9 @@ from twin.exchange.formats.glb.audit.nodes import Node, link_above, numbers, par
 SCALE_TOL = 1e-4
 """Maximum difference between a scale and 1 that counts as a rounding error."""
 
+_UNDERSTOOD = {"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_transform"}
+"""Extensions that change nothing that the audit reads, or that the audit supports."""
+
 
 def read_gltf(path: Path, ledger: Ledger) -> Content:
     """Return the content of a .glb or .gltf file, and report its faults.
@@ -37,175 +40,206 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     nodes = read_nodes(file)
     order = parents_first(nodes)
     asset = file.json["asset"]
-    extras = asset.get("extras") if isinstance(asset.get("extras"), dict) else {}
-    out = Content(ledger, "glb" if path.suffix == ".glb" else "gltf", model_hash=str(extras.get("model_hash", "")))
-    out.facts = {
+    model_hash = ""
+    if isinstance(asset.get("extras"), dict):
+        model_hash = str(asset["extras"].get("model_hash", ""))
+    content = Content(ledger, "glb" if path.suffix == ".glb" else "gltf", model_hash=model_hash)
+    content.facts = {
         "units": "m (glTF)",
         "up_axis": "Y (glTF)",
         "handedness": "right (glTF)",
         "generator": str(asset.get("generator", "")),
     }
-    if required := [e for e in file.json.get("extensionsRequired", []) if e not in _UNDERSTOOD]:
-        text = f"the file requires the extension {', '.join(map(str, required))}, which the audit does not support."
+    required = [str(e) for e in file.json.get("extensionsRequired", []) if e not in _UNDERSTOOD]
+    if required:
+        text = f"the file requires the extension {', '.join(required)}, which the audit does not support."
         ledger.add("gltf.extension", "warning", text)
+    # Also accessors that nothing uses are read, because reading reports their faults.
     for i in range(len(file.items("accessors"))):
         file.accessor(i)
-    links = tuple(n.name for n in nodes if n.is_link and n.name)
-    out.declared = links or None
+    links = tuple(node.name for node in nodes if node.is_link and node.name)
+    content.declared = links or None
     clips = Clips(file, nodes, order)
     _check_names(file, nodes, clips.animated)
     _check_matrices(nodes, clips.animated, ledger)
     rest = clips.world({})
     _check_scales(nodes, rest, clips.animated, ledger)
-    shown = [n for n in nodes if n.name and (n.is_link or not links)]
-    out.rest = {n.name: clips.z_up(rest[n.index])[0] for n in shown}
+    shown = [node for node in nodes if node.name and (node.is_link or not links)]
+    for node in shown:
+        content.rest[node.name] = clips.z_up(rest[node.index])[0]
     for clip in clips.read(shown):
         check_poses(ledger, clip, "gltf")
-        out.clips.append(clip)
-    twice = [name for name, n in Counter(c.name for c in out.clips).items() if n > 1]
-    if twice:
-        ledger.wrong("gltf.duplicate_clip", f"two clips are named '{twice[0]}'.", twice[0])
+        content.clips.append(clip)
+    _check_clip_names(content)
     _check_materials(file)
-    out.shapes, out.colors = _shapes(file, nodes, rest)
+    content.shapes, content.colors = _shapes(file, nodes, rest)
     if links:
-        out.physics = _physics(nodes, rest)
-    _rows(ledger, out)
-    return out
+        content.physics = _physics(nodes, rest)
+    _state_checks(ledger)
+    return content
 
 
-_UNDERSTOOD = {"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_transform"}
+_CHECKS = {
+    "quaternions: length, sign, step": ("gltf.quaternion", "gltf.quaternion_sign", "gltf.step"),
+    "winding and normals": ("gltf.winding", "gltf.winding_mixed", "gltf.normal", "gltf.normals_against"),
+    "alpha": ("gltf.alpha",),
+    "names": ("gltf.duplicate_name", "gltf.duplicate_clip"),
+    "scale, mirrors, matrices": ("gltf.scale", "gltf.mirrored", "gltf.matrix"),
+    "accessors: bounds, min, max, finite": ("gltf.bounds", "gltf.minmax", "gltf.finite", "gltf.alignment"),
+    "key times": ("gltf.times", "gltf.start", "gltf.samples"),
+}
+"""Codes of the findings of each check of one file."""
 
 
-def _rows(ledger: Ledger, out: Content) -> None:
-    wrong = Counter(f.code for f in ledger.found)
-    for check, codes in {
-        "quaternions: length, sign, step": ("gltf.quaternion", "gltf.quaternion_sign", "gltf.step"),
-        "winding and normals": ("gltf.winding", "gltf.winding_mixed", "gltf.normal", "gltf.normals_against"),
-        "alpha": ("gltf.alpha",),
-        "names": ("gltf.duplicate_name", "gltf.duplicate_clip"),
-        "scale, mirrors, matrices": ("gltf.scale", "gltf.mirrored", "gltf.matrix"),
-        "accessors: bounds, min, max, finite": ("gltf.bounds", "gltf.minmax", "gltf.finite", "gltf.alignment"),
-        "key times": ("gltf.times", "gltf.start", "gltf.samples"),
-    }.items():
-        count = sum(wrong[c] for c in codes)
+def _state_checks(ledger: Ledger) -> None:
+    """Add a row for each check of one file, with the number of its findings."""
+    counts = Counter(finding.code for finding in ledger.found)
+    for check, codes in _CHECKS.items():
+        count = sum(counts[code] for code in codes)
         ledger.row(check, float(count), "found", 0.0)
 
 
+def _check_clip_names(content: Content) -> None:
+    counts = Counter(clip.name for clip in content.clips)
+    for name, count in counts.items():
+        if count > 1:
+            content.ledger.wrong("gltf.duplicate_clip", f"two clips are named '{name}'.", name)
+            return  # one finding is enough
+
+
 def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
+    ledger = file.ledger
     first: dict[str, Node] = {}
-    for n in nodes:
-        other = first.setdefault(n.name, n) if n.name else n
-        if other is not n:
-            grave = any(m.is_link or m.index in animated for m in (n, other))
-            text = (
-                f"nodes {other.index} and {n.index} are both named '{n.name}': players that find nodes by name may "
-                "move the wrong node."
-            )
-            file.ledger.add("gltf.duplicate_name", "disagreement" if grave else "warning", text, n.name)
+    for node in nodes:
+        if not node.name:
+            continue
+        other = first.setdefault(node.name, node)
+        if other is node:
+            continue
+        matters = {node.index, other.index} & animated or node.is_link or other.is_link
+        text = (
+            f"nodes {other.index} and {node.index} are both named '{node.name}': players that find nodes by name may "
+            "move the wrong node."
+        )
+        ledger.add("gltf.duplicate_name", "disagreement" if matters else "warning", text, node.name)
     for i in sorted(animated):
         if not nodes[i].name:
-            file.ledger.add("gltf.unnamed", "warning", f"animated node {i} has no name.", f"node {i}")
-    for n in nodes:
-        told = n.spec["extras"]["link"] if n.is_link else None
-        if isinstance(told, str) and told != n.name:
-            text = f"node '{n.label}' has the link name '{told}' in its extras: the two names must be equal."
-            file.ledger.wrong("gltf.link_name", text, n.label, suggestion="give the node the name of its link")
+            ledger.add("gltf.unnamed", "warning", f"animated node {i} has no name.", f"node {i}")
+    for node in nodes:
+        if not node.is_link:
+            continue
+        link = node.extras["link"]
+        if isinstance(link, str) and link != node.name:
+            text = f"node '{node.label}' has the link name '{link}' in its extras: the two names must be equal."
+            ledger.wrong("gltf.link_name", text, node.label, suggestion="give the node the name of its link")
 
 
 def _check_matrices(nodes: list[Node], animated: set[int], ledger: Ledger) -> None:
-    for n in nodes:
-        if n.matrix is not None and n.index in animated:
-            text = f"node '{n.label}' is animated and has a matrix: some players use the matrix, others the animation."
-            ledger.wrong("gltf.matrix", text, n.label)
+    for node in nodes:
+        if node.matrix is not None and node.index in animated:
+            text = (
+                f"node '{node.label}' is animated and has a matrix: some players use the matrix, others the animation."
+            )
+            ledger.wrong("gltf.matrix", text, node.label)
 
 
 def _check_scales(nodes: list[Node], world: list[Array], animated: set[int], ledger: Ledger) -> None:
-    declared = any(n.is_link for n in nodes)
-    for n in nodes:
-        _, size = poses.split(world[n.index][0])
-        if np.linalg.det(world[n.index][0, :3, :3]) < 0 and (n.is_link or "mesh" in n.spec):
-            text = f"node '{n.label}' is mirrored, which is not a rigid motion."
-            ledger.add(
-                "gltf.mirrored",
-                "disagreement" if n.is_link else "warning",
-                text,
-                n.label,
-                size=Measured(-1.0, 0.0),
-                suggestion="mirror the points of the mesh and reverse its faces",
-            )
-        elif (n.is_link if declared else n.index in animated) and np.max(np.abs(size - 1)) > SCALE_TOL:
-            text = f"node '{n.label}' is scaled by {size[0]:.5g}, {size[1]:.5g}, {size[2]:.5g} in the world."
-            ledger.add(
-                "gltf.scale",
-                "disagreement" if n.is_link else "info",
-                text,
-                n.label,
-                size=Measured(float(size[np.argmax(np.abs(size - 1))]), 1.0),
-            )
+    """Report mirrored links and meshes, and scaled links; without links, scaled nodes that are animated."""
+    declared = any(node.is_link for node in nodes)
+    for node in nodes:
+        M = world[node.index][0]
+        _, scale = poses.split(M)
+        deviation = np.abs(scale - 1)
+        if np.linalg.det(M[:3, :3]) < 0 and (node.is_link or "mesh" in node.spec):
+            text = f"node '{node.label}' is mirrored, which is not a rigid motion."
+            severity = "disagreement" if node.is_link else "warning"
+            advice = "mirror the points of the mesh and reverse its faces"
+            ledger.add("gltf.mirrored", severity, text, node.label, size=Measured(-1.0, 0.0), suggestion=advice)
+            continue
+        moves = node.is_link if declared else node.index in animated
+        if moves and np.max(deviation) > SCALE_TOL:
+            x, y, z = scale
+            text = f"node '{node.label}' is scaled by {x:.5g}, {y:.5g}, {z:.5g} in the world."
+            severity = "disagreement" if node.is_link else "info"
+            size = Measured(float(scale[np.argmax(deviation)]), 1.0)
+            ledger.add("gltf.scale", severity, text, node.label, size=size)
 
 
 def _check_materials(file: Gltf) -> None:
+    """Report transparent materials that are shown opaque, because the default alphaMode is OPAQUE."""
     for i, spec in enumerate(file.items("materials")):
         name = str(spec.get("name") or f"material {i}")
         pbr = spec.get("pbrMetallicRoughness", {})
-        color = pbr.get("baseColorFactor", (1, 1, 1, 1)) if isinstance(pbr, dict) else (1, 1, 1, 1)
-        alpha = float(numbers(color, 4, f"{name}: baseColorFactor")[3])
+        alpha = 1.0
+        if isinstance(pbr, dict):
+            alpha = float(_base_color(pbr, f"{name}: baseColorFactor")[3])
         if alpha < 1 and spec.get("alphaMode", "OPAQUE") == "OPAQUE":
             text = f"material '{name}' has alpha {alpha:.3g} but no alphaMode: it is shown opaque."
             file.ledger.wrong("gltf.alpha", text, name, size=Measured(alpha, 1.0), suggestion='write alphaMode "BLEND"')
 
 
+def _base_color(pbr: JsonObject, name: str) -> Array:
+    """Return the linear colour rgba (4,) of a material; the default of glTF is white."""
+    return numbers(pbr.get("baseColorFactor", (1, 1, 1, 1)), 4, name)
+
+
 def _physics(nodes: list[Node], world: list[Array]) -> Physics:
     """Return the mechanism data of the nodes and their `extras`: masses, names of joints, poses of frames, meshes."""
-    out = Physics(tuple(n.name for n in nodes if n.is_link))
-    shown = dict.fromkeys(out.links, False)
-    for n in nodes:
-        extras = n.spec.get("extras")
-        extras = extras if isinstance(extras, dict) else {}
-        owner = link_above(nodes, n)
-        if owner is not None and "mesh" in n.spec:
+    physics = Physics(tuple(node.name for node in nodes if node.is_link))
+    shown = dict.fromkeys(physics.links, False)
+    for node in nodes:
+        extras = node.extras
+        owner = link_above(nodes, node)
+        if owner is not None and "mesh" in node.spec:
             shown[owner.name] = True
-        if n.is_link:
+        if node.is_link:
             if extras.get("whole") is False:
-                out.partly |= {n.name}
+                physics.partly |= {node.name}
             if isinstance(extras.get("mass"), int | float):
-                out.masses[n.name] = Mass(float(extras["mass"]))
+                physics.masses[node.name] = Mass(float(extras["mass"]))
             joints = extras.get("joints")
-            for name in joints if isinstance(joints, list) else ():
-                out.joints.append(Joint((str(name),), "", n.name))
+            if isinstance(joints, list):
+                for name in joints:
+                    physics.joints.append(Joint((str(name),), "", node.name))
         elif isinstance(extras.get("frame"), str) and owner is not None:
-            T, _ = poses.split(world[owner.index][0])
-            at, _ = poses.split(world[n.index][0])
-            out.frames[extras["frame"]] = Frame(owner.name, poses.inverse(T) @ at)
-    out.shown = shown
-    return out
+            T_world_link, _ = poses.split(world[owner.index][0])
+            T_world_frame, _ = poses.split(world[node.index][0])
+            physics.frames[extras["frame"]] = Frame(owner.name, poses.inverse(T_world_link) @ T_world_frame)
+    physics.shown = shown
+    return physics
 
 
 def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
     """Check every mesh once; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
     palette = Palette()
     known: dict[int, tuple[Array, Array]] = {}
-    found: dict[str, list[Shape]] = {}
+    parts: dict[str, list[Shape]] = {}
     for node in nodes:
         if "mesh" not in node.spec:
             continue
-        which = node.spec["mesh"]
-        mesh = file.item("meshes", which)
+        index = node.spec["mesh"]
+        mesh = file.item("meshes", index)
         name = str(mesh.get("name") or node.label)
-        if which not in known:
-            known[which] = _corners(file, mesh, name)
-        vertices, triangles = known[which]
+        if index not in known:
+            known[index] = _corners(file, mesh, name)
+        vertices, triangles = known[index]
         owner = link_above(nodes, node)
-        if owner is not None and owner.name and len(triangles):
-            rigid, _ = poses.split(world[owner.index][0])
-            M = poses.inverse(rigid) @ world[node.index][0]
-            quiet = Ledger("")
-            shape = check_mesh(quiet, name, vertices @ M[:3, :3].T + M[:3, 3], triangles, None, "gltf")
-            if shape is not None:
-                found.setdefault(owner.name, []).append(shape)
-                _color(file, mesh, owner.name, palette)
-    out = {name: joined(shapes) for name, shapes in found.items()}
-    return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
+        if owner is None or not owner.name or not len(triangles):
+            continue
+        T_world_link, _ = poses.split(world[owner.index][0])
+        M = poses.inverse(T_world_link) @ world[node.index][0]
+        points = vertices @ M[:3, :3].T + M[:3, 3]
+        # `_corners` has reported the faults of the mesh.
+        shape = check_mesh(Ledger(""), name, points, triangles, None, "gltf")
+        if shape is not None:
+            parts.setdefault(owner.name, []).append(shape)
+            _add_colors(file, mesh, owner.name, palette)
+    shapes = {}
+    for link, meshes in parts.items():
+        shape = joined(meshes)
+        if shape is not None:
+            shapes[link] = shape
+    return shapes, palette.shares()
 
 
 def _primitives(file: Gltf, mesh: JsonObject) -> Iterator[tuple[JsonObject, Array, Array]]:
@@ -216,24 +250,29 @@ def _primitives(file: Gltf, mesh: JsonObject) -> Iterator[tuple[JsonObject, Arra
             continue
         vertices = file.accessor(attributes["POSITION"])
         index = primitive.get("indices")
-        indices = np.arange(len(vertices)) if index is None else file.accessor(index)[:, 0].astype(int)
-        yield primitive, vertices, _triangles(indices, primitive.get("mode", 4))
+        if index is None:  # the points are the corners, in their order
+            indices = np.arange(len(vertices))
+        else:
+            indices = file.accessor(index)[:, 0].astype(int)
+        yield primitive, vertices, _triangles(indices, primitive.get("mode", _TRIANGLES))
 
 
-def _color(file: Gltf, mesh: JsonObject, link: str, palette: Palette) -> None:
+def _add_colors(file: Gltf, mesh: JsonObject, link: str, palette: Palette) -> None:
     """Add the coloured areas of a mesh to the palette of its link."""
     for primitive, vertices, triangles in _primitives(file, mesh):
         if "material" not in primitive or not len(triangles) or triangles.max() >= len(vertices):
             continue
         pbr = file.item("materials", primitive["material"]).get("pbrMetallicRoughness", {})
-        rgba = numbers(pbr.get("baseColorFactor", (1, 1, 1, 1)), 4, "baseColorFactor")
-        palette.add(link, rgba, surface_area(vertices, triangles))
+        palette.add(link, _base_color(pbr, "baseColorFactor"), surface_area(vertices, triangles))
 
 
 def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
     """Check a mesh, and return the points (n, 3) and triangles (m, 3) of all its primitives."""
-    points, faces, normals = [np.zeros((0, 3))], [np.zeros((0, 3), int)], []
-    count, all_normals = 0, True
+    points = [np.zeros((0, 3))]
+    faces = [np.zeros((0, 3), int)]
+    normals: list[Array] = []
+    has_all_normals = True
+    count = 0
     for primitive, vertices, triangles in _primitives(file, mesh):
         attributes = primitive["attributes"]
         spec = file.item("accessors", attributes["POSITION"])
@@ -242,37 +281,55 @@ def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
             file.ledger.wrong("gltf.minmax", text, name)
         if not len(triangles) or vertices.shape[1] != 3:
             continue
-        normal = file.accessor(attributes["NORMAL"]) if "NORMAL" in attributes else np.zeros(0)
-        if normal.shape == vertices.shape and triangles.max() < len(normal):
+        normal = np.zeros(0)
+        if "NORMAL" in attributes:
+            normal = file.accessor(attributes["NORMAL"])
+        last = triangles.max()
+        if normal.shape == vertices.shape and last < len(normal):
             normals.append(normal[triangles.ravel()])
         else:
-            all_normals = False
-        if triangles.max() >= len(vertices):
+            has_all_normals = False
+        if last >= len(vertices):
+            # The corners of the mesh cannot be used; `check_mesh` reports the index.
             check_mesh(file.ledger, name, vertices, triangles, None, "gltf")
             return points[0], faces[0]
         points.append(vertices)
         faces.append(triangles + count)
         count += len(vertices)
-    vertices, triangles = np.vstack(points), np.vstack(faces)
-    every = np.vstack(normals) if normals and all_normals else None
-    check_mesh(file.ledger, name, vertices, triangles, every, "gltf")
+    vertices = np.vstack(points)
+    triangles = np.vstack(faces)
+    corner_normals = None
+    if normals and has_all_normals:
+        corner_normals = np.vstack(normals)
+    check_mesh(file.ledger, name, vertices, triangles, corner_normals, "gltf")
     return vertices, triangles
 
 
+# Modes of primitives; points and lines have no triangles.
+_TRIANGLES = 4
+_STRIP = 5
+_FAN = 6
+
+
 def _triangles(indices: Array, mode: Any) -> Array:
-    if mode == 4:
-        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
-    if mode == 5 and len(indices) > 2:
+    """Return the triangles (m, 3) of a primitive with corners (n,)."""
+    if mode == _TRIANGLES:
+        whole = len(indices) // 3 * 3
+        return indices[:whole].reshape(-1, 3)
+    if mode == _STRIP and len(indices) > 2:
         strip = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+        # Every second triangle of a strip has the opposite order of corners.
         strip[1::2] = strip[1::2, [1, 0, 2]]
         return strip
-    if mode == 6 and len(indices) > 2:
-        return np.stack([np.full(len(indices) - 2, indices[0]), indices[1:-1], indices[2:]], axis=1)
+    if mode == _FAN and len(indices) > 2:
+        center = np.full(len(indices) - 2, indices[0])
+        return np.stack([center, indices[1:-1], indices[2:]], axis=1)
     return np.zeros((0, 3), int)
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content:
     """Return the content of a .glb or .gltf file, and report its faults; see `read_gltf`."""
-    ledger.tool, ledger.version = "twin.exchange.audit gltf", "2.0"
+    ledger.tool = "twin.exchange.audit gltf"
+    ledger.version = "2.0"
     admit(path)
     return read_gltf(path, ledger)

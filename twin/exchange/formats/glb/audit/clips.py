@@ -11,11 +11,13 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.motion import Clip, check_quaternions, check_times
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Measured, ReadError
-from twin.exchange.formats.glb.audit.container import Gltf
+from twin.exchange.audit.report import Ledger, Measured, ReadError
+from twin.exchange.formats.glb.audit.container import Gltf, is_index
 from twin.exchange.formats.glb.audit.nodes import Node, local
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+"""Animated properties of a node, and the count of numbers of a value."""
+
 MODES = ("LINEAR", "STEP", "CUBICSPLINE")
 
 MOST_POSES = 20_000_000
@@ -45,46 +47,66 @@ class Channel:
 
     def at(self, t: Array) -> Array:
         """Return values (j, n) at times t (j,) in s. Before the first and after the last key, they are constant."""
-        x = np.clip(t, self.times[0], self.times[-1])
-        i = np.clip(np.searchsorted(self.times, x, side="right") - 1, 0, max(len(self.times) - 2, 0))
         if len(self.times) == 1:
             return np.repeat(self.values, len(t), axis=0)
-        h = self.times[i + 1] - self.times[i]
-        u = (x - self.times[i]) / h
-        a, b = self.values[i], self.values[i + 1]
+        inside = np.clip(t, self.times[0], self.times[-1])
+        # The last key belongs to the interval before it.
+        i = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, len(self.times) - 2)
+        length = self.times[i + 1] - self.times[i]
+        u = (inside - self.times[i]) / length
+        a = self.values[i]
+        b = self.values[i + 1]
         if self.mode == "STEP":
             return np.where((u >= 1)[:, None], b, a)
         if self.mode == "CUBICSPLINE" and self.incoming is not None and self.outgoing is not None:
-            s, h = u[:, None], h[:, None]
-            out = (2 * s**3 - 3 * s**2 + 1) * a + h * (s**3 - 2 * s**2 + s) * self.outgoing[i]
-            return out + (-2 * s**3 + 3 * s**2) * b + h * (s**3 - s**2) * self.incoming[i + 1]
+            return _spline(a, self.outgoing[i], b, self.incoming[i + 1], u[:, None], length[:, None])
         if self.path == "rotation":
             return poses.slerp(a, b, u)
         return (1 - u)[:, None] * a + u[:, None] * b
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the property changes, and only at the keys."""
+        if self.mode != "STEP" or len(self.values) <= 2:
+            return False
+        return bool(np.ptp(self.values, axis=0).max() > 1e-6)
+
+
+def _spline(a: Array, outgoing: Array, b: Array, incoming: Array, s: Array, length: Array) -> Array:
+    """Return cubic Hermite interpolation at fractions s of intervals, as in appendix C of the glTF specification.
+
+    The values at the ends are `a` and `b`, the tangents `outgoing` and `incoming`. All arguments are (j, n) or (j, 1).
+    """
+    start = (2 * s**3 - 3 * s**2 + 1) * a + length * (s**3 - 2 * s**2 + s) * outgoing
+    return start + (-2 * s**3 + 3 * s**2) * b + length * (s**3 - s**2) * incoming
 
 
 class Clips:
     """The animations of one file, evaluated on its tree of nodes."""
 
     def __init__(self, file: Gltf, nodes: list[Node], order: list[int]) -> None:
-        self._nodes, self._order, self._ledger = nodes, order, file.ledger
+        self._nodes = nodes
+        self._order = order
+        self._ledger = file.ledger
         self._clips: list[tuple[str, list[Channel]]] = []
+        self.animated: set[int] = set()
         for i, spec in enumerate(file.items("animations")):
             name = str(spec.get("name") or f"animation {i}")
-            self._clips.append((name, list(channels(file, spec, name))))
-        self.animated = {c.node for _, clip in self._clips for c in clip}
+            clip = list(channels(file, spec, name))
+            self._clips.append((name, clip))
+            self.animated |= {channel.node for channel in clip}
 
     def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
         """Return T_world_node (k, 4, 4) of every node, in the world of the file; (1, 4, 4) if the node does not move.
 
         `moved` contains the animated values: {index of the node: {property: values (k, n)}}.
         """
-        out: list[Array] = [np.eye(4)[None]] * len(self._nodes)
+        placed: list[Array] = [np.eye(4)[None]] * len(self._nodes)
         for i in self._order:
             node = self._nodes[i]
             T = local(node, moved.get(i, {}))
-            out[i] = T if node.parent < 0 else out[node.parent] @ T
-        return out
+            placed[i] = T if node.parent < 0 else placed[node.parent] @ T
+        return placed
 
     def z_up(self, M: Array) -> Array:
         """Convert matrices (k, 4, 4) in the file's world (y up) to poses (k, 4, 4) in a world with z up."""
@@ -94,34 +116,38 @@ class Clips:
     def read(self, shown: list[Node]) -> Iterator[Clip]:
         """Yield each clip of the file, with the poses of the nodes in `shown` at all key times of the clip."""
         for name, found in self._clips:
-            usable = [c for c in found if len(c.times)]
+            usable = [channel for channel in found if len(channel.times)]
             if not usable:
                 text = f"clip '{name}' has no valid channel that moves, rotates or scales a node."
                 self._ledger.add("gltf.empty_clip", "warning", text, name)
                 continue
-            times = np.unique(np.concatenate([c.times for c in usable]))
-            if len(times) * len(self._nodes) > MOST_POSES:
+            times = np.unique(np.concatenate([channel.times for channel in usable]))
+            count = len(times) * len(self._nodes)
+            if count > MOST_POSES:
                 text = (
-                    f"clip '{name}' has {len(times)} keys x {len(self._nodes)} nodes = "
-                    f"{len(times) * len(self._nodes)} poses; the maximum is {MOST_POSES}"
+                    f"clip '{name}' has {len(times)} keys x {len(self._nodes)} nodes = {count} poses; the maximum is "
+                    f"{MOST_POSES}"
                 )
                 raise ReadError(text, "gltf.size")
-            self._tell_jumps(name, usable)
-            middle = self._placed(usable, shown, (times[1:] + times[:-1]) / 2)
+            self._report_jumps(name, usable)
+            halfway = (times[1:] + times[:-1]) / 2
+            middle = self._placed(usable, shown, halfway)
             yield Clip(name, times, self._placed(usable, shown, times), middle=middle)
 
     def _placed(self, channels: list[Channel], shown: list[Node], times: Array) -> dict[str, Array]:
+        """Return {node: T_world_node (k, 4, 4)} of the nodes in `shown` at times (k,) in s, in a world with z up."""
         moved: dict[int, dict[str, Array]] = {}
-        for c in channels:
-            moved.setdefault(c.node, {})[c.path] = c.at(times)
+        for channel in channels:
+            moved.setdefault(channel.node, {})[channel.path] = channel.at(times)
         world = self.world(moved)
-        return {n.name: np.broadcast_to(self.z_up(world[n.index]), (len(times), 4, 4)) for n in shown}
+        placed = {}
+        for node in shown:
+            placed[node.name] = np.broadcast_to(self.z_up(world[node.index]), (len(times), 4, 4))
+        return placed
 
-    def _tell_jumps(self, clip: str, channels: list[Channel]) -> None:
+    def _report_jumps(self, clip: str, channels: list[Channel]) -> None:
         """Report channels with STEP interpolation: their motion jumps from key to key."""
-        jumping = [
-            c for c in channels if c.mode == "STEP" and len(c.values) > 2 and np.ptp(c.values, axis=0).max() > 1e-6
-        ]
+        jumping = [channel for channel in channels if channel.jumps]
         if jumping:
             node = self._nodes[jumping[0].node].label
             text = (
@@ -133,65 +159,96 @@ class Clips:
 def channels(file: Gltf, spec: JsonObject, clip: str) -> Iterator[Channel]:
     """Yield the valid channels of an animation; report the faults of invalid channels."""
     samplers = spec.get("samplers", [])
-    seen: set[tuple[int, str]] = set()
+    animated: set[tuple[int, str]] = set()
     timed: dict[bytes, bool] = {}
     for i, entry in enumerate(spec.get("channels", [])):
         target = entry.get("target", {})
-        path, node = target.get("path"), target.get("node")
-        if path not in PATHS or node is None:
-            if path not in ("weights", "pointer"):
-                fault = "has no node" if path in PATHS else f"has the path '{path}', which glTF does not define"
-                file.ledger.wrong("gltf.channel", f"clip '{clip}', channel {i}: the target {fault}.", clip)
+        path = target.get("path")
+        node = target.get("node")
+        if path in ("weights", "pointer"):  # of morph targets, and of an extension: they move no link
             continue
-        file.item("nodes", node)
-        where = str(file.item("nodes", node).get("name") or f"node {node}")
-        if (node, path) in seen:
-            text = f"clip '{clip}' animates {path} of '{where}' twice."
-            file.ledger.wrong("gltf.channel", text, where)
+        if path not in PATHS:
+            text = f"clip '{clip}', channel {i}: the target has the path '{path}', which glTF does not define."
+            file.ledger.wrong("gltf.channel", text, clip)
             continue
-        seen.add((node, path))
-        which = entry.get("sampler")
-        if isinstance(which, bool) or not isinstance(which, int) or not 0 <= which < len(samplers):
-            raise ReadError(f"clip '{clip}', channel {i}: there is no sampler {which}", "gltf.reference")
-        channel = _channel(file, samplers[which], clip, node, path, where, timed)
+        if node is None:
+            file.ledger.wrong("gltf.channel", f"clip '{clip}', channel {i}: the target has no node.", clip)
+            continue
+        label = str(file.item("nodes", node).get("name") or f"node {node}")
+        if (node, path) in animated:
+            file.ledger.wrong("gltf.channel", f"clip '{clip}' animates {path} of '{label}' twice.", label)
+            continue
+        animated.add((node, path))
+        index = entry.get("sampler")
+        if not is_index(index, len(samplers)):
+            raise ReadError(f"clip '{clip}', channel {i}: there is no sampler {index}", "gltf.reference")
+        reader = _ChannelReader(file, clip, node, path, label, timed)
+        channel = reader.read(samplers[index])
         if channel is not None:
             yield channel
 
 
-def _channel(
-    file: Gltf, sampler: JsonObject, clip: str, node: int, path: str, where: str, timed: dict[bytes, bool]
-) -> Channel | None:
-    ledger = file.ledger
-    mode = sampler.get("interpolation", "LINEAR")
-    spec = file.item("accessors", sampler.get("input"))
-    times, values = file.accessor(sampler["input"]), file.accessor(sampler.get("output"))
-    if not ("min" in spec and "max" in spec):
-        text = f"clip '{clip}': the accessor of the key times lacks min and max, from which players take the duration."
-        ledger.wrong("gltf.minmax", text, where)
-    if mode not in MODES:
-        ledger.wrong("gltf.channel", f"clip '{clip}': interpolation '{mode}' is unknown.", where)
-        return None
-    times = times[:, 0]
-    if (key := times.tobytes()) not in timed:  # most channels of a clip share one array of times
-        timed[key] = check_times(ledger, times, clip, "gltf")
-    if not timed[key]:
-        return None
-    per_key = 3 if mode == "CUBICSPLINE" else 1
-    if values.shape != (per_key * len(times), PATHS[path]):
-        text = (
-            f"clip '{clip}': {path} of '{where}' has {values.shape[0]} values of {values.shape[1]} numbers for "
-            f"{len(times)} keys."
-        )
-        ledger.wrong("gltf.samples", text, where, size=Measured(float(len(values)), float(per_key * len(times))))
-        return None
-    if not np.all(np.isfinite(values)):
-        return None  # reported when the accessor was read
-    incoming = outgoing = None
-    if mode == "CUBICSPLINE":
-        incoming, values, outgoing = values[0::3], values[1::3], values[2::3]
-    if path == "rotation":
-        check_quaternions(ledger, values, times, where, "gltf", mode != "STEP", shorter=True)
-    if path == "scale" and np.min(values) <= 0:
-        text = f"clip '{clip}' scales '{where}' by {np.min(values):.4g}: a scale must be above 0."
-        ledger.wrong("gltf.mirrored", text, where)
-    return Channel(node, path, mode, times, values, incoming, outgoing)
+@dataclass(frozen=True)
+class _ChannelReader:
+    """Reader of a channel: property `path` of a node, which is named `label` in reports.
+
+    `timed` collects for all channels of a clip whether their key times can be used: most share one array of times.
+    """
+
+    file: Gltf
+    clip: str
+    node: int
+    path: str
+    label: str
+    timed: dict[bytes, bool]
+
+    def read(self, sampler: JsonObject) -> Channel | None:
+        """Return the channel with the keys of a sampler; None, with findings, if they cannot be used."""
+        ledger = self.file.ledger
+        mode = sampler.get("interpolation", "LINEAR")
+        spec = self.file.item("accessors", sampler.get("input"))
+        times = self.file.accessor(sampler["input"])[:, 0]
+        values = self.file.accessor(sampler.get("output"))
+        if not ("min" in spec and "max" in spec):
+            text = (
+                f"clip '{self.clip}': the accessor of the key times lacks min and max, from which players take the "
+                "duration."
+            )
+            ledger.wrong("gltf.minmax", text, self.label)
+        if mode not in MODES:
+            ledger.wrong("gltf.channel", f"clip '{self.clip}': interpolation '{mode}' is unknown.", self.label)
+            return None
+        if not self._usable(times, ledger):
+            return None
+        # A key of a spline is three values: incoming tangent, value, outgoing tangent.
+        per_key = 3 if mode == "CUBICSPLINE" else 1
+        expected = per_key * len(times)
+        if values.shape != (expected, PATHS[self.path]):
+            count, width = values.shape
+            text = (
+                f"clip '{self.clip}': {self.path} of '{self.label}' has {count} values of {width} numbers for "
+                f"{len(times)} keys."
+            )
+            ledger.wrong("gltf.samples", text, self.label, size=Measured(float(count), float(expected)))
+            return None
+        if not np.all(np.isfinite(values)):
+            return None  # reported when the accessor was read
+        incoming = None
+        outgoing = None
+        if mode == "CUBICSPLINE":
+            incoming = values[0::3]
+            outgoing = values[2::3]
+            values = values[1::3]
+        if self.path == "rotation":
+            check_quaternions(ledger, values, times, self.label, "gltf", mode != "STEP", shorter=True)
+        if self.path == "scale" and np.min(values) <= 0:
+            text = f"clip '{self.clip}' scales '{self.label}' by {np.min(values):.4g}: a scale must be above 0."
+            ledger.wrong("gltf.mirrored", text, self.label)
+        return Channel(self.node, self.path, mode, times, values, incoming, outgoing)
+
+    def _usable(self, times: Array, ledger: Ledger) -> bool:
+        """Return whether key times can be used; report faults of each array of times once."""
+        key = times.tobytes()
+        if key not in self.timed:
+            self.timed[key] = check_times(ledger, times, self.clip, "gltf")
+        return self.timed[key]

@@ -8,7 +8,7 @@ import json
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
@@ -19,10 +19,21 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-_MAGIC, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
+_MAGIC = 0x46546C67
+_JSON = 0x4E4F534A
+_BIN = 0x004E4942
 
 MOST_NUMBERS = 50_000_000
 """Maximum number of numbers in one accessor."""
+
+
+class _Layout(NamedTuple):
+    """Elements in a buffer view: `count` elements of `width` numbers of one type, named `name` in reports."""
+
+    name: str
+    count: int
+    width: int
+    dtype: np.dtype
 
 
 @dataclass
@@ -53,7 +64,7 @@ class Gltf:
             ReadError: the array has no object at this position.
         """
         values = self.items(name)
-        if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
+        if not is_index(index, len(values)):
             raise ReadError(f"{name}[{index}] does not exist; '{name}' has {len(values)} entries", "gltf.reference")
         return values[index]
 
@@ -70,98 +81,112 @@ class Gltf:
 
     def _accessor(self, index: int, spec: JsonObject) -> Array:
         name = f"accessor {index}"
-        kind, width = _TYPES.get(spec.get("componentType", 0)), _WIDTH.get(spec.get("type", ""))
+        kind = _TYPES.get(spec.get("componentType", 0))
+        width = _WIDTH.get(spec.get("type", ""))
         if kind is None or width is None:
             text = f"{name}: componentType {spec.get('componentType')} and type {spec.get('type')} are not supported"
             raise ReadError(text, "gltf.accessor")
         count = natural(spec, "count", name, 0)
         if count * width > MOST_NUMBERS:
-            raise ReadError(
-                f"{name} has {count} elements of {width} numbers; the maximum is {MOST_NUMBERS} numbers", "gltf.bounds"
-            )
+            text = f"{name} has {count} elements of {width} numbers; the maximum is {MOST_NUMBERS} numbers"
+            raise ReadError(text, "gltf.bounds")
         dtype = np.dtype(kind)
+        layout = _Layout(name, count, width, dtype)
         if "bufferView" in spec:
-            out = self._view(spec["bufferView"], natural(spec, "byteOffset", name, 0), count, width, dtype, name)
+            stored = self._view(spec, layout)
         else:
-            out = np.zeros((count, width), dtype)
+            stored = np.zeros((count, width), dtype)  # as glTF defines it; only `sparse` gives other values
         if "sparse" in spec:
-            out = self._sparse(spec["sparse"], out.copy(), count, width, dtype, name)
-        values = out.astype(float)
+            stored = self._sparse(spec["sparse"], stored.copy(), layout)
+        values = stored.astype(float)
         if spec.get("normalized") and dtype.kind in "iu":
             values = np.maximum(values / np.iinfo(dtype).max, -1.0)
-        self._check_bounds(index, spec, values)
+        self._check_bounds(name, spec, values)
         return values
 
-    def _view(self, index: Any, offset: int, count: int, width: int, dtype: np.dtype, name: str) -> Array:
+    def _view(self, spec: JsonObject, layout: _Layout) -> Array:
+        """Return the elements (count, width) that start at `byteOffset` of the buffer view of `spec`."""
+        name = layout.name
+        index = spec["bufferView"]
+        offset = natural(spec, "byteOffset", name, 0)
         view = self.item("bufferViews", index)
         label = f"bufferView {index}"
         if "extensions" in view:
-            raise ReadError(
-                f"{label} is compressed by {', '.join(view['extensions'])}, which the audit does not support",
-                "gltf.extension",
-            )
-        start, length = natural(view, "byteOffset", label, 0), natural(view, "byteLength", label)
-        which = natural(view, "buffer", label)
-        self.item("buffers", which)
-        data = self.buffers[which]
+            extensions = ", ".join(view["extensions"])
+            text = f"{label} is compressed by {extensions}, which the audit does not support"
+            raise ReadError(text, "gltf.extension")
+        start = natural(view, "byteOffset", label, 0)
+        length = natural(view, "byteLength", label)
+        buffer = natural(view, "buffer", label)
+        self.item("buffers", buffer)
+        data = self.buffers[buffer]
         if start + length > len(data):
             raise ReadError(f"{label} ends at byte {start + length} of a buffer of {len(data)} bytes", "gltf.bounds")
-        size = dtype.itemsize * width
-        stride = natural(view, "byteStride", label, 0) or size
+        number_size = layout.dtype.itemsize
+        size = number_size * layout.width
+        stride = natural(view, "byteStride", label, 0) or size  # without a stride, elements follow each other
         if stride < size:
-            raise ReadError(
-                f"{label} has byteStride {stride}, but an element of {name} has {size} bytes", "gltf.bounds"
-            )
-        end = offset + stride * (count - 1) + size if count else offset
+            text = f"{label} has byteStride {stride}, but an element of {name} has {size} bytes"
+            raise ReadError(text, "gltf.bounds")
+        end = offset
+        if layout.count:
+            end += stride * (layout.count - 1) + size
         if end > length:
             raise ReadError(f"{name} ends at byte {end} of {label}, which has {length} bytes", "gltf.bounds")
-        if offset % dtype.itemsize or start % dtype.itemsize:
+        if offset % number_size or start % number_size:
             self.ledger.wrong("gltf.alignment", f"{name} is not aligned to the size of its components.", name)
-        return np.ndarray((count, width), dtype, data, start + offset, (stride, dtype.itemsize))
+        shape = (layout.count, layout.width)
+        return np.ndarray(shape, layout.dtype, data, start + offset, (stride, number_size))
 
-    def _sparse(self, sparse: Any, out: Array, count: int, width: int, dtype: np.dtype, name: str) -> Array:
-        n = natural(sparse, "count", name)
-        if n > count:
-            raise ReadError(f"{name}: {n} sparse elements, but the accessor has {count}", "gltf.bounds")
-        where, what = sparse["indices"], sparse["values"]
-        kind = np.dtype(_TYPES[where["componentType"]])
-        rows = self._view(where["bufferView"], natural(where, "byteOffset", name, 0), n, 1, kind, name)[:, 0]
-        values = self._view(what["bufferView"], natural(what, "byteOffset", name, 0), n, width, dtype, name)
-        if n and int(rows.max()) >= count:
-            raise ReadError(
-                f"{name}: sparse index {int(rows.max())}, but the accessor has {count} elements", "gltf.bounds"
-            )
-        out[rows.astype(int)] = values
-        return out
+    def _sparse(self, sparse: Any, stored: Array, layout: _Layout) -> Array:
+        """Return the elements of an accessor with those that its entry `sparse` replaces."""
+        name = layout.name
+        count = natural(sparse, "count", name)
+        if count > layout.count:
+            text = f"{name}: {count} sparse elements, but the accessor has {layout.count}"
+            raise ReadError(text, "gltf.bounds")
+        indices = sparse["indices"]
+        replacements = sparse["values"]
+        kind = np.dtype(_TYPES[indices["componentType"]])
+        column = self._view(indices, _Layout(name, count, 1, kind))
+        rows = column[:, 0].astype(int)
+        values = self._view(replacements, layout._replace(count=count))
+        last = int(rows.max(initial=-1))
+        if last >= layout.count:
+            text = f"{name}: sparse index {last}, but the accessor has {layout.count} elements"
+            raise ReadError(text, "gltf.bounds")
+        stored[rows] = values
+        return stored
 
-    def _check_bounds(self, index: int, spec: JsonObject, values: Array) -> None:
+    def _check_bounds(self, name: str, spec: JsonObject, values: Array) -> None:
         """Compare an accessor's numbers with its min and max, which viewers use for framing, culling and timing."""
-        name = f"accessor {index}"
         if not np.all(np.isfinite(values)):
             self.ledger.wrong("gltf.finite", f"{name} contains numbers that are not finite.", name)
             return
         if not len(values) or spec.get("normalized"):
             return
-        for key, real in (("min", values.min(axis=0)), ("max", values.max(axis=0))):
+        for key, actual in (("min", values.min(axis=0)), ("max", values.max(axis=0))):
             if key not in spec:
                 continue
-            told = np.asarray(spec[key], float).ravel()
-            if told.shape != real.shape:
-                text = f"{name}: {key} has {len(told)} numbers, not {len(real)}."
+            stated = np.asarray(spec[key], float).ravel()
+            if stated.shape != actual.shape:
+                text = f"{name}: {key} has {len(stated)} numbers, not {len(actual)}."
                 self.ledger.wrong("gltf.minmax", text, name)
                 continue
             # min and max are decimal numbers in JSON; the data are in single precision.
-            off = np.abs(told - real)
-            k = int(np.argmax(off))
-            if off[k] > 1e-6 * max(1.0, abs(real[k])):
-                text = f"{name}: the stated {key} is {told[k]:.7g}, but the actual {key} is {real[k]:.7g}."
-                self.ledger.wrong(
-                    "gltf.minmax",
-                    text,
-                    name,
-                    size=Measured(told[k], real[k]),
-                    suggestion="state the minimum and maximum of the stored numbers",
-                )
+            differences = np.abs(stated - actual)
+            k = int(np.argmax(differences))
+            if differences[k] > 1e-6 * max(1.0, abs(actual[k])):
+                text = f"{name}: the stated {key} is {stated[k]:.7g}, but the actual {key} is {actual[k]:.7g}."
+                size = Measured(stated[k], actual[k])
+                advice = "state the minimum and maximum of the stored numbers"
+                self.ledger.wrong("gltf.minmax", text, name, size=size, suggestion=advice)
+
+
+def is_index(value: Any, count: int) -> bool:
+    """Return whether a value in JSON is an index of an array with `count` entries."""
+    # In Python, True is an int.
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
 
 
 def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
@@ -184,48 +209,50 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     Raises:
         ReadError: the file is not glTF, or is inconsistent.
     """
-    data = path.read_bytes()
-    if data[:4] == b"glTF":
-        text, binary = _chunks(data, ledger)
-    else:
-        text, binary = data, None
+    text = path.read_bytes()
+    binary = None
+    if text.startswith(b"glTF"):
+        text, binary = _chunks(text, ledger)
     try:
         parsed = json.loads(text.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise ReadError(f"the file's JSON cannot be read: {str(error)[:120]}", "gltf.json") from error
     if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
         raise ReadError("the file is not glTF: its JSON has no object 'asset'", "gltf.json")
-    if not str(parsed["asset"].get("version", "")).startswith("2."):
-        raise ReadError(f"the file is glTF {parsed['asset'].get('version')!r}, expected 2.0", "gltf.version")
-    out = Gltf(path, ledger, parsed, [])
-    for i, spec in enumerate(out.items("buffers")):
-        out.buffers.append(_buffer(path, i, spec, binary))
-    return out
+    version = parsed["asset"].get("version")
+    if not str(version).startswith("2."):
+        raise ReadError(f"the file is glTF {version!r}, expected 2.0", "gltf.version")
+    file = Gltf(path, ledger, parsed, [])
+    for i, spec in enumerate(file.items("buffers")):
+        file.buffers.append(_buffer(path, i, spec, binary))
+    return file
 
 
 def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
+    """Return (JSON, binary chunk or None) of a GLB."""
     if len(data) < 20:
         raise ReadError(f"the file has {len(data)} bytes; a GLB has at least 20", "gltf.header")
     magic, version, length = struct.unpack_from("<III", data)
     if magic != _MAGIC or version != 2:
         raise ReadError(f"the header states version {version}, expected 2", "gltf.version")
+    text = f"the header states {length} bytes, but the file has {len(data)}"
     if length > len(data):
-        raise ReadError(
-            f"the header states {length} bytes, but the file has {len(data)}: it is truncated", "gltf.header"
-        )
+        raise ReadError(f"{text}: it is truncated", "gltf.header")
     if length != len(data):
-        text = f"the header states {length} bytes, but the file has {len(data)}."
-        ledger.wrong("gltf.header", text, size=Measured(float(len(data)), length))
+        ledger.wrong("gltf.header", f"{text}.", size=Measured(float(len(data)), length))
     found: dict[int, bytes] = {}
-    at = 12
-    while at + 8 <= length:
-        size, kind = struct.unpack_from("<II", data, at)
-        if at + 8 + size > length:
-            raise ReadError(f"a chunk of {size} bytes at byte {at} extends beyond the end of the file", "gltf.header")
+    position = 12
+    while position + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, position)
+        start = position + 8
+        end = start + size
+        if end > length:
+            text = f"a chunk of {size} bytes at byte {position} extends beyond the end of the file"
+            raise ReadError(text, "gltf.header")
         if size % 4:
-            ledger.wrong("gltf.alignment", f"the chunk at byte {at} is not padded to 4 bytes.")
-        found.setdefault(kind, data[at + 8 : at + 8 + size])
-        at += 8 + size
+            ledger.wrong("gltf.alignment", f"the chunk at byte {position} is not padded to 4 bytes.")
+        found.setdefault(kind, data[start:end])  # readers take the first chunk of a kind
+        position = end
     if _JSON not in found:
         raise ReadError("the file has no JSON chunk", "gltf.header")
     return found[_JSON], found.get(_BIN)
@@ -236,14 +263,16 @@ def _buffer(path: Path, index: int, spec: JsonObject, binary: bytes | None) -> b
     length = natural(spec, "byteLength", name)
     uri = spec.get("uri")
     if uri is None:
+        # Only the first buffer can be the binary chunk of a GLB.
         if index or binary is None:
             raise ReadError(f"{name} has neither a uri nor a binary chunk", "gltf.buffer")
         data = binary
     elif not isinstance(uri, str):
         raise ReadError(f"{name}: the uri is not text", "gltf.json")
     elif uri.startswith("data:"):
+        _, _, encoded = uri.partition(",")
         try:
-            data = base64.b64decode(uri.partition(",")[2], validate=True)
+            data = base64.b64decode(encoded, validate=True)
         except (binascii.Error, ValueError) as error:
             raise ReadError(f"{name}: the data uri is not base64", "gltf.buffer") from error
     else:
@@ -254,13 +283,15 @@ def _buffer(path: Path, index: int, spec: JsonObject, binary: bytes | None) -> b
 
 
 def _beside(path: Path, name: str, uri: str) -> bytes:
+    """Return the content of a file of a buffer, which must be in the folder of the glTF file."""
     folder = path.resolve().parent
+    subject = f"{name}: '{uri[:80]}'"
     if "\0" in uri or "://" in uri:
-        raise ReadError(f"{name}: '{uri[:80]}' is not read, because it is not a file in the same folder", "gltf.buffer")
+        raise ReadError(f"{subject} is not read, because it is not a file in the same folder", "gltf.buffer")
     file = (folder / uri).resolve()
     if not file.is_relative_to(folder):
-        raise ReadError(f"{name}: '{uri[:80]}' is not read, because it is outside the file's folder", "gltf.buffer")
+        raise ReadError(f"{subject} is not read, because it is outside the file's folder", "gltf.buffer")
     try:
         return file.read_bytes()
     except OSError as error:
-        raise ReadError(f"{name}: '{uri[:80]}' cannot be read: {error.strerror}", "gltf.buffer") from error
+        raise ReadError(f"{subject} cannot be read: {error.strerror}", "gltf.buffer") from error

@@ -48,10 +48,14 @@ class Node:
         return self.name or f"node {self.index}"
 
     @property
+    def extras(self) -> JsonObject:
+        """The data of the application; {} if the node has none."""
+        return _extras(self.spec)
+
+    @property
     def is_link(self) -> bool:
         """Whether the node's extras mark it as a link of a robot."""
-        extras = self.spec.get("extras")
-        return isinstance(extras, dict) and bool(extras.get("link")) and not self.copied
+        return bool(self.extras.get("link")) and not self.copied
 
 
 def link_above(nodes: list[Node], node: Node) -> Node | None:
@@ -65,13 +69,14 @@ def local(node: Node, moved: dict[str, Array]) -> Array:
     """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` maps properties to their animated values."""
     if node.matrix is not None and not moved:
         return node.matrix[None]
-    T = poses.pose(
-        poses.rotation(np.atleast_2d(moved.get("rotation", node.rotation))),
-        np.atleast_2d(moved.get("translation", node.translation)),
-    )
+    xyzw = np.atleast_2d(moved.get("rotation", node.rotation))
+    translation = np.atleast_2d(moved.get("translation", node.translation))
     scale = np.atleast_2d(moved.get("scale", node.scale))
+    T = poses.pose(poses.rotation(xyzw), translation)
     if np.any(scale != 1):
-        T = np.broadcast_to(T, (max(len(T), len(scale)), 4, 4)).copy()
+        # The scale may be animated while the pose is not.
+        count = max(len(T), len(scale))
+        T = np.broadcast_to(T, (count, 4, 4)).copy()
         T[:, :3, :3] *= scale[:, None, :]
     return T
 
@@ -83,45 +88,60 @@ def read_nodes(file: Gltf) -> list[Node]:
         ReadError: a child does not exist, or has two parents.
     """
     specs = file.items("nodes")
-    parent = [-1] * len(specs)
+    parents = _parents(file, specs)
+    nodes = []
+    for i, spec in enumerate(specs):
+        node = _node(i, spec, parents[i], _repeats(specs, parents, i))
+        nodes.append(node)
+        length = float(np.linalg.norm(node.rotation))
+        if abs(length - 1) > UNIT_TOL:
+            text = f"the rotation quaternion of node '{node.label}' has length {length:.6g}, not 1."
+            file.ledger.wrong("gltf.quaternion", text, node.label, size=Measured(length, 1.0))
+    return nodes
+
+
+def _parents(file: Gltf, specs: list[JsonObject]) -> list[int]:
+    """Return the index of each node's parent; -1 for nodes without parent."""
+    parents = [-1] * len(specs)
     for i, spec in enumerate(specs):
         for child in spec.get("children", []):
             file.item("nodes", child)
-            if parent[child] >= 0 or child == i:
-                raise ReadError(f"node {child} has two parents, {parent[child]} and {i}", "gltf.tree")
-            parent[child] = i
-    out = []
-    for i, spec in enumerate(specs):
-        name = spec.get("name", "")
-        matrix = None if "matrix" not in spec else numbers(spec["matrix"], 16, f"node {i}: matrix").reshape(4, 4).T
-        t, r, s = (
-            numbers(spec.get(key, default), len(default), f"node {i}: {key}")
-            for key, default in (("translation", (0, 0, 0)), ("rotation", (0, 0, 0, 1)), ("scale", (1, 1, 1)))
-        )
-        copied = _repeats(specs, parent, i)
-        out.append(Node(i, name if isinstance(name, str) else "", parent[i], t, r, s, matrix, spec, copied))
-        size = float(np.linalg.norm(r))
-        if abs(size - 1) > UNIT_TOL:
-            text = f"the rotation quaternion of node '{out[-1].label}' has length {size:.6g}, not 1."
-            file.ledger.wrong("gltf.quaternion", text, out[-1].label, size=Measured(size, 1.0))
-    return out
+            if parents[child] >= 0 or child == i:
+                raise ReadError(f"node {child} has two parents, {parents[child]} and {i}", "gltf.tree")
+            parents[child] = i
+    return parents
 
 
-def _repeats(specs: list[JsonObject], parent: list[int], i: int) -> bool:
+def _node(index: int, spec: JsonObject, parent: int, copied: bool) -> Node:
+    name = spec.get("name", "")
+    if not isinstance(name, str):
+        name = ""
+    label = f"node {index}"
+    matrix = None
+    if "matrix" in spec:
+        columns = numbers(spec["matrix"], 16, f"{label}: matrix").reshape(4, 4)
+        matrix = columns.T  # glTF stores matrices by columns
+    translation = numbers(spec.get("translation", (0, 0, 0)), 3, f"{label}: translation")
+    rotation = numbers(spec.get("rotation", (0, 0, 0, 1)), 4, f"{label}: rotation")
+    scale = numbers(spec.get("scale", (1, 1, 1)), 3, f"{label}: scale")
+    return Node(index, name, parent, translation, rotation, scale, matrix, spec, copied)
+
+
+def _repeats(specs: list[JsonObject], parents: list[int], i: int) -> bool:
     """Return whether an ancestor of node `i` is marked as the same link as the node."""
-    link = _link_of(specs[i])
-    seen = set()
-    while link and parent[i] >= 0 and i not in seen:
-        seen.add(i)
-        i = parent[i]
-        if _link_of(specs[i]) == link:
+    link = _extras(specs[i]).get("link")
+    visited = set()  # the nodes may be their own ancestors, which `parents_first` reports
+    while link and parents[i] >= 0 and i not in visited:
+        visited.add(i)
+        i = parents[i]
+        if _extras(specs[i]).get("link") == link:
             return True
     return False
 
 
-def _link_of(spec: JsonObject) -> Any:
+def _extras(spec: JsonObject) -> JsonObject:
     extras = spec.get("extras")
-    return extras.get("link") if isinstance(extras, dict) else None
+    return extras if isinstance(extras, dict) else {}
 
 
 def numbers(value: Any, n: int, name: str) -> Array:
@@ -131,12 +151,12 @@ def numbers(value: Any, n: int, name: str) -> Array:
         ReadError: the value is not a list of n finite numbers.
     """
     try:
-        out = np.array(value, float)
+        array = np.array(value, float)
     except (TypeError, ValueError) as error:
         raise ReadError(f"{name} is not a list of {n} numbers", "gltf.json") from error
-    if out.shape != (n,) or not np.all(np.isfinite(out)):
+    if array.shape != (n,) or not np.all(np.isfinite(array)):
         raise ReadError(f"{name} is not a list of {n} finite numbers", "gltf.json")
-    return out
+    return array
 
 
 def parents_first(nodes: list[Node]) -> list[int]:
@@ -146,14 +166,16 @@ def parents_first(nodes: list[Node]) -> list[int]:
         ReadError: a node is its own ancestor.
     """
     children: dict[int, list[int]] = {}
-    for n in nodes:
-        children.setdefault(n.parent, []).append(n.index)
-    out, pending = [], list(children.get(-1, []))
+    for node in nodes:
+        children.setdefault(node.parent, []).append(node.index)
+    order: list[int] = []
+    pending = list(children.get(-1, []))
     while pending:
         i = pending.pop()
-        out.append(i)
+        order.append(i)
         pending += children.get(i, [])
-    if len(out) < len(nodes):
-        missing = min(set(range(len(nodes))) - set(out))
+    if len(order) < len(nodes):
+        # A cycle has no root, and is never reached.
+        missing = min(set(range(len(nodes))) - set(order))
         raise ReadError(f"node {missing} is its own ancestor", "gltf.tree")
-    return out
+    return order
