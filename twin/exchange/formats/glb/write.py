@@ -28,8 +28,13 @@ from twin.usd.write.geometry import corner_normals
 UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 """Rotation of the root node as a quaternion: -90 degrees about x, from z up to y up."""
 
-_FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125
-_VERTICES, _INDICES = 34962, 34963
+# Types of components and uses of buffers, as glTF numbers them.
+_FLOAT = 5126
+_UINT16 = 5123
+_UINT32 = 5125
+_VERTICES = 34962
+_INDICES = 34963
+
 _STILL = 1e-10
 """Maximum change of a pose (in m, and in entries of the rotation matrix) that is not animated."""
 
@@ -49,30 +54,30 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
     `link_poses` contains T_world_body (4, 4) of every body at rest; None: the poses at home with closed loops.
     """
     rest = home_poses(mechanism) if link_poses is None else link_poses
-    out = _Document()
+    document = _Document()
     root, frames = node_names(mechanism, clips)
-    nodes: list[JsonObject] = [{"name": root, "rotation": list(UP_XYZW), "children": []}]
+    children: list[int] = []
+    nodes: list[JsonObject] = [{"name": root, "rotation": list(UP_XYZW), "children": children}]
     index = {}
     for body in mechanism.bodies:
         index[body.name] = len(nodes)
-        nodes[0]["children"].append(len(nodes))
-        extras: JsonObject = {"link": body.name}
-        if body.inertia is not None:
-            extras["mass"] = float(f"{body.inertia.mass:.9g}")
-        if not body.whole:
-            extras["whole"] = False
-        extras["joints"] = [j.name for j in mechanism.joints if j.child == body.name]
-        nodes.append({"name": body.name, **_trs(rest[body.name]), "extras": extras})
-        if (mesh := out.mesh(body, mechanism.materials)) is not None:
-            nodes[-1]["mesh"] = mesh
+        children.append(len(nodes))
+        node: JsonObject = {"name": body.name, **_trs(rest[body.name]), "extras": _link_extras(mechanism, body)}
+        mesh = document.mesh(body, mechanism.materials)
+        if mesh is not None:
+            node["mesh"] = mesh
+        nodes.append(node)
     for frame in mechanism.frames:
         if frame.name not in frames:
             continue
-        nodes[index[frame.body]].setdefault("children", []).append(len(nodes))
+        link = nodes[index[frame.body]]
+        link.setdefault("children", []).append(len(nodes))
         nodes.append({"name": frames[frame.name], **_trs(frame.T_body_frame), "extras": {"frame": frame.name}})
-    nodes = [{k: v for k, v in n.items() if k != "children" or v} for n in nodes]
     moving = moving_paths(clips, rest)
-    animations = [out.animation(clip, index, moving) for clip in clips] if moving else []
+    animations = []
+    if moving:
+        for clip in clips:
+            animations.append(document.animation(clip, index, moving))
     about = {
         "schema": "twin-glb",
         "version": 1,
@@ -81,7 +86,18 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
         "units": "m, kg, s",
         "frame": "links below the root node: z-up right-handed",
     }
-    return out.packed(mechanism.name, about, nodes, animations)
+    return document.packed(mechanism.name, about, nodes, animations)
+
+
+def _link_extras(mechanism: Mechanism, body: Body) -> JsonObject:
+    """Return the data of a link that glTF cannot express: mass, and names of the joints that move it."""
+    extras: JsonObject = {"link": body.name}
+    if body.inertia is not None:
+        extras["mass"] = float(f"{body.inertia.mass:.9g}")
+    if not body.whole:
+        extras["whole"] = False
+    extras["joints"] = [joint.name for joint in mechanism.joints if joint.child == body.name]
+    return extras
 
 
 def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
@@ -90,20 +106,25 @@ def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
     The only animation is `motion`. Vertices are relative to the World frame (z up); the root node rotates the meshes to
     y up.
     """
-    out = _Document()
-    nodes: list[JsonObject] = [{"name": name, "rotation": list(UP_XYZW), "children": []}]
-    channels, samplers = [], []
+    document = _Document()
+    children: list[int] = []
+    nodes: list[JsonObject] = [{"name": name, "rotation": list(UP_XYZW), "children": children}]
+    channels: list[JsonObject] = []
+    samplers: list[JsonObject] = []
     for bend in bends:
         shapes, factors = bend.shapes()
-        nodes[0]["children"].append(len(nodes))
-        nodes.append({"name": bend.name, "mesh": out.bending(bend, shapes)})
+        node = len(nodes)
+        children.append(node)
+        nodes.append({"name": bend.name, "mesh": document.bending(bend, shapes)})
         if len(shapes):
             keys = bend.changes()
-            channels.append({"sampler": len(samplers), "target": {"node": len(nodes) - 1, "path": "weights"}})
-            samplers.append(out.keys(bend.times[keys], factors[keys].reshape(-1, 1), "SCALAR"))
+            channels.append({"sampler": len(samplers), "target": {"node": node, "path": "weights"}})
+            samplers.append(document.keys(bend.times[keys], factors[keys].reshape(-1, 1), "SCALAR"))
     about = {"schema": "twin-deformables", "version": 1, "units": "m, kg, s"}
-    motion = [{"name": "motion", "channels": channels, "samplers": samplers}] if channels else []
-    return out.packed(name, about, nodes, motion)
+    animations: list[JsonObject] = []
+    if channels:
+        animations.append({"name": "motion", "channels": channels, "samplers": samplers})
+    return document.packed(name, about, nodes, animations)
 
 
 def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[str, str]]:
@@ -111,7 +132,7 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[s
 
     All names are unique, because Unity and three.js address nodes by name only.
     """
-    taken = {b.name for b in mechanism.bodies}
+    taken = {body.name for body in mechanism.bodies}
 
     def free(name: str) -> str:
         while name in taken:
@@ -119,9 +140,14 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[s
         taken.add(name)
         return name
 
-    wanted = {mechanism.tool, *(c.frame for c in clips)}
     root = free(mechanism.name)
-    return root, {f.name: free(f"frame_{f.name}") for f in mechanism.frames if f.name in wanted}
+    wanted = {mechanism.tool}
+    wanted.update(clip.frame for clip in clips)
+    names = {}
+    for frame in mechanism.frames:
+        if frame.name in wanted:
+            names[frame.name] = free(f"frame_{frame.name}")
+    return root, names
 
 
 def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
@@ -130,15 +156,15 @@ def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[
     Every clip animates all these properties. Otherwise, if a clip did not animate a property, players would keep the
     value from the clip before.
     """
-    out = set()
+    moving = set()
     for clip in clips:
         for name, Ts in clip.links.items():
-            off = np.abs(Ts - rest[name])
-            if off[:, :3, 3].max() > _STILL:
-                out.add((name, "translation"))
-            if off[:, :3, :3].max() > _STILL:
-                out.add((name, "rotation"))
-    return out
+            change = np.abs(Ts - rest[name])
+            if change[:, :3, 3].max() > _STILL:
+                moving.add((name, "translation"))
+            if change[:, :3, :3].max() > _STILL:
+                moving.add((name, "rotation"))
+    return moving
 
 
 def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -148,20 +174,23 @@ def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndar
     degenerate in single precision are removed.
     """
     corners = np.asarray(triangles).ravel()
+    # Normals that differ by less than a step of 1e-4 are equal; the steps are 1 to 20001, and never negative.
     steps = np.round(corner_normals(vertices, triangles) * 1e4).astype(np.int64) + 10001
     # Vertex and normal are encoded as one integer: sorting rows of four numbers takes ten times as long.
     normal_key = (steps[:, 0] * 20003 + steps[:, 1]) * 20003 + steps[:, 2]
-    _, normal = np.unique(normal_key, return_inverse=True)
-    _, first, index = np.unique(
-        corners.astype(np.int64) * len(corners) + normal, return_index=True, return_inverse=True
-    )
+    _, normal_index = np.unique(normal_key, return_inverse=True)
+    corner_key = corners.astype(np.int64) * len(corners) + normal_index
+    _, first, index = np.unique(corner_key, return_index=True, return_inverse=True)
+    # Adding 0 removes negative zeros.
     points = np.asarray(vertices, float)[corners[first]].astype("<f4") + np.float32(0)
     normals = (steps[first] - 10001).astype(float)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     faces = index.reshape(-1, 3)
-    p = points[faces]
-    same = [np.all(p[:, i] == p[:, j], axis=1) for i, j in ((0, 1), (1, 2), (2, 0))]
-    return points, (normals + 0.0).astype("<f4"), faces[~np.any(same, axis=0)]
+    a = points[faces[:, 0]]
+    b = points[faces[:, 1]]
+    c = points[faces[:, 2]]
+    degenerate = np.all(a == b, axis=1) | np.all(b == c, axis=1) | np.all(c == a, axis=1)
+    return points, (normals + 0.0).astype("<f4"), faces[~degenerate]
 
 
 class _Document:
@@ -171,7 +200,7 @@ class _Document:
         self._parts: dict[str, list[bytes]] = {"vertices": [], "keys": [], "uint16": [], "uint32": []}
         self._sizes = dict.fromkeys(self._parts, 0)
         self._accessors: list[tuple[str, JsonObject]] = []
-        self._known: dict[tuple[str, str, bool, bytes], int] = {}
+        self._known: dict[tuple[str, bool, bytes], int] = {}
         self._meshes: list[JsonObject] = []
         self._materials: dict[Material, int] = {}
 
@@ -184,12 +213,17 @@ class _Document:
         for mesh in body.meshes:
             by_material.setdefault(materials[mesh.name], []).append(surface(mesh.vertices, mesh.triangles))
         primitives = []
-        for material, parts in by_material.items():
-            starts = np.cumsum([0, *(len(p) for p, _, _ in parts)])
-            faces = np.concatenate([f + s for (_, _, f), s in zip(parts, starts[:-1], strict=True)])
+        for material, surfaces in by_material.items():
+            offset = 0
+            shifted = []
+            for part_points, _, part_faces in surfaces:
+                shifted.append(part_faces + offset)
+                offset += len(part_points)
+            faces = np.concatenate(shifted)
             if not len(faces):
                 continue
-            points, normals = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+            points = np.concatenate([part_points for part_points, _, _ in surfaces])
+            normals = np.concatenate([part_normals for _, part_normals, _ in surfaces])
             primitives.append(self._primitive(points, normals, faces, material, len(points) <= _MOST_UINT16))
         if not primitives:
             return None
@@ -200,13 +234,16 @@ class _Document:
         self, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, material: Material, short: bool
     ) -> JsonObject:
         """Add triangles of one material and return their primitive. If `short` is True, indices have 16 bits."""
-        part, dtype, component = ("uint16", "<u2", _UINT16) if short else ("uint32", "<u4", _UINT32)
+        position = self._add("vertices", points.astype("<f4"), "VEC3", _FLOAT, bounds=True)
+        normal = self._add("vertices", normals.astype("<f4"), "VEC3", _FLOAT)
+        corners = faces.reshape(-1, 1)
+        if short:
+            indices = self._add("uint16", corners.astype("<u2"), "SCALAR", _UINT16)
+        else:
+            indices = self._add("uint32", corners.astype("<u4"), "SCALAR", _UINT32)
         return {
-            "attributes": {
-                "POSITION": self._add("vertices", points.astype("<f4"), "VEC3", _FLOAT, bounds=True),
-                "NORMAL": self._add("vertices", normals.astype("<f4"), "VEC3", _FLOAT),
-            },
-            "indices": self._add(part, faces.astype(dtype).reshape(-1, 1), "SCALAR", component),
+            "attributes": {"POSITION": position, "NORMAL": normal},
+            "indices": indices,
             "material": self._materials.setdefault(material, len(self._materials)),
         }
 
@@ -216,21 +253,27 @@ class _Document:
         The mesh has a morph target for each of the s shapes in `shapes` (s, n, 3). It has the normals of the
         deformable at rest, and the vertices in their original order.
         """
-        mesh, faces = bend.mesh, bend.mesh.triangles
+        mesh = bend.mesh
+        faces = mesh.triangles
+        a = mesh.vertices[faces[:, 0]]
+        b = mesh.vertices[faces[:, 1]]
+        c = mesh.vertices[faces[:, 2]]
+        # The sum of the normals of the triangles at a vertex, weighted by their areas.
         normals = np.zeros_like(mesh.vertices)
-        a, b, c = (mesh.vertices[faces[:, k]] for k in range(3))
         for k in range(3):
             np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         material = Material(mesh.name, mesh.color_rgba, mesh.finish)
         primitive = self._primitive(mesh.vertices, normals, faces, material, short=False)
-        out: JsonObject = {"name": f"{mesh.name}_mesh", "primitives": [primitive]}
+        entry: JsonObject = {"name": f"{mesh.name}_mesh", "primitives": [primitive]}
         if len(shapes):
-            primitive["targets"] = [
-                {"POSITION": self._add("vertices", s.astype("<f4"), "VEC3", _FLOAT, bounds=True)} for s in shapes
-            ]
-            out["weights"] = [0.0] * len(shapes)
-        self._meshes.append(out)
+            targets = []
+            for shape in shapes:
+                position = self._add("vertices", shape.astype("<f4"), "VEC3", _FLOAT, bounds=True)
+                targets.append({"POSITION": position})
+            primitive["targets"] = targets
+            entry["weights"] = [0.0] * len(shapes)
+        self._meshes.append(entry)
         return len(self._meshes) - 1
 
     def keys(self, times: Array, values: Array, kind: str) -> JsonObject:
@@ -239,22 +282,23 @@ class _Document:
         `times` (k,) are in s. `values` has one row for each key; for morph targets, one row for each key and target.
         `kind` is the accessor type of the values, such as "VEC3".
         """
-        at = self._add("keys", times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
+        key_times = self._add("keys", times.astype("<f4").reshape(-1, 1), "SCALAR", _FLOAT, bounds=True)
         output = self._add("keys", values.astype("<f4") + np.float32(0), kind, _FLOAT)
-        return {"input": at, "interpolation": "LINEAR", "output": output}
+        return {"input": key_times, "interpolation": "LINEAR", "output": output}
 
     def animation(self, clip: Clip, nodes: Mapping[str, int], moving: set[tuple[str, str]]) -> JsonObject:
         """Return a clip as a glTF animation, with a channel for each pair (link, path) in `moving`."""
-        channels, samplers = [], []
-        for name, Ts in clip.links.items():
-            for path, kind, values in (
-                ("translation", "VEC3", Ts[:, :3, 3]),
-                ("rotation", "VEC4", quaternions_xyzw(Ts)),
-            ):
-                if (name, path) not in moving:
-                    continue
-                channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": path}})
+        channels: list[JsonObject] = []
+        samplers: list[JsonObject] = []
+
+        def animate(link: str, path: str, values: Array, kind: str) -> None:
+            if (link, path) in moving:
+                channels.append({"sampler": len(samplers), "target": {"node": nodes[link], "path": path}})
                 samplers.append(self.keys(clip.times, values, kind))
+
+        for name, Ts in clip.links.items():
+            animate(name, "translation", Ts[:, :3, 3], "VEC3")
+            animate(name, "rotation", quaternions_xyzw(Ts), "VEC4")
         extras = {"title": clip.title, "rate": clip.rate, **clip.between.numbers()}
         return {"name": clip.name, "channels": channels, "samplers": samplers, "extras": extras}
 
@@ -269,10 +313,10 @@ class _Document:
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         data = values.tobytes()
         # Links that move together have the same keys, which are stored once.
-        same = (part, kind, bounds, data)
-        if part == "keys" and same in self._known:
-            return self._known[same]
-        self._known[same] = len(self._accessors)
+        if part == "keys":
+            stored = self._known.setdefault((kind, bounds, data), len(self._accessors))
+            if stored < len(self._accessors):
+                return stored
         self._parts[part].append(data)
         self._sizes[part] += len(data)
         self._accessors.append((part, accessor))
@@ -283,8 +327,9 @@ class _Document:
 
         glTF forbids empty lists.
         """
-        used = [p for p in self._parts if self._sizes[p]]
-        views, start = [], 0
+        used = [part for part in self._parts if self._sizes[part]]
+        views = []
+        start = 0
         for part in used:
             view: JsonObject = {"buffer": 0, "byteOffset": start, "byteLength": self._sizes[part]}
             if part == "vertices":
@@ -293,15 +338,14 @@ class _Document:
                 view["target"] = _INDICES
             views.append(view)
             start += _aligned(self._sizes[part])
-        accessors = [{"bufferView": used.index(part), **a} for part, a in self._accessors]
         lists = {
             "meshes": self._meshes,
             "materials": [_material(material) for material in self._materials],
-            "accessors": accessors,
+            "accessors": [{"bufferView": used.index(part), **accessor} for part, accessor in self._accessors],
             "bufferViews": views,
             "buffers": [{"byteLength": start}] if start else [],
         }
-        return {k: v for k, v in lists.items() if v}
+        return {name: entries for name, entries in lists.items() if entries}
 
     def packed(self, name: str, about: JsonMapping, nodes: list[JsonObject], animations: list[JsonObject]) -> bytes:
         """Return the content of a .glb file with one scene, whose root is the first node.
@@ -317,23 +361,26 @@ class _Document:
         }
         if animations:
             document["animations"] = animations
-        # each part starts at a multiple of four bytes
-        parts = (b"".join(p).ljust(_aligned(self._sizes[n]), b"\0") for n, p in self._parts.items())
-        return _pack(document, b"".join(parts))
+        binary = b""
+        for part, chunks in self._parts.items():
+            content = b"".join(chunks)
+            binary += content.ljust(_aligned(self._sizes[part]), b"\0")
+        return _pack(document, binary)
 
 
 def _aligned(size: int) -> int:
+    """Return the smallest multiple of four bytes that is not below a size: every part of a GLB starts at one."""
     return (size + 3) // 4 * 4
 
 
 def _trs(T: Array) -> JsonObject:
     """Return a node's pose as translation and rotation, because glTF cannot animate nodes with a matrix."""
-    q = quaternions_xyzw(T[None])[0]
-    return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (q + 0.0).tolist()}
+    xyzw = quaternions_xyzw(T[None])[0]
+    return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (xyzw + 0.0).tolist()}
 
 
 def _material(material: Material) -> JsonObject:
-    out: JsonObject = {
+    entry: JsonObject = {
         "name": material.name,
         "pbrMetallicRoughness": {
             "baseColorFactor": [float(c) for c in material.color_rgba],
@@ -343,8 +390,8 @@ def _material(material: Material) -> JsonObject:
         "doubleSided": False,
     }
     if material.color_rgba[3] < 1:  # the default alphaMode is opaque
-        out["alphaMode"] = "BLEND"
-    return out
+        entry["alphaMode"] = "BLEND"
+    return entry
 
 
 def _pack(document: JsonMapping, binary: bytes) -> bytes:
@@ -364,4 +411,5 @@ def write(order: Order, folder: Path) -> list[Finding]:
 
 def files(order: Order) -> list[tuple[str, str]]:
     """Return (file, content) for README.txt."""
-    return [(f"{order.mechanism.name}.glb", "shapes and all motions, y up" if order.clips else "shapes, y up")]
+    content = "shapes and all motions, y up" if order.clips else "shapes, y up"
+    return [(f"{order.mechanism.name}.glb", content)]
