@@ -464,7 +464,7 @@ def test_a_motion_is_refused_where_another_robot_was_moved_since_the_plan(planne
     lifted(planned)
     planned.ask("find")
     planned.until("preview")
-    stands, at = planned.mode._stands, planned.mode._stands["raven_right"]
+    stands, at = planned.mode._q_others, planned.mode._q_others["raven_right"]
     stands["raven_right"] = at + np.eye(7)[2] * 2 * MM
     said = r"raven_right has moved since the plan: insertion by 2 mm \(limit 1 mm\); plan again"
     with pytest.raises(TwinError, match=said):

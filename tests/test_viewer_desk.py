@@ -417,13 +417,13 @@ def test_every_residual_is_told_in_its_own_unit(any_desk):
     """Joint by joint, equations that are off by a known amount: millimetres of a slide, degrees of a turn."""
     from types import SimpleNamespace
 
-    from twin.ui.session.instruments import _joints_apart
+    from twin.ui.session.instruments import _joint_error
 
     q = any_desk.assembly.q
     for i, joint in enumerate(any_desk.joints):
         off = q.copy()
         off[i] += 0.25
-        found = _joints_apart(any_desk, off, q)
+        found = _joint_error(any_desk, off, q)
         assert (found.what, found.is_angle) == (f"joint {joint.name}", joint.is_angle)
         assert readout.amount(found) == ("14.324°" if joint.is_angle else "250.000 mm")
         reading = replace(read(any_desk), residual=found, scope="")

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -28,6 +29,8 @@ from twin.planning.protocol import Protocol
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
 from twin.ui.session.drag_solver import DragSolver
+
+_Value = TypeVar("_Value")
 
 ENDOSCOPE = "endoscope_tip"
 """Name of the frame of a robot's endoscope camera; the camera looks along the z axis of this frame."""
@@ -76,7 +79,8 @@ class Desk:
         self.asked: Array | None = None
         self.moved = MoveResult(True)
         self._kept: dict[str, Array] = {}
-        self._frame, self._axis = self.mechanism.tool, np.array([0.0, 0.0, 1.0])
+        self._frame = self.mechanism.tool
+        self._axis = np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
             self.speak_of(robot.protocol())
 
@@ -96,7 +100,8 @@ class Desk:
 
     def speak_of(self, protocol: Protocol) -> None:
         """Use the tip frame and the shaft axis of a protocol from now on."""
-        self._frame, self._axis = protocol.frame, protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
+        self._frame = protocol.frame
+        self._axis = protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
 
     def camera(self) -> tuple[Array, Array, Array]:
         """Return (position, point ahead, point above) of an endoscope camera, each (3,) in m in the base frame.
@@ -104,11 +109,23 @@ class Desk:
         The camera is at the origin of the frame `endoscope_tip`, looks along the z axis of this frame, and its upward
         direction is -y. Without this frame, the camera is at the tip of the shaft.
         """
-        frame = next((f for f in self.mechanism.frames if f.name == ENDOSCOPE), self.mechanism.frame(self._frame))
+        frame = self.mechanism.frame(self._frame)
+        for other in self.mechanism.frames:
+            if other.name == ENDOSCOPE:
+                frame = other
+                break
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
-        ahead = T[:3, 2] if frame.name == ENDOSCOPE else T[:3, :3] @ self._axis
-        above = -T[:3, 1] if abs(ahead @ T[:3, 1]) < 0.9 else T[:3, 0]
-        return T[:3, 3], T[:3, 3] + 0.1 * ahead, T[:3, 3] + 0.1 * above
+        lens = T[:3, 3]
+        if frame.name == ENDOSCOPE:
+            ahead = T[:3, 2]
+        else:
+            ahead = T[:3, :3] @ self._axis
+        # an upward direction that is almost along the view would leave the roll of the picture undefined
+        if abs(ahead @ T[:3, 1]) < 0.9:
+            above = -T[:3, 1]
+        else:
+            above = T[:3, 0]
+        return lens, lens + 0.1 * ahead, lens + 0.1 * above
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -126,35 +143,41 @@ class Desk:
 
         def go() -> Assembly:
             q = self._joints_of(T_base_tool)
-            return self._assembled(q) if q is not None else self.model.solve_pose(T_base_tool, self.assembly)
+            if q is not None:
+                return self._assembled(q)
+            return self.model.solve_pose(T_base_tool, self.assembly)
 
-        weak = len(self.joints) - len(self.mechanism.auxiliary) < 6 or bool(self.mechanism.trocars)
+        arm_joints = len(self.joints) - len(self.mechanism.auxiliary)
+        reaches_any_pose = arm_joints >= 6 and not self.mechanism.trocars
         with self.lock:
-            out = self._try(go, T_base_tool)
-            if out.good or not weak or not spatial.is_pose(T_base_tool, 1e-6):
-                return out
+            result = self._try(go, T_base_tool)
+            if result.good or reaches_any_pose or not spatial.is_pose(T_base_tool, 1e-6):
+                return result
             # The orientation is not reached, so `asked` must not be set: it is used in comparisons.
             tool = self.mechanism.frame(self.mechanism.tool)
-            return self._led(tool.body, tool.T_body_frame[:3, 3], T_base_tool[:3, 3])
+            return self.move_point(tool.body, tool.T_body_frame[:3, 3], T_base_tool[:3, 3])
 
     def move_joint(self, joint: int, value: float) -> MoveResult:
         """Move an active joint towards a value in m or rad; if the joint stops before, the result states the reason."""
         with self.lock:
             q = self.assembly.q.copy()
             q[joint] = value
-            dragged: list[Dragged] = []
+            drags: list[Dragged] = []
 
             def go() -> Assembly:
-                found, how = self.solver.joints(self.assembly, q)
-                dragged.append(how)
-                return found
+                assembly, dragged = self.solver.joints(self.assembly, q)
+                drags.append(dragged)
+                return assembly
 
-            out = self._try(go)
-            if out.good and dragged[0].more:
-                out = self.moved = MoveResult(False, f"{self.joints[joint].name} is still moving", out.seconds, True)
-            elif out.good and abs(self.assembly.q[joint] - value) > 1e-12:
-                out = self.moved = replace(out, good=False, reason=self._stopped(joint, value, dragged[0]))
-            return out
+            result = self._try(go)
+            if not result.good:
+                return result
+            if drags[0].more:
+                text = f"{self.joints[joint].name} is still moving"
+                self.moved = MoveResult(False, text, result.seconds, True)
+            elif abs(self.assembly.q[joint] - value) > 1e-12:
+                self.moved = replace(result, good=False, reason=self._stopped(joint, value, drags[0]))
+            return self.moved
 
     def move_joints(self, q: Array) -> MoveResult:
         """Move all active joints to values (n,) in m or rad."""
@@ -163,9 +186,30 @@ class Desk:
     def move_point(self, body: str, p_body: Array, target: Array) -> MoveResult:
         """Move the point `p_body` of a body towards `target`, in the same assembly mode.
 
-        `p_body` (3,) is in m in the frame of the body, `target` (3,) in m in the base frame.
+        `p_body` (3,) is in m in the frame of the body, `target` (3,) in m in the base frame. The result states the
+        remaining distance, and the reason, if the target was not reached.
         """
-        return self._led(body, p_body, target)
+        drags: list[Dragged] = []
+
+        def go() -> Assembly:
+            assembly, dragged = self.solver.point(self.assembly, body, p_body, target)
+            drags.append(dragged)
+            return assembly
+
+        with self.lock:
+            result = self._try(go)
+            if not result.good:
+                return result
+            position = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
+            distance = float(np.linalg.norm(position - target))
+            if drags[0].more:
+                text = f"{body} is still moving, {distance / MM:.1f} mm short of the target"
+                self.moved = MoveResult(False, text, result.seconds, True)
+            elif distance > 0.05 * MM:
+                coordinates = " ".join(f"{v:.1f}" for v in position / MM)
+                text = f"{body} stops {distance / MM:.1f} mm short of the target, at [{coordinates}] mm"
+                self.moved = replace(result, good=False, reason=f"{text}: {self._why(drags[0])}")
+            return self.moved
 
     def let_go(self) -> None:
         """Clear the message about an unreached target, after the user has released the robot."""
@@ -191,7 +235,9 @@ class Desk:
     def show(self, assembly: Assembly, asked: Array | None = None) -> None:
         """Set the state to an assembly of the same model, such as a protocol's sample; `asked`: requested tool pose."""
         with self.lock:
-            self.assembly, self.asked, self.moved = assembly, asked, MoveResult(True)
+            self.assembly = assembly
+            self.asked = asked
+            self.moved = MoveResult(True)
 
     @property
     def edited(self) -> bool:
@@ -201,7 +247,11 @@ class Desk:
     @property
     def postures(self) -> tuple[str, ...]:
         """Names that `go` accepts: the robot's postures, then the states stored by `keep`."""
-        return (*self.mechanism.postures, *(n for n in self._kept if n not in self.mechanism.postures))
+        names = list(self.mechanism.postures)
+        for name in self._kept:
+            if name not in self.mechanism.postures:
+                names.append(name)
+        return tuple(names)
 
     # -- changes of the robot -------------------------------------------------------------------------
 
@@ -213,10 +263,17 @@ class Desk:
                 nothing is changed.
         """
         with self.lock:
-            model, kin = robot.reference(), self._compiled(robot)
-            assembly, solver = _first(model), _solver(robot, model)
-            self.robot, self.mechanism, self.model = robot, robot.mechanism, model
-            self.kin, self.assembly, self.solver = kin, assembly, solver
+            model = robot.reference()
+            kin = self._compiled(robot)
+            assembly = _first(model)
+            solver = _solver(robot, model)
+            # nothing is replaced before all of the new robot exists
+            self.robot = robot
+            self.mechanism = robot.mechanism
+            self.model = model
+            self.kin = kin
+            self.assembly = assembly
+            self.solver = solver
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Change variants or parameters (in SI units) of the equations; earlier changes remain.
@@ -225,14 +282,16 @@ class Desk:
             KinematicsError: the variant or parameter does not exist; nothing is changed.
         """
         with self.lock:
-            before, own = (self.variants, self.parameters), self.robot.kinematics()
-            chosen, values = {**self.variants, **(variants or {})}, {**self.parameters, **(parameters or {})}
-            self.variants = {n: v for n, v in chosen.items() if v != own.variants.get(n)}
-            self.parameters = {n: v for n, v in values.items() if v != own.parameters.get(n)}
+            published = self.robot.kinematics()
+            old_variants = self.variants
+            old_parameters = self.parameters
+            self.variants = _changes({**self.variants, **(variants or {})}, published.variants)
+            self.parameters = _changes({**self.parameters, **(parameters or {})}, published.parameters)
             try:
                 self.kin = self._compiled(self.robot)
             except TwinError:
-                self.variants, self.parameters = before
+                self.variants = old_variants
+                self.parameters = old_parameters
                 raise
 
     def redesign(self, mechanism: Mechanism) -> None:
@@ -245,7 +304,10 @@ class Desk:
             model = ReferenceModel(mechanism)
             assembly = model.solve(self.assembly.q)
             solver = _solver(self.robot, model)
-            self.mechanism, self.model, self.assembly, self.solver = mechanism, model, assembly, solver
+            self.mechanism = mechanism
+            self.model = model
+            self.assembly = assembly
+            self.solver = solver
 
     def _compiled(self, robot: Robot) -> Kinematics | None:
         """Return the equations of a robot with the chosen variants and parameters; None if it has no equations."""
@@ -270,48 +332,27 @@ class Desk:
             if not low - 1e-9 <= value <= high + 1e-9:
                 raise KinematicsError(_beyond(joint, float(value), low, high))
         for bound in self.solver.bounds:
-            beyond = bound.slack(q) < min(0.0, bound.slack(self.assembly.q)) - 1e-9
-            if bound.kind == "motor" and beyond:
-                by = f"{-bound.slack(q):.3g} {self._unit(bound)}"
-                raise KinematicsError(f"motor {bound.name} would exceed its limits of {self._limits(bound)} by {by}")
-            if bound.kind == "gap" and beyond:
+            slack = bound.slack(q)
+            # a robot that is beyond a limit already may move, but not farther beyond it
+            if slack >= min(0.0, bound.slack(self.assembly.q)) - 1e-9:
+                continue
+            if bound.kind == "motor":
+                excess = f"{-slack:.3g} {self._unit(bound)}"
+                text = f"motor {bound.name} would exceed its limits of {self._limits(bound)} by {excess}"
+                raise KinematicsError(text)
+            if bound.kind == "gap":
                 lower, upper = bound.name.split()
-                least, left = bound.least / MM, (bound.slack(q) + bound.least) / MM
-                raise KinematicsError(f"{upper} - {lower} = {left:.3f} mm is below its minimum of {least:.3f} mm")
-        found = self.model.solve(q, self.assembly)
+                least = bound.least / MM
+                gap = (slack + bound.least) / MM
+                raise KinematicsError(f"{upper} - {lower} = {gap:.3f} mm is below its minimum of {least:.3f} mm")
+        assembly = self.model.solve(q, self.assembly)
         for joint in self.mechanism.limited:
-            now, then = (
-                float(joint.beyond(a.link_poses[joint.parent], a.link_poses[joint.child]))
-                for a in (self.assembly, found)
-            )
-            if then > max(0.0, now) + 1e-9:
-                by = _shown(joint, then)
-                raise KinematicsError(f"{joint.name} would exceed its limits of {_range(joint)} by {by}")
-        return found
-
-    def _led(self, body: str, p_body: Array, target: Array) -> MoveResult:
-        """Move a point; the result states the remaining distance and the reason if the target was not reached."""
-        dragged: list[Dragged] = []
-
-        def go() -> Assembly:
-            found, how = self.solver.point(self.assembly, body, p_body, target)
-            dragged.append(how)
-            return found
-
-        with self.lock:
-            out = self._try(go)
-            if not out.good:
-                return out
-            p = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
-            left = float(np.linalg.norm(p - target))
-            if dragged[0].more:
-                text = f"{body} is still moving, {left / MM:.1f} mm short of the target"
-                out = self.moved = MoveResult(False, text, out.seconds, True)
-            elif left > 0.05 * MM:
-                where = " ".join(f"{v:.1f}" for v in p / MM)
-                text = f"{body} stops {left / MM:.1f} mm short of the target, at [{where}] mm: {self._why(dragged[0])}"
-                out = self.moved = replace(out, good=False, reason=text)
-            return out
+            old_excess = _excess(joint, self.assembly)
+            excess = _excess(joint, assembly)
+            if excess > max(0.0, old_excess) + 1e-9:
+                text = f"{joint.name} would exceed its limits of {_range(joint)} by {_shown(joint, excess)}"
+                raise KinematicsError(text)
+        return assembly
 
     def _why(self, dragged: Dragged) -> str:
         """Return a text that states why the motion stopped."""
@@ -322,49 +363,71 @@ class Desk:
 
     def _bound(self, bound: Stop) -> str:
         if isinstance(bound, PassiveLimit):
-            joint, low, high = bound.joint, *(bound.joint.limits or (0.0, 0.0))
-            ends = {"lower": _shown(joint, low), "upper": _shown(joint, high)}
-            return f"{joint.name} is at a limit ({ends.get(bound.kind, _range(joint))})"
+            joint = bound.joint
+            low, high = joint.limits or (0.0, 0.0)
+            limit = _range(joint)
+            if bound.kind == "lower":
+                limit = _shown(joint, low)
+            elif bound.kind == "upper":
+                limit = _shown(joint, high)
+            return f"{joint.name} is at a limit ({limit})"
         if bound.kind == "gap":
             lower, upper = bound.name.split()
             return f"{upper} - {lower} is at its minimum of {bound.least / MM:.3f} mm ({self._rail(lower, upper)})"
         if bound.kind == "motor":
             return f"motor {bound.name} is at a limit ({self._limits(bound)})"
         joint = self.mechanism.joint(bound.name)
-        return (
-            f"{joint.name} is at its limit of {_shown(joint, bound.least if bound.kind == 'lower' else -bound.least)}"
-        )
+        # the slack of an upper bound is limit - q, so its least value is the negative limit
+        limit = bound.least if bound.kind == "lower" else -bound.least
+        return f"{joint.name} is at its limit of {_shown(joint, limit)}"
 
     def _limits(self, bound: Bound) -> str:
         limits = self.mechanism.actuator(bound.name).limits or ()
-        return f"{' .. '.join(f'{v:.3g}' for v in limits)} {self._unit(bound)}"
+        span = " .. ".join(f"{v:.3g}" for v in limits)
+        return f"{span} {self._unit(bound)}"
 
     def _unit(self, bound: Bound) -> str:
         return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
 
     def _stopped(self, number: int, value: float, dragged: Dragged) -> str:
         """Return a text that states why a joint did not reach a value in m or rad."""
-        joint, (low, high) = self.joints[number], self.mechanism.limits[number]
+        joint = self.joints[number]
+        low, high = self.mechanism.limits[number]
+        within_limits = low <= value <= high
         q = self.assembly.q.copy()
         q[number] = value
-        reasons = [] if low <= value <= high else [_beyond(joint, value, low, high)]
-        for bound in (b for b in self.solver.bounds if b.kind == "gap" and b.slack(q) < -1e-9):
+        reasons = []
+        if not within_limits:
+            reasons.append(_beyond(joint, value, low, high))
+        names = [j.name for j in self.joints]
+        for bound in self.solver.bounds:
+            if bound.kind != "gap" or bound.slack(q) >= -1e-9:
+                continue
             lower, upper = bound.name.split()
-            if joint.name in (lower, upper):
-                other, side = (upper, "below") if joint.name == lower else (lower, "above")
-                at = _shown(joint, float(q[[j.name for j in self.joints].index(other)]))
-                least = f"at least {bound.least / MM:.3f} mm {side} {other} = {at} ({self._rail(lower, upper)})"
-                reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least}")
-        reasons += [self._bound(b) for b in dragged.stops if isinstance(b, PassiveLimit) or b.kind == "motor"]
-        at = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
+            if joint.name == lower:
+                other = upper
+                side = "below"
+            elif joint.name == upper:
+                other = lower
+                side = "above"
+            else:
+                continue
+            position = _shown(joint, float(q[names.index(other)]))
+            least = f"at least {bound.least / MM:.3f} mm {side} {other} = {position} ({self._rail(lower, upper)})"
+            reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least}")
+        for stop in dragged.stops:
+            if isinstance(stop, PassiveLimit) or stop.kind == "motor":
+                reasons.append(self._bound(stop))
+        stopped = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
         if dragged.singular:
-            reasons.append(f"{at}: {_ended(dragged.singular)}")
-        elif len(reasons) != 1 or low <= value <= high:
-            reasons.append(at)
+            reasons.append(f"{stopped}: {_ended(dragged.singular)}")
+        elif len(reasons) != 1 or within_limits:
+            # a single reason that names the joint's own limit also says where it stops
+            reasons.append(stopped)
         return "; ".join(reasons)
 
     def _rail(self, lower: str, upper: str) -> str:
-        return " and ".join(self.mechanism.joint(n).child for n in (lower, upper)) + " share a rail"
+        return f"{self.mechanism.joint(lower).child} and {self.mechanism.joint(upper).child} share a rail"
 
     def _try(self, go: Callable[[], Assembly], asked: Array | None = None) -> MoveResult:
         with self.lock:
@@ -372,11 +435,12 @@ class Desk:
             try:
                 if asked is not None and not spatial.is_pose(asked, 1e-6):
                     raise KinematicsError("the requested pose is not rigid")
-                found = go()
+                assembly = go()
             except (KinematicsError, AssemblyError) as error:
                 self.moved = MoveResult(False, str(error), time.perf_counter() - start)
             else:
-                self.assembly, self.asked = found, asked
+                self.assembly = assembly
+                self.asked = asked
                 self.moved = MoveResult(True, "", time.perf_counter() - start)
             return self.moved
 
@@ -384,7 +448,9 @@ class Desk:
 def _first(model: ReferenceModel) -> Assembly:
     """Return the state at the home posture."""
     home = model.mechanism.home
-    return model.home() if home is None else model.solve(home)
+    if home is None:
+        return model.home()
+    return model.solve(home)
 
 
 def _solver(robot: Robot, model: ReferenceModel) -> DragSolver:
@@ -397,6 +463,20 @@ def _equations(robot: Robot) -> Kinematics | None:
     return robot.kinematics()
 
 
+def _changes(values: Mapping[str, _Value], published: Mapping[str, _Value]) -> dict[str, _Value]:
+    """Return the values that differ from the published ones."""
+    changes = {}
+    for name, value in values.items():
+        if value != published.get(name):
+            changes[name] = value
+    return changes
+
+
+def _excess(joint: Joint, assembly: Assembly) -> float:
+    """Return by how much a passive joint is beyond its limits, in rad or m; negative within the limits."""
+    return float(joint.beyond(assembly.link_poses[joint.parent], assembly.link_poses[joint.child]))
+
+
 def _ended(singular: str) -> str:
     """Return a text on the singularity that stopped the motion."""
     if singular == "tool":
@@ -405,7 +485,9 @@ def _ended(singular: str) -> str:
 
 
 def _shown(joint: Joint, value: float) -> str:
-    return f"{value / DEG:.3f}°" if joint.is_angle or joint.cone is not None else f"{value / MM:.3f} mm"
+    if joint.is_angle or joint.cone is not None:
+        return f"{value / DEG:.3f}°"
+    return f"{value / MM:.3f} mm"
 
 
 def _range(joint: Joint) -> str:

@@ -19,6 +19,9 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
 
+_WITH_QUATERNION = ("spherical", "free")
+"""Types of passive joints whose state ends with a quaternion: w, x, y, z in the compiled equations."""
+
 SECONDS = 0.014
 """Processor time in s after which a drag step stops; the next call continues."""
 
@@ -27,11 +30,13 @@ class DragSolver:
     """Solver that moves a mechanism; the loop equations are compiled at the first move, or earlier by `prepare`.
 
     Attributes:
-        gaps: (lower joint, upper joint, minimum distance in m) of joints on a common rail.
+        bounds: limits of joints, of motors, and of the distances of joints on a common rail.
     """
 
     def __init__(self, mechanism: Mechanism, model: ReferenceModel, gaps: Sequence[tuple[str, str, float]]) -> None:
-        self.mechanism, self.model, self.gaps = mechanism, model, tuple(gaps)
+        """Create the solver; `gaps`: (lower joint, upper joint, minimum distance in m) of joints on a common rail."""
+        self.mechanism = mechanism
+        self.model = model
         self.bounds = bounds_of(mechanism, gaps)
         self._last: tuple[Assembly, str, Array, Grip] | None = None
 
@@ -47,7 +52,8 @@ class DragSolver:
     def prepare(self) -> None:
         """Compile the loop equations, so that the first drag does not wait; only the first drag raises an error."""
         with contextlib.suppress(AssemblyError, MechanismError):
-            dragger, home = self.dragger, self.model.home()
+            dragger = self.dragger
+            home = self.model.home()
             u = self._unknowns(home)
             dragger.joints(home.q, u, home.q)
             for body in self.mechanism.bodies:
@@ -60,15 +66,18 @@ class DragSolver:
         assembly and the result of the compiled equations. The path starts at the last target if nothing else has moved
         the robot since the last drag, otherwise at the present position of the point.
         """
-        last, p_body = self._last, np.asarray(p_body, float)
-        if last is not None and last[0] is now and last[1] == body and np.array_equal(last[2], p_body):
-            grip = last[3]
-        else:
+        p_body = np.asarray(p_body, float)
+        grip = None
+        if self._last is not None:
+            last_assembly, last_body, last_point, last_grip = self._last
+            if last_assembly is now and last_body == body and np.array_equal(last_point, p_body):
+                grip = last_grip
+        if grip is None:
             grip = self.dragger.take(now.q, self._unknowns(now), body, p_body)
         dragged = grip.to(target, SECONDS)
-        found = self._closed(now, dragged)
-        self._last = (found, body, p_body, grip)
-        return found, dragged
+        assembly = self._closed(now, dragged)
+        self._last = (assembly, body, p_body, grip)
+        return assembly, dragged
 
     def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Dragged]:
         """Move the active joints towards q (n,) in m or rad; return (new assembly, result), as `point` does."""
@@ -80,41 +89,46 @@ class DragSolver:
 
         The initial guesses are the home state, the present state, and the present state dragged to q.
         """
-        dragger, out = self.dragger, []
+        dragger = self.dragger
+        poses = []
         with contextlib.suppress(AssemblyError, MechanismError):
-            out.append(dragger.solver.forward(q))
-        here = self._unknowns(now)
-        for seed in (here, dragger.joints(now.q, here, q, SECONDS).u):
-            found = dragger.solver.close(q, seed)
-            if found is not None:
-                out.append(dragger.solver.pose(q, found))
-        return out
+            poses.append(dragger.solver.forward(q))
+        u_now = self._unknowns(now)
+        u_dragged = dragger.joints(now.q, u_now, q, SECONDS).u
+        for guess in (u_now, u_dragged):
+            u = dragger.solver.close(q, guess)
+            if u is not None:
+                poses.append(dragger.solver.pose(q, u))
+        return poses
 
     def _closed(self, now: Assembly, dragged: Dragged) -> Assembly:
         """Return the assembly of the independent model, solved with the compiled result as initial guess."""
         if np.array_equal(dragged.q, now.q):
             return now
-        x, tree, at = now.x.copy(), self.model.tree, 0
+        x = now.x.copy()
+        tree = self.model.tree
         for joint, value in zip(self.mechanism.active, dragged.q, strict=True):
             x[tree.configuration[joint.name]] = value
+        first = 0
         for passive in self.dragger.solver.equations.passive:
-            state = dragged.u[at : at + passive.state.numel()]
-            at += len(state)
-            if passive.joint.type in ("spherical", "free"):
+            state = dragged.u[first : first + passive.state.numel()]
+            first += len(state)
+            if passive.joint.type in _WITH_QUATERNION:
                 state = np.append(state[:-4], np.roll(state[-4:], -1))  # Pinocchio stores quaternions as x, y, z, w
-            x[self._places(passive.name, len(state))] = state
+            x[self._coordinates(passive.name, len(state))] = state
         return self.model.solve(dragged.q, replace(now, x=x))
 
     def _unknowns(self, now: Assembly) -> Array:
         parts = []
         for passive in self.dragger.solver.equations.passive:
-            state = now.x[self._places(passive.name, passive.state.numel())]
-            if passive.joint.type in ("spherical", "free"):
+            state = now.x[self._coordinates(passive.name, passive.state.numel())]
+            if passive.joint.type in _WITH_QUATERNION:
                 state = np.append(state[:-4], np.roll(state[-4:], 1))
             parts.append(state)
+        # without passive joints, concatenate would refuse an empty list
         return np.concatenate([*parts, []])
 
-    def _places(self, joint: str, count: int) -> slice:
+    def _coordinates(self, joint: str, count: int) -> slice:
         """Return the indices in x of a joint's last `count` coordinates; a cylindrical joint has its slide first."""
         tree = self.model.tree
         model = tree.model.joints[tree.joint_id[joint]]

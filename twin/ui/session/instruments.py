@@ -47,7 +47,9 @@ class Limit:
     def part(self) -> float | None:
         """Position of the value between the lower limit (0) and the upper limit (1); None without limits."""
         width = self.high - self.low
-        return float((self.value - self.low) / width) if np.isfinite(width) and width > 0 else None
+        if not np.isfinite(width) or width <= 0:
+            return None
+        return float((self.value - self.low) / width)
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,10 @@ class RobotReading:
     @property
     def depth(self) -> float | None:
         """Insertion depth in m: distance from the trocar to the tip of the instrument; None without a trocar."""
-        return next((t.depth for t in self.trocars if t.depth is not None), None)
+        for trocar in self.trocars:
+            if trocar.depth is not None:
+                return trocar.depth
+        return None
 
     @property
     def rcm_error(self) -> float | None:
@@ -110,48 +115,45 @@ class RobotReading:
 def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
     """Return the readings at the desk's state; without trocars, `rcm` (3,) is the RCM in m in the base frame."""
     with desk.lock:
-        kin, now, T = desk.kin, desk.assembly, desk.assembly.T_base_tool
-        asked, joints = desk.asked, desk.joints
+        kin = desk.kin
+        now = desk.assembly
+        asked = desk.asked
+        joints = desk.joints
+        # a move that continues has not failed
         reason = "" if desk.moved.more else desk.moved.reason
         trocars = in_trocars(desk, rcm)
+    T = now.T_base_tool
     limits = []
     for joint, value in zip(joints, now.q, strict=True):
-        unit, scale = ("°", DEG) if joint.is_angle else ("mm", MM)
+        scale, unit = _display(joint.is_angle)
         low, high = joint.limits or (-np.inf, np.inf)
         limits.append(Limit(joint.name, float(value) / scale, unit, low / scale, high / scale))
     if kin is None:
-        p, R = T[:3, 3], T[:3, :3]
-        turn = spatial.log_so3(R)
-        rows = [*zip("xyz", p / MM, ("mm",) * 3, strict=True)]
-        rows += [*zip(("rx", "ry", "rz"), turn / DEG, ("°",) * 3, strict=True)]
-        coordinates = tuple((n, float(v), u) for n, v, u in rows)
+        coordinates = _pose_coordinates(T)
         return RobotReading(coordinates, tuple(limits), now.worst_gap, trocars=trocars, reason=reason)
-    values = kin.program.coordinates_of_pose.one(T.ravel())
-    coordinates = tuple(
-        (name, float(v) / (MM if unit == "m" else DEG), "mm" if unit == "m" else "°")
-        for name, unit, v in zip(kin.formula.coordinates.names, kin.formula.coordinates.units, values, strict=True)
-    )
-    where = {"Ts": T[None]} if kin.closed_inverse else {"qs": now.q[None]}
-    measures = kin.singularity(**where)
-    singular = tuple((m.name, m.kind, abs(float(measures[m.name][0])) / m.alarm) for m in kin.formula.measures)
-    try:
-        condition = kin.condition(**({"T": T} if kin.closed_inverse else {"q": now.q}))
-    except (KinematicsError, np.linalg.LinAlgError):
-        condition = float("inf")
-    points = {n: p[0] for n, p in kin.points_many(**where).items()}
-    actual = {n: now.points[n] for n in points if n in now.points}
-    if desk.model.redundant:  # a redundant arm has no unique posture for a tool pose, so points cannot be compared
-        points = actual = {}
+    if kin.closed_inverse:
+        states = {"Ts": T[None]}
+    else:
+        states = {"qs": now.q[None]}
+    points = {}
+    actual = {}
+    # a redundant arm has no unique posture for a tool pose, so points cannot be compared
+    if not desk.model.redundant:
+        for name, positions in kin.points_many(**states).items():
+            points[name] = positions[0]
+            if name in now.points:
+                actual[name] = now.points[name]
     residual, scope = _residual(desk, now, points, actual, asked)
     if scope:
-        points = actual = {}
+        points = {}
+        actual = {}
     return RobotReading(
-        coordinates,
+        _formula_coordinates(kin, T),
         tuple(limits),
         now.worst_gap,
-        str(kin.branch(**where)[0]),
-        condition,
-        tuple(sorted(singular, key=lambda s: s[2])),
+        str(kin.branch(**states)[0]),
+        _condition(kin, T, now.q),
+        _singularities(kin, states),
         trocars,
         residual,
         scope,
@@ -159,6 +161,56 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
         actual,
         reason,
     )
+
+
+def _display(is_angle: bool) -> tuple[float, str]:
+    """Return the displayed unit of a length or an angle: its size in m or rad, and its sign."""
+    if is_angle:
+        return DEG, "°"
+    return MM, "mm"
+
+
+def _pose_coordinates(T: Array) -> tuple[tuple[str, float, str], ...]:
+    """Return (name, value, unit) of position and rotation vector of a pose (4, 4)."""
+    coordinates = []
+    for name, length in zip("xyz", T[:3, 3] / MM, strict=True):
+        coordinates.append((name, float(length), "mm"))
+    rotation = spatial.log_so3(T[:3, :3])
+    for name, angle in zip(("rx", "ry", "rz"), rotation / DEG, strict=True):
+        coordinates.append((name, float(angle), "°"))
+    return tuple(coordinates)
+
+
+def _formula_coordinates(kin: Kinematics, T: Array) -> tuple[tuple[str, float, str], ...]:
+    """Return (name, value, unit) of a tool pose (4, 4) in the convention of the equations."""
+    convention = kin.formula.coordinates
+    values = kin.program.coordinates_of_pose.one(T.ravel())
+    coordinates = []
+    for name, unit, value in zip(convention.names, convention.units, values, strict=True):
+        scale, sign = _display(unit != "m")
+        coordinates.append((name, float(value) / scale, sign))
+    return tuple(coordinates)
+
+
+def _condition(kin: Kinematics, T: Array, q: Array) -> float:
+    """Return the condition number of the Jacobian at tool pose T (4, 4) or joints q (n,); infinite at a singularity."""
+    try:
+        if kin.closed_inverse:
+            return kin.condition(T=T)
+        return kin.condition(q=q)
+    except (KinematicsError, np.linalg.LinAlgError):
+        return float("inf")
+
+
+def _singularities(kin: Kinematics, states: dict[str, Array]) -> tuple[tuple[str, str, float], ...]:
+    """Return (name, kind, ratio to the alarm value) of each singularity measure, the smallest ratio first."""
+    values = kin.singularity(**states)
+    ratios = []
+    for measure in kin.formula.measures:
+        ratio = abs(float(values[measure.name][0])) / measure.alarm
+        ratios.append((measure.name, measure.kind, ratio))
+    ratios.sort(key=lambda item: item[2])
+    return tuple(ratios)
 
 
 def _residual(
@@ -172,34 +224,38 @@ def _residual(
     equations are for the assembly mode of the home state: from the home tool pose, the equations must compute the home
     joint values.
     """
-    kin, q, T = desk.kin, now.q, now.T_base_tool
+    kin = desk.kin
+    q = now.q
+    T = now.T_base_tool
     assert kin is not None
     of_pose: list[EquationError] = []
     if asked is not None:
-        of_pose.append(EquationError(float(np.linalg.norm(asked[:3, 3] - T[:3, 3])), "tool"))
-        of_pose.append(EquationError(float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3])), "tool rotation", True))
-    found = [
-        EquationError(float(np.linalg.norm(points[n] - p)), f"point {n}")
-        for n, p in actual.items()
-        if np.isfinite(points[n]).all()
-    ]
+        distance = float(np.linalg.norm(asked[:3, 3] - T[:3, 3]))
+        angle = float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3]))
+        of_pose.append(EquationError(distance, "tool"))
+        of_pose.append(EquationError(angle, "tool rotation", True))
+    errors = []
+    for name, position in actual.items():
+        if np.isfinite(points[name]).all():
+            errors.append(EquationError(float(np.linalg.norm(points[name] - position)), f"point {name}"))
     if desk.model.redundant:
         if kin.closed_forward:
-            there = kin.forward(q)
-            found.append(EquationError(float(np.linalg.norm(there[:3, 3] - T[:3, 3])), "tool at these joints"))
-        return _largest(found + of_pose), ""
+            distance = float(np.linalg.norm(kin.forward(q)[:3, 3] - T[:3, 3]))
+            errors.append(EquationError(distance, "tool at these joints"))
+        return _largest(errors + of_pose), ""
     try:
-        theirs = kin.inverse(T, q)
+        q_equations = kin.inverse(T, q)
     except KinematicsError:
-        return _largest(found + of_pose), ""
-    found.append(_joints_apart(desk, theirs, q))
-    if _largest(found).size > AGREE and _agree_as_drawn(desk):
-        away = min((_poses_apart(A, T) for A in desk.solver.tools(now, theirs)), key=lambda r: r.size, default=None)
-        if away is not None and away.size <= AGREE:
-            return _largest([away, *of_pose]), OTHER
+        return _largest(errors + of_pose), ""
+    errors.append(_joint_error(desk, q_equations, q))
+    if _largest(errors).size > AGREE and _agree_as_drawn(desk):
+        tool_errors = [_pose_error(T_tool, T) for T_tool in desk.solver.tools(now, q_equations)]
+        nearest = min(tool_errors, key=lambda e: e.size, default=None)
+        if nearest is not None and nearest.size <= AGREE:
+            return _largest([nearest, *of_pose]), OTHER
         if not _has_value(kin, q):
             return _largest(of_pose), BEYOND
-    return _largest(found + of_pose), ""
+    return _largest(errors + of_pose), ""
 
 
 def _has_value(kin: Kinematics, q: Array) -> bool:
@@ -210,22 +266,30 @@ def _has_value(kin: Kinematics, q: Array) -> bool:
         return False
 
 
-def _largest(found: list[EquationError]) -> EquationError:
-    return max((f for f in found if np.isfinite(f.size)), key=lambda f: f.size, default=EquationError(0.0, ""))
+def _largest(errors: list[EquationError]) -> EquationError:
+    """Return the largest finite error; of equal errors the first."""
+    finite = [error for error in errors if np.isfinite(error.size)]
+    return max(finite, key=lambda e: e.size, default=EquationError(0.0, ""))
 
 
-def _joints_apart(desk: Desk, theirs: Array, q: Array) -> EquationError:
-    """Return the largest difference between the joint values `theirs` (n,) and q (n,); angles modulo full turns."""
-    angle = np.array([j.is_angle for j in desk.joints], bool)
-    apart = np.where(angle, (theirs - q + np.pi) % (2 * np.pi) - np.pi, theirs - q)
-    k = int(np.argmax(np.abs(apart)))
-    return EquationError(float(abs(apart[k])), f"joint {desk.joints[k].name}", bool(angle[k]))
+def _joint_error(desk: Desk, q_equations: Array, q: Array) -> EquationError:
+    """Return the largest difference between joint values q_equations (n,) and q (n,); angles modulo full turns."""
+    is_angle = np.array([j.is_angle for j in desk.joints], bool)
+    difference = q_equations - q
+    wrapped = (difference + np.pi) % (2 * np.pi) - np.pi
+    difference = np.where(is_angle, wrapped, difference)
+    k = int(np.argmax(np.abs(difference)))
+    return EquationError(float(abs(difference[k])), f"joint {desk.joints[k].name}", bool(is_angle[k]))
 
 
-def _poses_apart(A: Array, B: Array) -> EquationError:
-    way, turn = float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
+def _pose_error(A: Array, B: Array) -> EquationError:
+    """Return the larger of distance in m and angle in rad between two poses (4, 4)."""
+    distance = float(np.linalg.norm(A[:3, 3] - B[:3, 3]))
+    angle = float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
     what = "tool at the equations' joints"
-    return EquationError(turn, what, True) if turn > way else EquationError(way, what)
+    if angle > distance:
+        return EquationError(angle, what, True)
+    return EquationError(distance, what)
 
 
 def _agree_as_drawn(desk: Desk) -> bool:
@@ -233,6 +297,7 @@ def _agree_as_drawn(desk: Desk) -> bool:
     home = desk.model.home()
     assert desk.kin is not None
     try:
-        return _joints_apart(desk, desk.kin.inverse(home.T_base_tool, home.q), home.q).size <= AGREE
+        q_equations = desk.kin.inverse(home.T_base_tool, home.q)
     except KinematicsError:
         return False
+    return _joint_error(desk, q_equations, home.q).size <= AGREE

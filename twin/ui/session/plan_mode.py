@@ -34,8 +34,11 @@ from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMoti
 
 Phase = Literal["off", "aim", "plan", "preview", "run"]
 
-_SPEED, _TURN = 60 * MM, 45 * DEG
-"""Largest speeds of a tool in m/s and rad/s in a planned motion (ASSUMED: well below the limits of the joints)."""
+_SPEED = 60 * MM
+"""Largest speed of a tool in m/s in a planned motion (ASSUMED: well below the limits of the joints)."""
+
+_TURN = 45 * DEG
+"""Largest angular speed of a tool in rad/s in a planned motion (ASSUMED: well below the limits of the joints)."""
 
 _SHARE = 0.75
 """Speed limits of a plan for a machine as a fraction of the trainer's limits; packets then follow the plan closely."""
@@ -49,12 +52,12 @@ _SAID = 6.0
 _SAME = 1e-4
 """The arm is at the target if the values of each joint at arm and target differ by less than this, in rad or m."""
 
-_NEAR = 0.1 * MM, 0.1 * DEG
+_NEAR = (0.1 * MM, 0.1 * DEG)
 """Largest motion of the target in m and rad that the ghost does not follow. Such a motion is too small to be seen, and
 smaller than an arm's deviation at the end of a motion. A trembling hand thus counts as at rest: the target is tested,
 and a plan to the target is computed, only once."""
 
-_AWAY = 1 * MM, 1 * DEG
+_AWAY = (1 * MM, 1 * DEG)
 """Motion of the target in m and rad after which an error is no longer shown (ASSUMED)."""
 
 _REST = 0.15
@@ -105,28 +108,44 @@ class PlanMode:
     def __init__(self, scene: Scene, members: Mapping[str, Member], world: Callable[[], World]) -> None:
         """Create planning mode, switched off, for the arms of a scene with a console; `world` returns the World."""
         assert scene.console is not None
-        self._scene, self._members, self._world = scene, members, world
-        self._table, self._machines = scene.console, set(scene.trainer.robots) if scene.trainer else set()
+        self._scene = scene
+        self._members = members
+        self._world = world
+        self._table = scene.console
+        self._machines: set[str] = set()
+        if scene.trainer is not None:
+            self._machines.update(scene.trainer.robots)
         self._stream: Stream[Any] = Stream(work, nice=0)  # the user waits for it
-        arms = {n: PlannedArm(members[n].kin, n in self._machines) for n in (*self._table.right, *self._table.left)}
+        arms = {}
+        for name in (*self._table.right, *self._table.left):
+            arms[name] = PlannedArm(members[name].kin, name in self._machines)
         self.plans = Plans(PEDALS, arms)
-        self._numbers, self._room = itertools.count(1), None
-        self._stands: dict[str, Array] = {}
-        self.changes, self._told = 0, 0.0
+        self._numbers = itertools.count(1)
+        self._room: Room | None = None
+        self._q_others: dict[str, Array] = {}
+        self.changes = 0
+        self._message_time = 0.0
         self._clear()
 
     def _clear(self) -> None:
         self.phase: Phase = "off"
-        self.hand = self.robot = self.said = self.blocked = ""
-        self.bad, self.done, self.ready = False, 0.0, False
+        self.hand = ""
+        self.robot = ""
+        self.said = ""
+        self.blocked = ""
+        self.bad = False
+        self.done = 0.0
+        self.ready = False
         self.preview: Preview | None = None
         self.ghost: Mapping[str, Array] = {}
-        self._q = self._start = self._seen = np.zeros(0)
+        self._q = np.zeros(0)  # joint values of the target
+        self._start = np.zeros(0)  # joint values at the start of the plan
+        self._target = np.zeros(0)  # pose of the target; empty before the first
         self._checks = False
         self._tested: Array | None = None
         self._ahead: _Ahead | None = None
-        self._error: tuple[Array, str] | None = None
-        self._moved = 0.0
+        self._error: tuple[Array, str] | None = None  # pose of the target, and message
+        self._rest_began = 0.0
         self.changes += 1
 
     # -- requests -------------------------------------------------------------------------------------
@@ -144,17 +163,25 @@ class PlanMode:
                 f"{robot} is kept in its port by software, which the planner does not model: move it directly with the "
                 "hands of the console"
             )
-        if robot in self._machines and (p := self._world().signals[f"{robot}.phase"][0]) > TrainerPhase.REHEARSE:
-            name = TrainerPhase(int(p)).name.lower()
-            raise TwinError(f"the trainer of {robot} is in '{name}': choose Engage or Rehearse, then plan")
+        if robot in self._machines:
+            phase = TrainerPhase(int(self._world().signals[f"{robot}.phase"][0]))
+            if phase > TrainerPhase.REHEARSE:
+                name = phase.name.lower()
+                raise TwinError(f"the trainer of {robot} is in '{name}': choose Engage or Rehearse, then plan")
         self._stream.cancel()
-        self._checks, self._ahead = False, None
-        again = self.phase != "off"
-        if not again:
+        self._checks = False
+        self._ahead = None
+        if self.phase == "off":
             self._clear()
-            self.hand, self.robot, self._q = hand, robot, self._at(robot)
+            self.hand = hand
+            self.robot = robot
+            self._q = self._q_of(robot)
             self.ghost = self._links(self._q)
-        self.phase, self.preview, self.said, self.bad, self._tested = "aim", None, "", False, None
+        self.phase = "aim"
+        self.preview = None
+        self.said = ""
+        self.bad = False
+        self._tested = None
         self._error = None
         self.plans.aim(robot)
         self._enter()
@@ -175,12 +202,18 @@ class PlanMode:
         """
         if self.phase != "aim":
             raise TwinError("there is no target yet: press Plan, and move the target")
-        start = self._at(self.robot)
+        start = self._q_of(self.robot)
         if np.abs(self._q - start).max() < _SAME:
             raise TwinError(f"the target is where {self.robot} is: move the target away first")
         self._enter()
-        ahead, self._ahead, self._error = self._ahead, None, None
-        self._start, self.phase, self.done, self.said, self.bad = start, "plan", 0.0, "", False
+        ahead = self._ahead
+        self._ahead = None
+        self._error = None
+        self._start = start
+        self.phase = "plan"
+        self.done = 0.0
+        self.said = ""
+        self.bad = False
         self.plans.hold()
         self._checks = False
         self.changes += 1
@@ -201,28 +234,34 @@ class PlanMode:
         """
         if self.phase != "preview" or self.preview is None:
             raise TwinError("there is no plan to accept: press Plan, and move the target")
-        moved = {n: self._world().signals[f"{n}.q"] - q for n, q in self._stands.items()}
-        moved[self.robot] = self._at(self.robot) - self._start
-        for name, by in moved.items():
-            k = int(np.argmax(np.abs(by)))
-            if abs(by[k]) > _MOVED:
+        signals = self._world().signals
+        motions = {}
+        for name, q in self._q_others.items():
+            motions[name] = np.abs(signals[f"{name}.q"] - q)
+        motions[self.robot] = np.abs(self._q_of(self.robot) - self._start)
+        for name, motion in motions.items():
+            k = int(np.argmax(motion))
+            if motion[k] > _MOVED:
                 joint = self._members[name].mechanism.active[k]
                 text, unit = display_unit(joint.is_angle)
                 raise TwinError(
-                    f"{name} has moved since the plan: {joint.name} by {abs(by[k]) / unit:.2g} {text} "
+                    f"{name} has moved since the plan: {joint.name} by {motion[k] / unit:.2g} {text} "
                     f"(limit {_MOVED / unit:.2g} {text}); plan again"
                 )
-        self.phase, self.done, self.said, self.bad = "run", 0.0, "", False
+        self.phase = "run"
+        self.done = 0.0
+        self.said = ""
+        self.bad = False
         self.plans.run(self.preview.found.Ts)
         self.changes += 1
 
     def cancel(self, why: str = "") -> None:
         """End planning mode in any phase: the arm stays where it is, and the hands move the arms again."""
-        was = self.phase
-        if was == "off":
+        if self.phase == "off":
             return
+        moves = self.phase == "run"
         self.reset(why)
-        if was == "run" or why:
+        if moves or why:
             self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
 
     def reset(self, why: str = "") -> None:
@@ -258,7 +297,8 @@ class PlanMode:
         pieces, end = self._stream.poll()
         if self._ahead is not None:
             self._ahead.pieces += pieces
-            self._ahead.end = self._ahead.end if end is None else end
+            if end is not None:
+                self._ahead.end = end
         else:
             for piece in pieces:
                 self._take(piece)
@@ -266,11 +306,11 @@ class PlanMode:
                 self._ended(end)
         if self.phase == "aim":
             if arm != self.robot:
-                return self.cancel(f"The clutch has chosen {arm}: planning of {self.robot} was cancelled.")
-            self._follow()
+                self.cancel(f"The clutch has chosen {arm}: planning of {self.robot} was cancelled.")
+            else:
+                self._follow()
         elif self.phase == "run":
             self._watch()
-        return None
 
     def _take(self, piece: Any) -> None:
         if isinstance(piece, float):
@@ -278,7 +318,9 @@ class PlanMode:
         elif isinstance(piece, CheckedTarget):
             self.blocked = piece.why
         elif isinstance(piece, PlannedMotion):
-            self.preview, self.phase, self.done = Preview(piece), "preview", 1.0
+            self.preview = Preview(piece)
+            self.phase = "preview"
+            self.done = 1.0
             self.changes += 1
         elif self.preview is not None and isinstance(piece, Clear):
             self.preview.clear.append(piece)
@@ -294,10 +336,12 @@ class PlanMode:
             self.ready = True
             return
         planned = self.phase == "plan"
-        self.said, self.bad = f"No plan: {error}" if planned else error, True
-        self._error = self._seen, self.said
+        self.said = f"No plan: {error}" if planned else error
+        self.bad = True
+        self._error = (self._target, self.said)
         if planned:
-            self.phase, self._tested = "aim", self._q
+            self.phase = "aim"
+            self._tested = self._q
             self.plans.aim(self.robot)
             self._load()
             self.changes += 1
@@ -305,33 +349,46 @@ class PlanMode:
     def _follow(self) -> None:
         """Move the ghost to the target. Test a new target; if the target is at rest and free, begin the search."""
         target = self._world().signals[f"{self.robot}.target"][1:].reshape(4, 4)
-        if self.plans.state != OFF and not _near(target, self._seen, *_NEAR):
-            first = not len(self._seen)
-            self._seen = target
-            why = self._reach(self._members[self.robot], target)
-            if self._error is not None and not _near(target, self._error[0], *_AWAY):
-                self._error = None
-            if self._error is not None and not why:
-                self.said, self.bad = self._error[1], True
-            elif not first:
-                self.said, self.bad = why, False
-            self.changes += 1
+        if self.plans.state != OFF and not _near(target, self._target, *_NEAR):
+            self._move_ghost(target)
         if not self.ready or self._checks:
             return
         now = self._world().t
         if self._tested is None or not np.array_equal(self._tested, self._q):
-            self._tested, self._checks, self._moved, self._ahead = self._q, True, now, None
+            self._tested = self._q
+            self._checks = True
+            self._rest_began = now
+            self._ahead = None
             self._stream.start(TargetCheck(self._require_room(), self._q))
-        elif self._ahead is None and self._error is None and not self.blocked and now - self._moved > _REST:
-            start = self._at(self.robot)
+            return
+        if self._ahead is not None or self._error is not None or self.blocked:
+            return
+        if now - self._rest_began > _REST:
+            start = self._q_of(self.robot)
             if np.abs(self._q - start).max() >= _SAME:
                 self._ahead = _Ahead(self._plan(start))
                 self._stream.start(self._ahead.job)
 
+    def _move_ghost(self, target: Array) -> None:
+        """Move the ghost to a new pose (4, 4) of the target, and set the message about this pose."""
+        first = not len(self._target)
+        self._target = target
+        why = self._reach(self._members[self.robot], target)
+        if self._error is not None and not _near(target, self._error[0], *_AWAY):
+            self._error = None
+        if self._error is not None and not why:
+            self.said = self._error[1]
+            self.bad = True
+        elif not first:
+            self.said = why
+            self.bad = False
+        self.changes += 1
+
     def _serves(self, job: PlanJob, start: Array) -> bool:
         """Return whether a job plans from start (n,) to the present target, in the present surroundings of the arm."""
-        goes = np.array_equal(job.goal, self._q) and np.abs(job.start - start).max() <= _MOVED
-        return job.room is self._room and bool(goes)
+        if job.room is not self._room or not np.array_equal(job.goal, self._q):
+            return False
+        return bool(np.abs(job.start - start).max() <= _MOVED)
 
     def _plan(self, start: Array) -> PlanJob:
         """Return the job that plans a motion from start (n,) to the target."""
@@ -339,18 +396,20 @@ class PlanMode:
 
     def _reach(self, member: Member, T: Array) -> str:
         """Move the ghost to a pose (4, 4) in the base frame; return why this is not possible, "" if it is possible."""
-        kin, mechanism, last = member.kin, member.mechanism, self._q
+        kin = member.kin
+        last = self._q
         stays = "; the ghost stays at the last pose within reach"
         try:
             q = np.array(kin.inverse(T, last), float)
+            # full turns are removed, so that the arm does not turn once around
             q[kin.revolute] -= 2 * np.pi * np.rint((q - last)[kin.revolute] / (2 * np.pi))
             q[kin.auxiliary] = last[kin.auxiliary]
-            for joint, x in zip(mechanism.active, q, strict=True):
+            for joint, value in zip(member.mechanism.active, q, strict=True):
                 low, high = joint.limits or (-np.inf, np.inf)
-                if not low <= x <= high:
+                if not low <= value <= high:
                     text, unit = display_unit(joint.is_angle)
-                    within = f"{low / unit:.4g} to {high / unit:.4g} {text}"
-                    return f"The target needs {joint.name} = {x / unit:.4g} {text} (limits {within}){stays}"
+                    limits = f"{low / unit:.4g} to {high / unit:.4g} {text}"
+                    return f"The target needs {joint.name} = {value / unit:.4g} {text} (limits {limits}){stays}"
             self.ghost = self._links(q)
         except TwinError as error:  # out of reach, or the loops cannot be closed
             return f"{error}{stays}"
@@ -367,34 +426,55 @@ class PlanMode:
         self.done = self.plans.fraction
         if self.plans.state != OFF:
             return
-        robot, off, arrived, why = self.robot, self.plans.off, self.plans.arrived, self.plans.why
+        robot = self.robot
         self._stream.cancel()
         self._clear()
-        there = f"{robot} has arrived; its tip was at most {off / MM:.2f} mm from its path."
-        self._tell(there if arrived else why, not arrived)
+        if self.plans.arrived:
+            deviation = self.plans.off / MM
+            self._tell(f"{robot} has arrived; its tip was at most {deviation:.2f} mm from its path.", False)
+        else:
+            self._tell(self.plans.why, True)
 
     def _tell(self, text: str, bad: bool) -> None:
         """Set the message on how planning mode has ended."""
-        self.said, self.bad, self._told = text, bad, self._world().t
+        self.said = text
+        self.bad = bad
+        self._message_time = self._world().t
 
     # -- what surrounds the arm -----------------------------------------------------------------------
 
-    def _at(self, robot: str) -> Array:
-        """Return the present joint values (n,) of an arm."""
+    def _q_of(self, robot: str) -> Array:
+        """Return the present joint values (n,) of an arm, as measured if it has encoders."""
         signals = self._world().signals
-        return signals[f"{robot}.encoder" if f"{robot}.encoder" in signals else f"{robot}.q"]
+        encoder = f"{robot}.encoder"
+        if encoder in signals:
+            return signals[encoder]
+        return signals[f"{robot}.q"]
 
     def _enter(self) -> None:
         """Store the joints of the other robots; if a robot has moved since the last plan, load the geometry again."""
-        signals, names = self._world().signals, [p.name for p in self._scene.places if p.name != self.robot]
-        others = {n: signals[f"{n}.q"] for n in names if f"{n}.q" in signals}
-        same = self._room is not None and self._room.robot == self.robot and others.keys() == self._stands.keys()
-        if same and all(np.abs(q - self._stands[n]).max() <= _MOVED for n, q in others.items()):
+        signals = self._world().signals
+        q_others = {}
+        for place in self._scene.places:
+            if place.name != self.robot and f"{place.name}.q" in signals:
+                q_others[place.name] = signals[f"{place.name}.q"]
+        if self._is_loaded_for(q_others):
             return
-        self._stands = others
+        self._q_others = q_others
         links = self._world().link_poses()
-        poses = {n: dict(links[n]) for n in others}
-        self._room, self.ready = Room(next(self._numbers), str(self._scene.file), self.robot, poses), False
+        poses = {name: dict(links[name]) for name in q_others}
+        self._room = Room(next(self._numbers), str(self._scene.file), self.robot, poses)
+        self.ready = False
+
+    def _is_loaded_for(self, q_others: Mapping[str, Array]) -> bool:
+        """Return whether the geometry is that of the present arm, with the other robots at joint values q_others."""
+        if self._room is None or self._room.robot != self.robot or q_others.keys() != self._q_others.keys():
+            return False
+        for name, q in q_others.items():
+            motion = np.abs(q - self._q_others[name]).max()
+            if motion > _MOVED:
+                return False
+        return True
 
     def _require_room(self) -> Room:
         assert self._room is not None
@@ -402,18 +482,23 @@ class PlanMode:
 
     def _limits(self) -> tuple[float, float]:
         """Return the largest speeds of the tool in a planned motion, in m/s and rad/s."""
-        if (t := self._scene.trainer) is None or self.robot not in self._machines:
+        trainer = self._scene.trainer
+        if trainer is None or self.robot not in self._machines:
             return _SPEED, _TURN
-        return min(_SPEED, _SHARE * t.speed_mm_s * MM), min(_TURN, _SHARE * t.turn_deg_s * DEG)
+        speed = min(_SPEED, _SHARE * trainer.speed_mm_s * MM)
+        turn = min(_TURN, _SHARE * trainer.turn_deg_s * DEG)
+        return speed, turn
 
     # -- state ----------------------------------------------------------------------------------------
 
     def state(self) -> JsonObject | None:
         """Return the state of planning mode as plain data for displays; None if there is nothing to show."""
-        if self.phase == "off" and (not self.said or self._world().t - self._told > _SAID):
+        if self.phase == "off" and (not self.said or self._world().t - self._message_time > _SAID):
             return None
-        out: JsonObject = {"phase": self.phase, "hand": self.hand, "robot": self.robot}
-        return out | {
+        return {
+            "phase": self.phase,
+            "hand": self.hand,
+            "robot": self.robot,
             "said": self.said,
             "bad": self.bad,
             "blocked": self.blocked,
@@ -426,5 +511,6 @@ def _near(T: Array, other: Array, length: float, angle: float) -> bool:
     """Return whether two poses (4, 4) are within a distance in m and an angle in rad; False if `other` is empty."""
     if not len(other):
         return False
-    apart = float(np.linalg.norm(T[:3, 3] - other[:3, 3]))
-    return apart <= length and float(spatial.rotation_angle(T[:3, :3] @ other[:3, :3].T)) <= angle
+    if np.linalg.norm(T[:3, 3] - other[:3, 3]) > length:
+        return False
+    return float(spatial.rotation_angle(T[:3, :3] @ other[:3, :3].T)) <= angle
