@@ -24,7 +24,7 @@ from twin.exchange.audit import audit
 from twin.model.scene import Place, load_scene
 from twin.planning import phase_path as paths
 from twin.planning.protocol import load_protocol
-from twin.simulation.scene_play import ShownRobot as Playing
+from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
 from twin.ui.headset.track import trocars as told
 from twin.ui.session.desk import Desk

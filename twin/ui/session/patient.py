@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, pi, sin
 from pathlib import Path
@@ -113,13 +114,15 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
         raise TwinError(f"protocol '{protocol.name}', patient {table.name}: {unknown('port', place.port, table.port)}")
     for link in place.replaces:
         robot.mechanism.body(link)
-    rcm, trocars = protocol.first_rcm, robot.mechanism.trocars
+    trocars = robot.mechanism.trocars
     if place.trocar and place.trocar in protocol.trocars:
         rcm = protocol.trocars[place.trocar]
     elif trocars:
         rcm = robot.mechanism.with_trocars(protocol.places_of(trocars)).trocar_at(place.trocar)
     elif place.trocar:
         raise TwinError(f"protocol '{protocol.name}', [patient]: {unknown('trocar', place.trocar, protocol.trocars)}")
+    else:
+        rcm = protocol.first_rcm
     if rcm is None:
         raise TwinError(
             f"protocol '{protocol.name}' has a patient but no RCM at which to place it: add an insertion, or remove "
@@ -128,13 +131,20 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
     port = table.port[place.port]
     R = spatial.rotation_z(place.turn)
     T = spatial.pose(R, rcm - R @ (np.array(port.position_mm) * MM))
-    meshes = tuple(_mesh(p, T, floor) for p in table.part if p.port in (None, place.port))
+    meshes = []
+    access = set()
+    for part in table.part:
+        # a part of another port is omitted
+        if part.port is None or part.port == place.port:
+            meshes.append(_mesh(part, T, floor))
+        if part.port == place.port:
+            access.add(part.name)
     return Patient(
         _fixed(table.name, meshes),
         np.asarray(rcm, float),
         0.5 * port.diameter_mm * MM,
         frozenset(port.opens),
-        frozenset(p.name for p in table.part if p.port == place.port),
+        frozenset(access),
         place.replaces,
         f"{table.title}, {table.provenance}: {table.note} Place, {place.provenance}: {place.note}",
     )
@@ -143,10 +153,17 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
 def none_there(robot: Robot, protocol: Protocol) -> str:
     """Return a text that states why a protocol has no patient, and which protocols of the robot have a patient."""
     why = protocol.no_patient or "its file has no section [patient]"
-    out = f"{protocol.name}: no patient: {why}"
-    names = [] if robot.files is None else [n for n in robot.files.protocols() if robot.protocol(n).patient is not None]
-    others = [n for n in names if n != protocol.name and n not in why]
-    return out.rstrip(".") + "." + (f" With a patient: {', '.join(others)}." if others else "")
+    text = f"{protocol.name}: no patient: {why}".rstrip(".") + "."
+    others = []
+    if robot.files is not None:
+        for name in robot.files.protocols():
+            # every protocol is read, so that a malformed one is reported
+            has_patient = robot.protocol(name).patient is not None
+            if has_patient and name != protocol.name and name not in why:
+                others.append(name)
+    if others:
+        text += f" With a patient: {', '.join(others)}."
+    return text
 
 
 def read_patient(path: Path) -> PatientFile:
@@ -173,39 +190,43 @@ def read_patient(path: Path) -> PatientFile:
 
 def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
     """Return the height in m, in the base frame, of the lowest point of a robot at link poses T_base_body."""
-    heights = [
-        float((v.vertices @ poses[b.name][2, :3]).min() + poses[b.name][2, 3])
-        for b in mechanism.bodies
-        for v in b.meshes
-        if len(v.vertices)
-    ]
+    heights = []
+    for body in mechanism.bodies:
+        T = poses[body.name]
+        for mesh in body.meshes:
+            if len(mesh.vertices):
+                heights.append(float((mesh.vertices @ T[2, :3]).min() + T[2, 3]))
     return round(min(heights, default=0.0), 6)
 
 
-def _fixed(name: str, meshes: tuple[Mesh, ...]) -> Mechanism:
+def _fixed(name: str, meshes: Sequence[Mesh]) -> Mechanism:
     """Return a mechanism with a body for each mesh; all bodies are fixed to the first body."""
-    base, *others = (Body(m.name, (m,)) for m in meshes)
-    joints = tuple(Joint(f"at_{b.name}", "fixed", base.name, b.name) for b in others)
-    return Mechanism(name, base.name, (base, *others), joints, (Frame("tool", base.name, np.eye(4)),))
+    bodies = tuple(Body(mesh.name, (mesh,)) for mesh in meshes)
+    base = bodies[0].name
+    joints = tuple(Joint(f"at_{body.name}", "fixed", base, body.name) for body in bodies[1:])
+    return Mechanism(name, base, bodies, joints, (Frame("tool", base, np.eye(4)),))
 
 
 def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
     """Return the mesh of a part in the base frame; `floor` is the height in m of the floor in this frame."""
-    x, y, z = (0.5 * s * MM for s in part.size_mm)
-    about_x, about_y = (
-        spatial.exp_so3([part.angles_deg[2] * DEG, 0, 0]),
-        spatial.exp_so3([0, part.angles_deg[1] * DEG, 0]),
-    )
-    R = spatial.rotation_z(part.angles_deg[0] * DEG) @ about_y @ about_x
-    T = T_base_patient @ spatial.pose(R, np.array(part.centre_mm) * MM)
+    half_edges = [0.5 * size * MM for size in part.size_mm]
+    about_z, about_y, about_x = part.angles_deg
+    R_z = spatial.rotation_z(about_z * DEG)
+    R_y = spatial.exp_so3([0, about_y * DEG, 0])
+    R_x = spatial.exp_so3([about_x * DEG, 0, 0])
+    T = T_base_patient @ spatial.pose(R_z @ R_y @ R_x, np.array(part.centre_mm) * MM)
     if part.floor and part.shape == "dome":
         T[2, 3] = floor
     if part.floor and part.shape == "box":
-        top = T[2, 3] + z
-        z = max(0.5 * (top - floor), 1 * MM)
-        T[2, 3] = top - z
-    points, triangles = _box() if part.shape == "box" else _ball(part.shape == "dome")
-    vertices = points * (x, y, z) @ T[:3, :3].T + T[:3, 3]
+        top = T[2, 3] + half_edges[2]
+        # also a box whose top is below the floor keeps a volume
+        half_edges[2] = max(0.5 * (top - floor), 1 * MM)
+        T[2, 3] = top - half_edges[2]
+    if part.shape == "box":
+        points, triangles = _box()
+    else:
+        points, triangles = _ball(part.shape == "dome")
+    vertices = points * half_edges @ T[:3, :3].T + T[:3, 3]
     r, g, b, a = (*part.color, 1.0)[:4]
     return Mesh(part.name, vertices, triangles, (r, g, b, a))
 
@@ -215,26 +236,31 @@ def _ball(half: bool) -> tuple[Array, np.ndarray]:
     rows = _HIGH // 2 if half else _HIGH
     span = pi / 2 if half else pi
     points = [(0.0, 0.0, 1.0)]
-    for i in range(1, rows + half):
-        t = span * i / rows
-        points += [
-            (sin(t) * cos(2 * pi * k / _ROUND), sin(t) * sin(2 * pi * k / _ROUND), cos(t)) for k in range(_ROUND)
-        ]
+    # a half ball has one ring more than a ball of its rows: its edge
+    rings = rows - 1 + half
+    for i in range(1, rings + 1):
+        polar = span * i / rows
+        for k in range(_ROUND):
+            azimuth = 2 * pi * k / _ROUND
+            points.append((sin(polar) * cos(azimuth), sin(polar) * sin(azimuth), cos(polar)))
     points.append((0.0, 0.0, 0.0 if half else -1.0))
-    last, k = len(points) - 1, np.arange(_ROUND)
+    pole = len(points) - 1
+    k = np.arange(_ROUND)
     after = (k + 1) % _ROUND
     faces = [np.column_stack([0 * k, 1 + k, 1 + after])]
-    rings = rows - 1 + half
     for i in range(rings - 1):
-        a, b = 1 + i * _ROUND, 1 + (i + 1) * _ROUND
-        faces += [np.column_stack([a + k, b + k, b + after]), np.column_stack([a + k, b + after, a + after])]
-    a = 1 + (rings - 1) * _ROUND
-    faces.append(np.column_stack([a + k, 0 * k + last, a + after]))
+        upper = 1 + i * _ROUND
+        lower = upper + _ROUND
+        faces.append(np.column_stack([upper + k, lower + k, lower + after]))
+        faces.append(np.column_stack([upper + k, lower + after, upper + after]))
+    edge = 1 + (rings - 1) * _ROUND
+    faces.append(np.column_stack([edge + k, 0 * k + pole, edge + after]))
     return np.array(points), np.concatenate(faces).astype(np.int32)
 
 
 def _box() -> tuple[Array, np.ndarray]:
     """Return (points (8, 3), triangles (12, 3)) of a cube with edges of length 2."""
-    points = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return points, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.int32)
+    points = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    quads = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
+    # two triangles for each quad
+    return points, quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)

@@ -28,16 +28,24 @@ def status(state: JsonMapping | None, preview: Preview | None) -> tuple[str, str
     """
     if state is None:
         return None
-    phase, robot = state["phase"], state["robot"]
+    phase = state["phase"]
+    robot = state["robot"]
     if state["said"]:
-        return "bad" if state["bad"] else "good" if phase == "off" else "warn", state["said"]
+        if state["bad"]:
+            tone = "bad"
+        elif phase == "off":
+            tone = "good"
+        else:
+            tone = "warn"
+        return tone, state["said"]
     if phase == "aim" and state["blocked"]:
         return "warn", f"Target of {robot} (red): {state['blocked']}."
     if phase == "aim":
-        loads = "" if state["ready"] else " The geometry is being loaded."
-        where = "the target may pass through anything, and the arm is at rest"
-        text = f"Move the target of {robot}; {where}. Then plan a motion."
-        return "good", text + loads
+        text = f"Move the target of {robot}; the target may pass through anything, and the arm is at rest."
+        text += " Then plan a motion."
+        if not state["ready"]:
+            text += " The geometry is being loaded."
+        return "good", text
     if phase == "plan":
         return "good", f"Planning a motion of {robot}: {100 * state['done']:.0f} %"
     if phase == "run":
@@ -50,16 +58,23 @@ def status(state: JsonMapping | None, preview: Preview | None) -> tuple[str, str
 
 def clearance(preview: Preview) -> str:
     """Return a text on the smallest clearance of a planned motion, and on the proven lower bound of the clearance."""
-    if (seen := preview.proven) is None:
+    certificate = preview.proven
+    if certificate is None:
         return "The clearance is being computed."
-    bodies = f" ({' and '.join(seen.bodies)})" if all(seen.bodies) else ""
-    return f"Minimum clearance {seen.found / MM:.1f} mm{bodies}, proven to be at least {seen.proven / MM:.1f} mm."
+    text = f"Minimum clearance {certificate.found / MM:.1f} mm"
+    if all(certificate.bodies):
+        text += f" ({' and '.join(certificate.bodies)})"
+    return f"{text}, proven to be at least {certificate.proven / MM:.1f} mm."
 
 
 def curve(preview: Preview) -> tuple[Array, Array]:
     """Return times (k,) in s of a planned motion, and the clearances (k,) in m computed so far at these times."""
-    t, distance = ([getattr(c, name) for c in preview.clear] for name in ("t", "distance"))
-    return np.concatenate([*t, np.zeros(0)]), np.concatenate([*distance, np.zeros(0)])
+    times = [np.zeros(0)]
+    distances = [np.zeros(0)]
+    for piece in preview.clear:
+        times.append(piece.t)
+        distances.append(piece.distance)
+    return np.concatenate(times), np.concatenate(distances)
 
 
 def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
@@ -72,7 +87,9 @@ def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
         return {}
     if mode.preview is None or mode.phase not in ("preview", "run"):
         return mode.ghost
-    found = mode.preview.found
-    last = len(found.shown) - 1
-    k = last if mode.phase == "run" else min(last, int((t % (found.duration + _PAUSE)) / SHOWN))
-    return dict(zip(found.links, found.shown[k], strict=True))
+    motion = mode.preview.found
+    k = len(motion.shown) - 1
+    if mode.phase == "preview":
+        t_motion = t % (motion.duration + _PAUSE)
+        k = min(k, int(t_motion / SHOWN))
+    return dict(zip(motion.links, motion.shown[k], strict=True))

@@ -23,8 +23,11 @@ from twin.schema.lines import spell
 MOST = 20_000
 """Maximum number of moments (recorded states) in a session, enough for five minutes of continuous motion."""
 
-_COMMAS, _KEYS = 64 * MOST, 16
-"""Maximum number of values in a session file; maximum number of keys in one JSON object. The file is untrusted."""
+_COMMAS = 64 * MOST
+"""Maximum number of values in a session file, which is untrusted."""
+
+_KEYS = 16
+"""Maximum number of keys in one JSON object of a session file."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,12 @@ class RecordedSession:
     @classmethod
     def of(cls, mechanism: Mechanism) -> RecordedSession:
         """Return an empty session of a robot."""
-        active = mechanism.active
-        return cls(mechanism.name, tuple(j.name for j in active), tuple("rad" if j.is_angle else "m" for j in active))
+        names = []
+        units = []
+        for joint in mechanism.active:
+            names.append(joint.name)
+            units.append("rad" if joint.is_angle else "m")
+        return cls(mechanism.name, tuple(names), tuple(units))
 
     def add(self, time: float, q: Array, T_base_tool: Array, label: str = "") -> None:
         """Append a state: `time` in s, active joints q (n,) in m or rad, T_base_tool (4, 4).
@@ -65,7 +72,8 @@ class RecordedSession:
         Raises:
             TwinError: the time is not after the last state, q does not match the joints, or the pose is not rigid.
         """
-        q, T = np.array(q, float), np.array(T_base_tool, float)
+        q = np.array(q, float)
+        T = np.array(T_base_tool, float)
         where = f"session of {self.robot}, moment {len(self.moments)}"
         if not np.isfinite(time) or (self.moments and time <= self.moments[-1].time):
             after = f" after {self.moments[-1].time:g} s" if self.moments else ""
@@ -79,7 +87,9 @@ class RecordedSession:
     @property
     def duration(self) -> float:
         """Time in s from the first to the last state."""
-        return self.moments[-1].time - self.moments[0].time if self.moments else 0.0
+        if not self.moments:
+            return 0.0
+        return self.moments[-1].time - self.moments[0].time
 
     def at(self, t: float) -> Array:
         """Return q (n,) at time t in s, interpolated linearly; before the first and after the last state q is constant.
@@ -89,8 +99,12 @@ class RecordedSession:
         """
         if not self.moments:
             raise TwinError(f"session of {self.robot}: the session is empty; add a moment first")
-        times = [m.time for m in self.moments]
-        return np.array([np.interp(t, times, column) for column in np.transpose([m.q for m in self.moments])])
+        times = []
+        rows = []
+        for moment in self.moments:
+            times.append(moment.time)
+            rows.append(moment.q)
+        return np.array([np.interp(t, times, column) for column in np.transpose(rows)])
 
     def save(self, path: Path) -> None:
         """Write the session as JSON.
@@ -98,15 +112,25 @@ class RecordedSession:
         Raises:
             OutputError: the file cannot be written; an existing file is unchanged.
         """
+        joints = []
+        for name, unit in zip(self.joints, self.units, strict=True):
+            joints.append({"name": name, "unit": unit})
+        moments = []
+        for moment in self.moments:
+            moments.append(
+                {
+                    "time_s": moment.time,
+                    "q": moment.q.tolist(),
+                    "T_base_tool": moment.T_base_tool.tolist(),
+                    "label": moment.label,
+                }
+            )
         data = {
             "schema": "twin-session",
             "version": 1,
             "robot": self.robot,
-            "joints": [{"name": n, "unit": u} for n, u in zip(self.joints, self.units, strict=True)],
-            "moments": [
-                {"time_s": m.time, "q": m.q.tolist(), "T_base_tool": m.T_base_tool.tolist(), "label": m.label}
-                for m in self.moments
-            ],
+            "joints": joints,
+            "moments": moments,
         }
         path = Path(path)
         with atomic_folder(path.parent) as work:
@@ -135,8 +159,10 @@ class RecordedSession:
             raise TwinError(f"{path}: the file is not JSON: {error}; give a file written by `Session.save`") from error
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            value = repr(first["input"])[:60] if first["loc"] and first["type"] != "missing" else ""
-            where = f"{spell(first['loc'])}{value and ' = ' + value}"
+            where = spell(first["loc"])
+            # the input of a missing key is the table that lacks it
+            if first["loc"] and first["type"] != "missing":
+                where += f" = {repr(first['input'])[:60]}"
             text = f"{path}: {where}: {first['msg']}; give a file written by `Session.save`"
             raise TwinError(text) from error
         except ValueError as error:
@@ -146,20 +172,28 @@ class RecordedSession:
             raise TwinError(
                 f"{path}: robot = '{table.robot}': the session is not of '{out.robot}'; load robot '{table.robot}'"
             )
-        theirs = [(j.name, j.unit) for j in table.joints]
-        ours = list(zip(out.joints, out.units, strict=True))
-        if theirs != ours:
-            was, now = (", ".join(f"{n} ({u})" for n, u in joints) for joints in (theirs, ours))
-            raise TwinError(f"{path}: joints: recorded with {was}; {out.robot} has {now}: record it again")
-        for m in table.moments:
+        recorded = [(joint.name, joint.unit) for joint in table.joints]
+        present = list(zip(out.joints, out.units, strict=True))
+        if recorded != present:
+            raise TwinError(
+                f"{path}: joints: recorded with {_joint_list(recorded)}; {out.robot} has {_joint_list(present)}: "
+                "record it again"
+            )
+        for moment in table.moments:
             try:
-                out.add(m.time_s, np.array(m.q), np.array(m.T_base_tool), m.label)
+                out.add(moment.time_s, np.array(moment.q), np.array(moment.T_base_tool), moment.label)
             except TwinError as error:
                 raise TwinError(f"{path}: {error}") from error
         return out
 
 
+def _joint_list(joints: list[tuple[str, str]]) -> str:
+    """Return a text with name and unit of each joint."""
+    return ", ".join(f"{name} ({unit})" for name, unit in joints)
+
+
 def _small(pairs: list[tuple[str, Any]]) -> JsonObject:
+    """Return the JSON object of these keys and values; refuse an object with more keys than a session has."""
     if len(pairs) > _KEYS:
         raise ValueError(f"an object has {len(pairs)} keys; an object of a session has at most {_KEYS}")
     return dict(pairs)

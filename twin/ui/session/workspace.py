@@ -117,7 +117,8 @@ def evaluate(job: WorkspaceJob) -> Iterator[WorkspaceChunk]:
 
 def without_meshes(mechanism: Mechanism) -> Mechanism:
     """Return a mechanism without meshes, which is fast to send to another process."""
-    return replace(mechanism, bodies=tuple(replace(b, meshes=()) for b in mechanism.bodies))
+    bodies = [replace(body, meshes=()) for body in mechanism.bodies]
+    return replace(mechanism, bodies=tuple(bodies))
 
 
 def _passive(kin: Kinematics, job: WorkspaceJob) -> PassiveCheck | None:
@@ -125,11 +126,20 @@ def _passive(kin: Kinematics, job: WorkspaceJob) -> PassiveCheck | None:
     if job.mechanism is None or not passive_limits(job.mechanism):
         return None
     check = PassiveCheck(LoopSolver(job.mechanism))
-    return check if measure.agree(kin, check, job.T_base_tool) else None
+    # equations of another assembly mode have other passive joints
+    if not measure.agree(kin, check, job.T_base_tool):
+        return None
+    return check
 
 
 def _check(kin: Kinematics, job: WorkspaceJob) -> None:
-    name, n = kin.formula.name, len(kin.joints)
+    """Check that the equations can evaluate a job.
+
+    Raises:
+        KinematicsError: they cannot; the message has the reason.
+    """
+    name = kin.formula.name
+    n = len(kin.joints)
     if not kin.closed_inverse:
         raise KinematicsError(
             f"{name}: its equations have no closed-form inverse; a numerical solution for each pose takes too long."
@@ -140,8 +150,10 @@ def _check(kin: Kinematics, job: WorkspaceJob) -> None:
             f"{job.count} (minimum 1)."
         )
     if n < 6:
-        held = np.isfinite(kin.inverse_many(poses(replace(job, reach=1e-2 * job.reach), 0, 1000))[:, 0])
-        if held[0] and held.mean() < 0.01:  # the reachable poses form a surface, as thick as the equations' tolerance
+        near_poses = poses(replace(job, reach=1e-2 * job.reach), 0, 1000)
+        reachable = np.isfinite(kin.inverse_many(near_poses)[:, 0])
+        # the reachable poses form a surface, as thick as the equations' tolerance
+        if reachable[0] and reachable.mean() < 0.01:
             raise KinematicsError(
                 f"{name}: its {n} joints cannot move the tool in every direction at constant orientation."
             )
@@ -152,15 +164,23 @@ class Cloud:
 
     def __init__(self) -> None:
         self._stream = Stream(evaluate)
-        self.start, self.cancel, self.close = self._stream.start, self._stream.cancel, self._stream.close
+        self.start = self._stream.start
+        self.cancel = self._stream.cancel
+        self.close = self._stream.close
 
     def poll(self) -> WorkspaceChunk | None:
         """Return the new results of the present job; None without new results."""
         new, end = self._stream.poll()
         if not new and not end:
             return None
-        points = np.concatenate([np.zeros((0, 3), np.float32), *(c.points for c in new)])
-        condition = np.concatenate([np.zeros(0, np.float32), *(c.condition for c in new)])
+        # an error may end the job before its first chunk
+        point_parts = [np.zeros((0, 3), np.float32)]
+        condition_parts = [np.zeros(0, np.float32)]
+        for chunk in new:
+            point_parts.append(chunk.points)
+            condition_parts.append(chunk.condition)
+        points = np.concatenate(point_parts)
+        condition = np.concatenate(condition_parts)
         if end:
             return WorkspaceChunk(points, condition, 0, 0, end)
         return WorkspaceChunk(points, condition, new[-1].evaluated, new[-1].count)
