@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from twin.api.about import SCENE_COMMANDS, info, info_of_scene, listing
     from twin.api.act import operate, play, world
+    from twin.api.comparison import compare
     from twin.api.control import track
     from twin.api.current import check_build
     from twin.api.judge import check_plan, explain, plan, strokes, validate
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "about": ("SCENE_COMMANDS", "info", "info_of_scene", "listing"),
     "act": ("operate", "play", "world"),
+    "comparison": ("compare",),
     "control": ("track",),
     "current": ("check_build",),
     "judge": ("check_plan", "explain", "plan", "strokes", "validate"),
@@ -42,6 +44,7 @@ __all__ = [
     "build",
     "check_build",
     "check_plan",
+    "compare",
     "console",
     "equations_of_motion",
     "explain",

@@ -1,0 +1,111 @@
+"""Compare two or more descriptions of one robot: files, robot folders, built-in robots."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names, silent
+from twin.core.errors import TwinError
+
+if TYPE_CHECKING:
+    from twin.comparison.result import Comparison
+    from twin.comparison.side import Side
+
+TOLERANCE = 1e-5
+"""Distance in m up to which two joint lines coincide: files round rotations to four or five digits."""
+
+
+def compare(
+    *sides: str | Path | Robot,
+    tolerance: float = TOLERANCE,
+    only: Sequence[str] = (),
+    strict: bool = False,
+    progress: Progress = silent,
+) -> Comparison:
+    """Compare two or more descriptions of one robot, pair by pair.
+
+    Args:
+        sides: names of built-in robots, robots, robot folders, or files of formats that `twin new` reads.
+        tolerance: distance in m up to which two joint lines coincide; angles count by the distance at half a metre.
+        only: joints to compare; all others are held at zero.
+        strict: count a difference of convention (base frame, zero, sign, tool frame, name, order) as a disagreement.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: a side cannot be read, or its joints cannot be matched with those of another.
+    """
+    from twin.comparison.pair import compare_pair
+    from twin.comparison.result import Comparison
+
+    if len(sides) < 2:
+        raise TwinError("give at least two sides to compare: names of robots, folders or files")
+    if not tolerance > 0:
+        raise TwinError(f"tolerance {tolerance:g} m: give a positive number")
+    read = []
+    labels = _labels(sides)
+    for i, side in enumerate(sides):
+        progress(f"read {labels[i]}", i / (2 * len(sides)))
+        read.append(_side(side, labels[i], only))
+    pairs = []
+    chosen = list(combinations(read, 2))
+    for i, (first, second) in enumerate(chosen):
+        progress(f"compare {first.label} and {second.label}", 0.5 + i / (2 * len(chosen)))
+        pairs.append(compare_pair(first, second, tolerance))
+    return Comparison(tuple(read), tuple(pairs), tolerance, strict)
+
+
+def _labels(sides: Sequence[str | Path | Robot]) -> list[str]:
+    """Return a short, distinct name for each side: the name of its file, with as many folders as are needed."""
+    texts = []
+    for side in sides:
+        texts.append(side.name if isinstance(side, Robot) else str(side))
+    for depth in range(1, 12):
+        labels = ["/".join(Path(text).parts[-depth:]) for text in texts]
+        if len(set(labels)) == len(labels):
+            return labels
+    return [f"{text} ({i + 1})" for i, text in enumerate(texts)]
+
+
+def _side(given: str | Path | Robot, label: str, only: Sequence[str]) -> Side:
+    from twin.comparison.side import from_mechanism
+
+    if isinstance(given, Robot):
+        return _robot_side(given, label, only)
+    path = Path(given)
+    if str(given) in names() or path.is_dir() or path.suffix.lower() in STAGE_SUFFIXES:
+        return _robot_side(load(given), label, only)
+    from twin.exchange.read import read
+    from twin.exchange.read.closing import close
+
+    imported = read(path, guarded=False)
+    if imported.mechanism.loops:
+        imported = close(imported)
+    guessed = False
+    notes = []
+    for finding in imported.findings:
+        if finding.code == "import.tool" and finding.severity == "warning":
+            guessed = True
+        if finding.code == "import.inertia":
+            notes.append(finding.message)
+    return from_mechanism(
+        imported.mechanism,
+        label,
+        path=path,
+        only=only,
+        guessed_tool=guessed,
+        notes=notes,
+        efforts=imported.efforts,
+    )
+
+
+def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> Side:
+    from twin.comparison.side import from_mechanism
+
+    if robot.files is None:
+        return from_mechanism(
+            robot.mechanism, label, path=robot.source.stage, only=only, guessed_tool=bool(robot.tool_note)
+        )
+    return from_mechanism(robot.weighed().mechanism, label, path=robot.files.description, only=only)

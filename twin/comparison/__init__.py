@@ -1,0 +1,16 @@
+"""Compare two or more descriptions of one robot, for `twin compare`.
+
+    side        one description as joint lines, bodies, frames and limits at one state; its own forward kinematics
+    matching    which joint of one side is which joint of the other
+    fit         conventions (base frame, signs, zeros) and deviating links that map one side onto the other
+    search      the fit with the fewest conventions and the fewest deviating links
+    frames      frames of both sides with the same name
+    items       what a fit says about the two sides, as named conventions and differences
+    range       the largest difference of the tools over the common range
+    statements  the numbers of a description file with their lines, and what each number moves
+    edits       the number of a file whose edit removes a difference
+    properties  limits, velocities, masses, couplings
+    result      verdict, findings, text, data
+
+No module here imports a writer, an audit, a solver or the reference model: poses come from the joint lines alone.
+"""

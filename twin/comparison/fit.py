@@ -1,0 +1,501 @@
+"""Conventions that map the joint lines of one side onto those of another, and the links that remain different.
+
+The first side is moved by a base transform X, its joints are displaced, and its joints may turn the other way (signs).
+If all its joint lines then lie on those of the second side, both have the same kinematics, because all motions follow
+from the lines at one state. If no conventions do this, the smallest set of joints is searched whose place on their
+parent link must change (`Unknowns.deviating`): these joints are the places of the disagreement.
+
+All sets of signs with few changes are tried, fewest first; for each, the displacements come from closed forms along the
+tree, and Gauss-Newton steps on all unknowns finish them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from twin.comparison.matching import Matching
+from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, Side
+from twin.core import spatial
+from twin.core.spatial import Array
+
+ANGLE_PER_LENGTH = 2.0
+"""Tolerance of directions in rad for a tolerance of 1 m: a wrong direction moves points at half a metre as far."""
+
+_STEP = 1e-7
+"""Step of the unknowns in m and rad for derivatives by differences."""
+
+_ROUNDS = 25
+"""Maximum number of Gauss-Newton steps."""
+
+_FLAT = 1e-9
+"""Amplitude of a cost below which an angle does not change it."""
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Signs and values of a fit.
+
+    Attributes:
+        signs: (joints,) 1 or -1 for each joint of the second side.
+        base: (6,) rotation vector in rad and shift in m of the base transform X.
+        zeros: (joints,) by how much the zero of each joint of the first side differs, see `Problem.shifted`.
+        deviating: joints whose place on their parent link changes.
+        deviations: (deviating, 6) their rotation vectors in rad and shifts in m, in the frame of the joint.
+    """
+
+    signs: Array
+    base: Array
+    zeros: Array
+    deviating: tuple[int, ...] = ()
+    deviations: Array | None = None
+
+    @property
+    def flips(self) -> tuple[int, ...]:
+        """Indices of the joints that turn the other way."""
+        return tuple(int(i) for i in np.flatnonzero(self.signs < 0))
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What remains between the joint lines of both sides: (joints,) distances in m and angles in rad."""
+
+    distances: Array
+    angles: Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Unknowns with which all lines coincide within the tolerance, and the largest remaining distances."""
+
+    unknowns: Unknowns
+    gap: Gap
+
+
+class Problem:
+    """The lines of two sides, by the joints of the second side.
+
+    Attributes:
+        first, second: the sides.
+        axes: the joints of the first side, in the order of the second.
+        tolerance: distance in m up to which two lines coincide.
+    """
+
+    def __init__(self, first: Side, second: Side, matching: Matching, tolerance: float) -> None:
+        self.first = first
+        self.second = second
+        self.tolerance = tolerance
+        self.axes = [first.axes[i] for i in matching.pairs]
+        self.count = len(self.axes)
+        self.order = _parents_first(self.axes)
+        self.points = np.array([axis.point for axis in self.axes])
+        self.directions = np.array([axis.direction for axis in self.axes])
+        self.target_points = np.array([axis.point for axis in second.axes])
+        self.target_directions = np.array([axis.direction for axis in second.axes])
+        self.kinds = [axis.kind for axis in self.axes]
+        self.signed = [i for i, axis in enumerate(self.axes) if axis.kind in ONE_COORDINATE]
+        drawn = np.array([axis.drawn for axis in self.axes])
+        target_drawn = np.array([axis.drawn for axis in second.axes])
+        self.drawn = drawn
+        self.target_drawn = target_drawn
+        self.frames = np.array([spatial.frame_from_axes(axis.direction, _across(axis.direction)) for axis in self.axes])
+        self.below = self._joints_below()
+
+    def _joints_below(self) -> list[list[int]]:
+        """Return for each joint the joints that start at its child, without those that close a loop."""
+        below: list[list[int]] = []
+        for axis in self.axes:
+            children = []
+            for k in self.order:
+                if self.axes[k].parent == axis.child and not axis.closing:
+                    children.append(k)
+            below.append(children)
+        return below
+
+    @property
+    def angle_tolerance(self) -> float:
+        """Angle in rad up to which two directions coincide."""
+        return ANGLE_PER_LENGTH * self.tolerance
+
+    @cached_property
+    def start(self) -> Unknowns:
+        """No change at all."""
+        return Unknowns(np.ones(self.count), np.zeros(6), np.zeros(self.count))
+
+    def displacements(self, signs: Array, zeros: Array) -> Array:
+        """Return the displacements (..., joints) of the first side to the drawn state of the second.
+
+        The coordinate of the first side is sign times that of the second plus the zero.
+        """
+        return signs * self.target_drawn + zeros - self.drawn
+
+    def zeros(self, signs: Array, displacements: Array) -> Array:
+        """Return the zeros (joints,) for displacements (joints,), the inverse of `displacements`."""
+        return displacements + self.drawn - signs * self.target_drawn
+
+    # -- residuals ------------------------------------------------------------------------------------
+
+    def motions(self, signs: Array, values: Array, deviating: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Return (parents, children, groups): the motions of the bodies of the first side for `values` (k, unknowns).
+
+        `parents` and `children` (k, joints, 4, 4) map what is on the parent and on the child of each joint;
+        `groups` (k, groups, 4, 4) the groups of bodies.
+        """
+        count = len(values)
+        moved = self.displacements(signs, values[:, 6 : 6 + self.count])
+        groups = np.zeros((count, len(self.first.groups), 4, 4))
+        groups[:] = spatial.pose(spatial.exp_so3(values[:, :3]), values[:, 3:6])[:, None]
+        steps = self._joint_motions(moved)
+        parents = np.zeros((count, self.count, 4, 4))
+        children = np.zeros((count, self.count, 4, 4))
+        places = {joint: 6 + self.count + 6 * k for k, joint in enumerate(deviating)}
+        for i in self.order:
+            axis = self.axes[i]
+            parent = groups[:, axis.parent]
+            if i in places:
+                start = places[i]
+                parent = parent @ self._deviation(i, values[:, start : start + 6])
+            parents[:, i] = parent
+            if axis.closing:
+                children[:, i] = groups[:, axis.child]
+                continue
+            children[:, i] = parent @ steps[:, i]
+            groups[:, axis.child] = children[:, i]
+        return parents, children, groups
+
+    def _joint_motions(self, moved: Array) -> Array:
+        turning = np.array([kind in TURNING for kind in self.kinds])
+        sliding = np.array([kind == "prismatic" for kind in self.kinds])
+        R = spatial.exp_so3((moved * turning)[..., None] * self.directions)
+        p = self.points - np.squeeze(R @ self.points[..., None], -1)
+        p = p + (moved * sliding)[..., None] * self.directions
+        return spatial.pose(R, p)
+
+    def _deviation(self, joint: int, values: Array) -> Array:
+        """Return the motions (k, 4, 4) of a joint on its parent link, for rotation vectors and shifts in its frame."""
+        frame = self.frames[joint]
+        R = spatial.exp_so3(values[:, :3] @ frame.T)
+        shift = values[:, 3:6] @ frame.T
+        point = self.points[joint]
+        return spatial.pose(R, point - R @ point + shift)
+
+    def residuals(self, signs: Array, values: Array, deviating: Sequence[int]) -> Array:
+        """Return the residuals (k, rows) in m and rad for `values` (k, unknowns)."""
+        parents, children, _ = self.motions(signs, values, deviating)
+        rows = []
+        for i, axis in enumerate(self.axes):
+            point, direction = self._line(parents[:, i], i, signs)
+            to_line = point - self.target_points[i]
+            target = self.target_directions[i]
+            if axis.kind != "free" and axis.kind != "spherical":
+                rows.append(direction - target)
+            if axis.kind in TURNING:
+                rows.append(np.cross(to_line, target))
+            if axis.kind == "spherical":
+                rows.append(to_line)
+            if axis.closing:
+                rows += self._closing_rows(i, parents[:, i], children[:, i], signs)
+        return np.concatenate(rows, axis=1)
+
+    def _closing_rows(self, i: int, parent: Array, child: Array, signs: Array) -> list[Array]:
+        """Return the rows of a joint that closes a loop: its line on the child coincides with that on the parent."""
+        kind = self.kinds[i]
+        point_on_parent, direction_on_parent = self._line(parent, i, signs)
+        point_on_child, direction_on_child = self._line(child, i, signs)
+        offset = point_on_child - point_on_parent
+        target = self.target_directions[i]
+        if kind == "spherical":
+            return [offset]
+        if kind == "revolute":
+            return [direction_on_child - direction_on_parent, offset]
+        if kind == "cylindrical":
+            return [direction_on_child - direction_on_parent, offset @ spatial.hat(target)]
+        if kind == "prismatic":
+            turned = parent[:, :3, :3] - child[:, :3, :3]
+            return [turned.reshape(len(parent), 9), offset @ spatial.hat(target)]
+        return []
+
+    def _line(self, motion: Array, i: int, signs: Array) -> tuple[Array, Array]:
+        R = motion[..., :3, :3]
+        point = R @ self.points[i] + motion[..., :3, 3]
+        direction = signs[i] * (R @ self.directions[i])
+        return point, direction
+
+    def gap(self, u: Unknowns) -> Gap:
+        """Return what remains between the lines."""
+        values = values_of(u)[None]
+        parents, children, _ = self.motions(u.signs, values, u.deviating)
+        distances = np.zeros(self.count)
+        angles = np.zeros(self.count)
+        for i, axis in enumerate(self.axes):
+            for motion in (parents[0, i], children[0, i]):
+                if motion is children[0, i] and not axis.closing:
+                    continue
+                point, direction = self._line(motion, i, u.signs)
+                target = self.target_directions[i]
+                to_line = point - self.target_points[i]
+                if axis.kind == "spherical":
+                    distances[i] = max(distances[i], float(np.linalg.norm(to_line)))
+                    continue
+                if axis.kind == "free":
+                    continue
+                tilt = np.linalg.norm(np.cross(direction, target))
+                angles[i] = max(angles[i], float(np.arctan2(tilt, direction @ target)))
+                if axis.kind in TURNING:
+                    distance = np.linalg.norm(np.cross(to_line, target))
+                    distances[i] = max(distances[i], float(distance))
+            if axis.closing and axis.kind == "revolute":
+                opened = self._closing_rows(i, parents[:, i], children[:, i], u.signs)[1]
+                distances[i] = max(distances[i], float(np.linalg.norm(opened)))
+        return Gap(distances, angles)
+
+    def holds(self, gap: Gap) -> bool:
+        """Return whether all lines coincide within the tolerance."""
+        return bool(gap.distances.max() <= self.tolerance and gap.angles.max() <= self.angle_tolerance)
+
+    # -- solving --------------------------------------------------------------------------------------
+
+    def refine(self, u: Unknowns, free: Array | None = None) -> Solution:
+        """Return the unknowns after damped Gauss-Newton steps; `free` (unknowns,) says which values may change."""
+        x = values_of(u)
+        if free is None:
+            free = np.ones(len(x), bool)
+        columns = np.flatnonzero(free)
+        r = self.residuals(u.signs, x[None], u.deviating)[0]
+        damping = 1e-10
+        for _ in range(_ROUNDS):
+            if not len(columns) or np.abs(r).max() < 1e-13:
+                break
+            moved = np.repeat(x[None], len(columns), axis=0)
+            moved[np.arange(len(columns)), columns] += _STEP
+            J = (self.residuals(u.signs, moved, u.deviating) - r).T / _STEP
+            normal = J.T @ J
+            step = np.linalg.solve(normal + damping * np.eye(len(columns)), -J.T @ r)
+            tried = x.copy()
+            tried[columns] += step
+            r_tried = self.residuals(u.signs, tried[None], u.deviating)[0]
+            before = float(r @ r)
+            after = float(r_tried @ r_tried)
+            if after < before:
+                x = tried
+                r = r_tried
+                damping = max(damping / 10, 1e-12)
+                if before - after < 1e-9 * before and before > 1e-20:
+                    break
+            else:
+                damping *= 100
+                if damping > 1e3:
+                    break
+        found = with_values(u, x)
+        return Solution(found, self.gap(found))
+
+    def solve(self, signs: Array, deviating: tuple[int, ...] = ()) -> Solution:
+        """Return the best fit with these signs and deviating joints, from two starts."""
+        best: Solution | None = None
+        for aligned in (False, True):
+            if aligned and best is not None and self.holds(best.gap):
+                break
+            start = self.initial(signs, deviating, aligned)
+            if start is None:
+                continue
+            found = self.refine(start)
+            if best is None or size_of(found.gap) < size_of(best.gap):
+                best = found
+        assert best is not None
+        return best
+
+    # -- start values ---------------------------------------------------------------------------------
+
+    def initial(self, signs: Array, deviating: tuple[int, ...], aligned: bool) -> Unknowns | None:
+        """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
+        X = np.eye(4)
+        if aligned:
+            found = self._aligned_base(signs, deviating)
+            if found is None:
+                return None
+            X = found
+        groups: dict[int, Array] = {0: X}
+        neutral = self.displacements(signs, np.zeros(self.count))
+        displacements = neutral.copy()
+        deviations = np.zeros((len(deviating), 6))
+        for i in self.order:
+            axis = self.axes[i]
+            if axis.closing:
+                continue
+            parent = groups[axis.parent]
+            if i in deviating:
+                parent, values = self._placed_on_target(i, parent, signs)
+                deviations[deviating.index(i)] = values
+            displacements[i] = self._displacement(i, parent, signs, deviating, neutral[i])
+            step = self._joint_motions(displacements[None])[0, i]
+            groups[axis.child] = parent @ step
+        base = np.concatenate([spatial.log_so3(X[:3, :3]), X[:3, 3]])
+        return Unknowns(signs, base, self.zeros(signs, displacements), deviating, deviations)
+
+    def _aligned_base(self, signs: Array, deviating: tuple[int, ...]) -> Array | None:
+        """Return the base transform that maps the lines of the first two joints in a chain to their targets."""
+        for i in self.order:
+            if i in deviating or self.axes[i].kind == "spherical":
+                continue
+            for k in (*self.below[i], *self.order):
+                if k == i or k in deviating or self.axes[k].parent not in (0, self.axes[i].child):
+                    continue
+                own = _pair_frame(
+                    self.points[i], signs[i] * self.directions[i], self.points[k], signs[k] * self.directions[k]
+                )
+                target = _pair_frame(
+                    self.target_points[i], self.target_directions[i], self.target_points[k], self.target_directions[k]
+                )
+                if own is not None and target is not None:
+                    return target @ spatial.inverse(own)
+        return None
+
+    def _placed_on_target(self, i: int, parent: Array, signs: Array) -> tuple[Array, Array]:
+        """Return (motion of the parent with the deviation, deviation (6,)) that puts line i on its target."""
+        point, direction = self._line(parent, i, signs)
+        target = self.target_directions[i]
+        turn = _turn(direction, target)
+        if self.kinds[i] == "spherical":
+            turn = np.zeros(3)
+        # to the nearest point of the target line
+        to_line = self.target_points[i] - point
+        shift = to_line - target * (to_line @ target)
+        if self.kinds[i] == "spherical":
+            shift = to_line
+        if self.kinds[i] == "prismatic":
+            shift = np.zeros(3)
+        R = spatial.exp_so3(turn)
+        moved = spatial.pose(R, point - R @ point + shift) @ parent
+        local = spatial.inverse(parent) @ moved
+        frame = self.frames[i]
+        rotation = frame.T @ spatial.log_so3(local[:3, :3])
+        own_point = self.points[i]
+        shift_in_frame = frame.T @ (local[:3, :3] @ own_point + local[:3, 3] - own_point)
+        return moved, np.concatenate([rotation, shift_in_frame])
+
+    def _displacement(self, i: int, parent: Array, signs: Array, deviating: tuple[int, ...], neutral: float) -> float:
+        """Return the displacement of joint i that best puts the lines of the joints on its child onto their targets."""
+        children = [k for k in self.below[i] if k not in deviating]
+        kind = self.kinds[i]
+        if not children or kind not in ONE_COORDINATE:
+            return neutral
+        T = parent
+        axis = T[:3, :3] @ self.directions[i]
+        if kind == "prismatic":
+            return self._slide(T, axis, children, neutral)
+        centre = T[:3, :3] @ self.points[i] + T[:3, 3]
+        # cost of the angle: constant - a cos - b sin, for directions and for moments about a point of the axis
+        a = b = 0.0
+        for k in children:
+            point, direction = self._line(T, k, signs)
+            target_direction = self.target_directions[k]
+            vectors = []
+            if self.kinds[k] != "spherical":
+                vectors.append((direction, target_direction))
+            if self.kinds[k] in TURNING:
+                moment = np.cross(point - centre, direction)
+                target_moment = np.cross(self.target_points[k] - centre, target_direction)
+                vectors.append((moment, target_moment))
+            if self.kinds[k] == "spherical":
+                vectors.append((point - centre, self.target_points[k] - centre))
+            for v, w in vectors:
+                across = v - axis * (axis @ v)
+                a += float(across @ w)
+                b += float(np.cross(axis, across) @ w)
+        if np.hypot(a, b) < _FLAT:
+            return neutral
+        return float(np.arctan2(b, a))
+
+    def _slide(self, T: Array, axis: Array, children: list[int], neutral: float) -> float:
+        """Return the displacement along `axis` that brings the lines of the children nearest to their targets."""
+        a = b = 0.0
+        for k in children:
+            if self.kinds[k] not in TURNING and self.kinds[k] != "spherical":
+                continue
+            point = T[:3, :3] @ self.points[k] + T[:3, 3]
+            to_target = self.target_points[k] - point
+            direction = self.target_directions[k]
+            along = np.cross(axis, direction)
+            needed = np.cross(to_target, direction)
+            if self.kinds[k] == "spherical":
+                along = axis
+                needed = to_target
+            a += float(along @ along)
+            b += float(along @ needed)
+        if a < _FLAT:
+            return neutral
+        return b / a
+
+
+def _parents_first(axes: Sequence[Axis]) -> list[int]:
+    """Return the indices of the joints, those of the tree first and parents first."""
+    reached = {0}
+    order: list[int] = []
+    pending = [i for i, axis in enumerate(axes) if not axis.closing]
+    while pending:
+        ready = [i for i in pending if axes[i].parent in reached]
+        if not ready:
+            break
+        for i in ready:
+            order.append(i)
+            reached.add(axes[i].child)
+            pending.remove(i)
+    closing = [i for i, axis in enumerate(axes) if axis.closing]
+    return order + closing
+
+
+def _across(direction: Array) -> Array:
+    """Return the axis of base (3,) that is most nearly perpendicular to a direction."""
+    return np.eye(3)[int(np.argmin(np.abs(direction)))]
+
+
+def _turn(direction: Array, target: Array) -> Array:
+    """Return the rotation vector (3,) of the smallest rotation from one unit vector to another."""
+    cross = np.cross(direction, target)
+    sine = float(np.linalg.norm(cross))
+    cosine = float(direction @ target)
+    if sine < 1e-12:
+        if cosine > 0:
+            return np.zeros(3)
+        across = _across(direction)
+        across = across - direction * (direction @ across)
+        return np.pi * across / np.linalg.norm(across)
+    return np.arctan2(sine, cosine) * cross / sine
+
+
+def _pair_frame(p: Array, d: Array, q: Array, e: Array) -> Array | None:
+    """Return a frame (4, 4) fixed to two lines (p, d) and (q, e); None if they are the same line."""
+    normal = np.cross(d, e)
+    sine = np.linalg.norm(normal)
+    between = q - p
+    if sine > 1e-6:
+        # foot of the common normal on the first line
+        along = np.cross(e, normal) @ between / sine**2
+        return spatial.pose(spatial.frame_from_axes(d, normal), p + along * d)
+    across = between - d * (d @ between)
+    if np.linalg.norm(across) < 1e-6:
+        return None
+    return spatial.pose(spatial.frame_from_axes(d, across), p)
+
+
+def values_of(u: Unknowns) -> Array:
+    """Return the values (unknowns,) of a fit: base, zeros, deviations."""
+    parts = [u.base, u.zeros]
+    if u.deviations is not None:
+        parts.append(u.deviations.ravel())
+    return np.concatenate(parts)
+
+
+def with_values(u: Unknowns, x: Array) -> Unknowns:
+    """Return unknowns with other values (unknowns,), see `values_of`."""
+    count = len(u.zeros)
+    deviations = x[6 + count :].reshape(-1, 6)
+    return replace(u, base=x[:6], zeros=x[6 : 6 + count], deviations=deviations)
+
+
+def size_of(gap: Gap) -> float:
+    """Return the sum of all distances and angles of a gap."""
+    return float(np.sum(gap.distances) + np.sum(gap.angles))

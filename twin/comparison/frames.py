@@ -1,0 +1,84 @@
+"""Frames of both sides with the same name: where they are after the conventions of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.comparison.fit import Problem, Unknowns, values_of
+from twin.core import spatial
+from twin.core.spatial import Array
+
+
+@dataclass(frozen=True)
+class FrameGap:
+    """A frame of the first side in the frame of the same name of the second side, after the conventions.
+
+    Attributes:
+        name: name of the frame in the second side.
+        joint: index of the joint that carries it.
+        leaf: whether no further joint is on its bodies, as for a tool.
+        T: (4, 4) T_second_first.
+        T_base_second: (4, 4) the frame of the second side, at its drawn state.
+    """
+
+    name: str
+    joint: int
+    leaf: bool
+    T: Array
+    T_base_second: Array
+
+    def differs(self, problem: Problem) -> bool:
+        """Return whether the frames differ by more than the tolerance."""
+        shift = float(np.linalg.norm(self.T[:3, 3]))
+        turn = float(spatial.rotation_angle(self.T[:3, :3]))
+        return shift > problem.tolerance or turn > problem.angle_tolerance
+
+
+def gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
+    """Return the gaps of all frames and bodies with the same name in both sides, and of the tools if none is a leaf."""
+    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
+    carrier = carriers(problem)
+    group_of_joint = {joint: problem.second.axes[joint].child for joint in range(problem.count)}
+    found = []
+    for name, (group, T) in problem.first.frames.items():
+        partner = problem.second.frames.get(name)
+        joint = carrier.get(group)
+        if partner is None or joint is None or group_of_joint[joint] != partner[0]:
+            continue
+        if problem.first.guessed_tool and name == problem.first.tool:
+            continue
+        found.append(_gap(problem, motions, name, joint, (group, T), partner))
+    if not any(gap.leaf for gap in found):
+        tool = _tools(problem, motions, carrier)
+        if tool is not None:
+            found.append(tool)
+    return found
+
+
+def carriers(problem: Problem) -> dict[int, int]:
+    """Return {group of the first side: joint that carries it}."""
+    return {axis.child: i for i, axis in enumerate(problem.axes) if not axis.closing}
+
+
+def _tools(problem: Problem, motions: Array, carrier: dict[int, int]) -> FrameGap | None:
+    """Return the gap of the two tool frames, whatever their names are; None if they are not on the same joint."""
+    first = problem.first.frames.get(problem.first.tool)
+    second = problem.second.frames.get(problem.second.tool)
+    if first is None or second is None:
+        return None
+    joint = carrier.get(first[0])
+    if joint is None or problem.second.axes[joint].child != second[0]:
+        return None
+    return _gap(problem, motions, problem.second.tool, joint, first, second)
+
+
+def _gap(
+    problem: Problem, motions: Array, name: str, joint: int, first: tuple[int, Array], second: tuple[int, Array]
+) -> FrameGap:
+    group, T_first = first
+    T_moved = motions[0, group] @ T_first
+    T = spatial.inverse(second[1]) @ T_moved
+    leaf = not problem.below[joint]
+    return FrameGap(name, joint, leaf, T, second[1])

@@ -1,0 +1,293 @@
+"""What a fit says about two sides: conventions that differ, and joints whose place on their link differs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from twin.comparison.fit import Problem, Solution, Unknowns
+from twin.comparison.frames import FrameGap, gaps
+from twin.comparison.matching import Matching
+from twin.comparison.search import base_moved, moved_zeros, zero_of
+from twin.core import spatial
+from twin.core.json_types import JsonObject
+from twin.core.quantity import deg, mm, moved
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A number of a file whose edit makes the two sides agree at one place.
+
+    Attributes:
+        side: label of the side.
+        file, line: place of the number; line 0 if unknown.
+        what: the number in the terms of its format: "joint_3 origin xyz[2]".
+        old, new: its text, and the text to write.
+        confirmed: whether the edited file was read and compared again.
+    """
+
+    side: str
+    file: str
+    line: int
+    what: str
+    old: str
+    new: str
+    confirmed: bool = False
+
+    def text(self) -> str:
+        """Return the edit as one line."""
+        place = f"{self.file}:{self.line}" if self.line else self.file
+        return f"{place}: {self.what}: {self.old} → {self.new}"
+
+    def as_dict(self) -> JsonObject:
+        """Return the edit as plain data."""
+        return {
+            "side": self.side,
+            "file": self.file,
+            "line": self.line,
+            "what": self.what,
+            "old": self.old,
+            "new": self.new,
+            "confirmed": self.confirmed,
+        }
+
+
+@dataclass(frozen=True)
+class Item:
+    """One convention or one difference.
+
+    Attributes:
+        kind: "base frame", "zero", "sign", "name", "order", "tool frame" or "link".
+        joint: name of the joint in the second side; "" if the item belongs to none.
+        link: name of the link, for "link" and "tool frame".
+        text: one sentence.
+        shift: size of the shift in m.
+        turn: size of the rotation in rad.
+        ties: texts of other explanations that fit as well.
+        edits: edits, each of which removes the item.
+    """
+
+    kind: str
+    joint: str
+    text: str
+    link: str = ""
+    shift: float = 0.0
+    turn: float = 0.0
+    ties: tuple[str, ...] = ()
+    edits: tuple[Edit, ...] = field(default=())
+
+    def with_edits(self, edits: Sequence[Edit]) -> Item:
+        """Return the item with edits."""
+        return replace(self, edits=tuple(edits))
+
+    def as_dict(self) -> JsonObject:
+        """Return the item as plain data, lengths in mm and angles in degrees."""
+        return {
+            "kind": self.kind,
+            "joint": self.joint,
+            "link": self.link,
+            "text": self.text,
+            "shift_mm": self.shift / MM,
+            "turn_deg": self.turn / DEG,
+            "ties": list(self.ties),
+            "edits": [edit.as_dict() for edit in self.edits],
+        }
+
+
+def items(problem: Problem, matching: Matching, solution: Solution) -> list[Item]:
+    """Return the conventions and the differences of a solution, differences last."""
+    u = solution.unknowns
+    found = _names(problem, matching)
+    found += _base(problem, u)
+    found += _joints(problem, u)
+    found += _tools(problem, u)
+    found += _links(problem, u)
+    return found
+
+
+def _names(problem: Problem, matching: Matching) -> list[Item]:
+    found = []
+    for first, second in matching.renamed:
+        text = f"joint '{first}' of {problem.first.label} is joint '{second}' of {problem.second.label}"
+        found.append(Item("name", second, text))
+    order_of_first = [name for name in problem.first.order if name in problem.first.order]
+    names = {}
+    for j, axis in enumerate(problem.axes):
+        names[axis.name] = problem.second.axes[j].name
+    mapped = [names[name] for name in order_of_first if name in names]
+    common = [name for name in problem.second.order if name in mapped]
+    mapped = [name for name in mapped if name in common]
+    if mapped != common:
+        text = (
+            f"the order of the joints is {', '.join(mapped)} in {problem.first.label}, {', '.join(common)} in "
+            f"{problem.second.label}"
+        )
+        found.append(Item("order", "", text))
+    return found
+
+
+def _base(problem: Problem, u: Unknowns) -> list[Item]:
+    if not base_moved(problem, u):
+        return []
+    shift = u.base[3:]
+    turn = u.base[:3]
+    text = (
+        f"the base frame of {problem.first.label} is moved by {placed(shift, turn)} in that of {problem.second.label}"
+    )
+    ties = []
+    for i in problem.order:
+        axis = problem.axes[i]
+        if axis.parent != 0:
+            continue
+        angle = _about_line(u.base, problem.points[i], problem.directions[i], axis.kind, problem)
+        if angle is not None:
+            size = moved(abs(angle), axis.is_angle)
+            ties.append(f"the zero of joint '{problem.second.axes[i].name}' is moved by {size}")
+    link = problem.second.groups[0].bodies[0]
+    length = float(np.linalg.norm(shift))
+    return [Item("base frame", "", text, link, length, float(np.linalg.norm(turn)), tuple(ties))]
+
+
+def _about_line(motion: Array, point: Array, direction: Array, kind: str, problem: Problem) -> float | None:
+    """Return the displacement of a joint that is the motion (6,), rotation vector and shift; None if none is."""
+    turn = motion[:3]
+    shift = motion[3:]
+    if kind == "prismatic":
+        along = float(shift @ direction)
+        off = float(np.linalg.norm(shift - along * direction))
+        if np.linalg.norm(turn) < problem.angle_tolerance and off < problem.tolerance:
+            return along
+        return None
+    angle = float(turn @ direction)
+    if np.linalg.norm(turn - angle * direction) > problem.angle_tolerance:
+        return None
+    R = spatial.exp_so3(turn)
+    if np.linalg.norm(R @ point + shift - point) > problem.tolerance:
+        return None
+    return angle
+
+
+def _joints(problem: Problem, u: Unknowns) -> list[Item]:
+    found = []
+    for i in u.flips:
+        name = problem.second.axes[i].name
+        text = f"joint '{name}' turns the other way"
+        if problem.kinds[i] == "prismatic":
+            text = f"joint '{name}' slides the other way"
+        found.append(Item("sign", name, text, turn=np.pi))
+    for i in moved_zeros(problem, u):
+        name = problem.second.axes[i].name
+        shift = zero_of(problem, u, i)
+        is_angle = problem.axes[i].is_angle
+        size = moved(shift, is_angle)
+        first = problem.first.label
+        second = problem.second.label
+        text = f"the zero of joint '{name}' is moved: {first} is at {size} where {second} is at 0"
+        if is_angle:
+            found.append(Item("zero", name, text, turn=abs(shift)))
+        else:
+            found.append(Item("zero", name, text, shift=abs(shift)))
+    return found
+
+
+def _tools(problem: Problem, u: Unknowns) -> list[Item]:
+    moved_frames: dict[int, list[FrameGap]] = {}
+    for gap in gaps(problem, u):
+        if gap.leaf and gap.differs(problem):
+            moved_frames.setdefault(gap.joint, []).append(gap)
+    found = []
+    for joint, frames in moved_frames.items():
+        names = ", ".join(f"'{gap.name}'" for gap in frames)
+        gap = frames[0]
+        shift = gap.T[:3, 3]
+        turn = spatial.log_so3(gap.T[:3, :3])
+        noun = "frame" if len(frames) == 1 else "frames"
+        text = (
+            f"{noun} {names} of {problem.first.label} moved by {placed(shift, turn)} in that of {problem.second.label}"
+        )
+        ties = []
+        # the line of the joint in the frame of the second side
+        T = spatial.inverse(gap.T_base_second)
+        point = T[:3, :3] @ problem.target_points[joint] + T[:3, 3]
+        direction = T[:3, :3] @ problem.target_directions[joint]
+        motion = np.concatenate([turn, shift])
+        displacement = _about_line(motion, point, direction, problem.kinds[joint], problem)
+        name = problem.second.axes[joint].name
+        if displacement is not None:
+            size = moved(abs(displacement), problem.axes[joint].is_angle)
+            ties.append(f"the zero of joint '{name}' is moved by {size}")
+        length = float(np.linalg.norm(shift))
+        found.append(Item("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn)), tuple(ties)))
+    return found
+
+
+def _links(problem: Problem, u: Unknowns) -> list[Item]:
+    found = []
+    for k, i in enumerate(u.deviating):
+        assert u.deviations is not None
+        values = u.deviations[k]
+        axis = problem.axes[i]
+        second = problem.second.axes[i]
+        turn = problem.frames[i] @ values[:3]
+        shift = problem.frames[i] @ values[3:]
+        link = problem.second.groups[second.parent].bodies[-1]
+        text = f"the place of joint '{second.name}' on link '{link}' differs by {placed(shift, turn)}"
+        before = [
+            j for j in range(problem.count) if problem.axes[j].child == axis.parent and not problem.axes[j].closing
+        ]
+        if before:
+            text += f" ({_between(problem, before[0], i)})"
+        length = float(np.linalg.norm(shift))
+        found.append(Item("link", second.name, text, link, length, float(np.linalg.norm(turn))))
+    return found
+
+
+def _between(problem: Problem, i: int, k: int) -> str:
+    """Return the distance and the angle of the lines of two joints of one link in both sides."""
+    name = problem.second.axes[i].name
+    parts = []
+    for points, directions in (
+        (problem.points, problem.directions),
+        (problem.target_points, problem.target_directions),
+    ):
+        distance, angle = line_distance(points[i], directions[i], points[k], directions[k])
+        parts.append(f"{mm(distance)} at {deg(angle)}")
+    if parts[0] == parts[1]:
+        return f"its axis and that of '{name}' are {parts[0]} in both"
+    return f"its axis and that of '{name}': {parts[0]} in {problem.first.label}, {parts[1]} in {problem.second.label}"
+
+
+def line_distance(p: Array, d: Array, q: Array, e: Array) -> tuple[float, float]:
+    """Return the distance in m and the angle in rad of two lines (p, d) and (q, e)."""
+    normal = np.cross(d, e)
+    sine = float(np.linalg.norm(normal))
+    between = q - p
+    angle = float(np.arctan2(sine, d @ e))
+    if sine < 1e-6:
+        return float(np.linalg.norm(np.cross(between, d))), angle
+    return abs(float(between @ normal)) / sine, angle
+
+
+def placed(shift: Array, turn: Array) -> str:
+    """Return a shift (3,) in m and a rotation vector (3,) in rad as text."""
+    length = float(np.linalg.norm(shift))
+    angle = float(np.linalg.norm(turn))
+    parts = []
+    if length > 1e-9:
+        parts.append(f"{mm(length)} along {_direction(shift / length)}")
+    if angle > 1e-9:
+        parts.append(f"{deg(angle)} about {_direction(turn / angle)}")
+    return " and ".join(parts) or "nothing"
+
+
+def _direction(unit: Array) -> str:
+    for i, name in enumerate("xyz"):
+        if abs(unit[i]) > 1 - 1e-9:
+            sign = "-" if unit[i] < 0 else ""
+            return f"{sign}{name}"
+    rounded = np.round(unit, 3) + 0.0
+    return f"({rounded[0]:g}, {rounded[1]:g}, {rounded[2]:g})"

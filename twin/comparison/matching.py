@@ -1,0 +1,116 @@
+"""Which joint of one side is which joint of the other: by names, else by the structure of the chains."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from twin.comparison.side import Side
+from twin.core.errors import TwinError
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Pairs of joints.
+
+    Attributes:
+        pairs: for each joint of the second side, the index of the joint of the first side that it is.
+        by_name: whether all pairs follow from the names alone.
+        renamed: (name in the first side, name in the second side) of pairs whose names differ.
+    """
+
+    pairs: tuple[int, ...]
+    by_name: bool
+    renamed: tuple[tuple[str, str], ...]
+
+
+def match(first: Side, second: Side) -> Matching:
+    """Match the joints of two sides.
+
+    Raises:
+        TwinError: the sides have different numbers or types of joints, so that no joint-by-joint match exists.
+    """
+    by_name = _by_names(first, second)
+    if by_name is None:
+        by_name = _by_structure(first, second)
+        complete = False
+    else:
+        complete = True
+    renamed = []
+    for j, i in enumerate(by_name):
+        names = (first.axes[i].name, second.axes[j].name)
+        if names[0] != names[1]:
+            renamed.append(names)
+    return Matching(tuple(by_name), complete, tuple(renamed))
+
+
+def _by_names(first: Side, second: Side) -> list[int] | None:
+    """Return the pairs if the joints of both sides have the same names, apart from case, signs and a common prefix."""
+    for key in (_plain, _bare):
+        known = {key(axis.name, _prefix(first)): i for i, axis in enumerate(first.axes)}
+        wanted = [key(axis.name, _prefix(second)) for axis in second.axes]
+        if len(known) == len(first.axes) == len(wanted) and set(known) == set(wanted):
+            pairs = [known[name] for name in wanted]
+            if _same_kinds(first, second, pairs):
+                return pairs
+    return None
+
+
+def _plain(name: str, prefix: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _bare(name: str, prefix: str) -> str:
+    return _plain(name[len(prefix) :], "")
+
+
+def _prefix(side: Side) -> str:
+    """Return the common beginning of the names of all joints, without digits: the name or the maker of the robot."""
+    names = [axis.name for axis in side.axes]
+    shortest = min(names, key=len)
+    length = 0
+    while length < len(shortest) and all(name[length] == shortest[length] for name in names):
+        length += 1
+    common = shortest[:length]
+    return common.rstrip("0123456789")
+
+
+def _same_kinds(first: Side, second: Side, pairs: Sequence[int]) -> bool:
+    kinds_of_second = [axis.kind for axis in second.axes]
+    return [first.axes[i].kind for i in pairs] == kinds_of_second
+
+
+def _by_structure(first: Side, second: Side) -> list[int]:
+    """Return pairs of joints at the same places of two trees with the same shape and types.
+
+    Raises:
+        TwinError: the trees differ; the message names the joints without partner, and the way out.
+    """
+    kinds_of_first = [axis.kind for axis in first.axes]
+    kinds_of_second = [axis.kind for axis in second.axes]
+    parents_of_first = _parents(first)
+    parents_of_second = _parents(second)
+    if kinds_of_first == kinds_of_second and parents_of_first == parents_of_second:
+        return list(range(len(second.axes)))
+    raise TwinError(_mismatch(first, second))
+
+
+def _parents(side: Side) -> list[tuple[int, int]]:
+    return [(axis.parent, axis.child) for axis in side.axes]
+
+
+def _mismatch(first: Side, second: Side) -> str:
+    """Return the text of the error for sides whose joints do not match."""
+    names_of_first = {_plain(axis.name, "") for axis in first.axes}
+    names_of_second = {_plain(axis.name, "") for axis in second.axes}
+    parts = []
+    for side, others in ((first, names_of_second), (second, names_of_first)):
+        alone = [axis.name for axis in side.axes if _plain(axis.name, "") not in others]
+        listed = ", ".join(f"{name}" for name in alone) or "none"
+        parts.append(f"{side.label} has {len(side.axes)} moving joints, without a joint of the same name: {listed}")
+    common = [axis.name for axis in first.axes if _plain(axis.name, "") in names_of_second]
+    way = "Name the joints to compare with --only; all others are then held at zero"
+    if common:
+        way += f", for example --only {','.join(common)}"
+    return f"the joints cannot be matched: {'; '.join(parts)}. {way}."

@@ -1,0 +1,118 @@
+"""The comparison of two sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from twin.comparison.fit import Problem, Solution
+from twin.comparison.items import Item, items
+from twin.comparison.matching import match
+from twin.comparison.properties import KINDS, Properties, compare
+from twin.comparison.range import Worst, worst
+from twin.comparison.search import conventions, cost, deviations
+from twin.comparison.side import Side
+from twin.core.json_types import JsonObject
+
+Kinematics = Literal["agree", "agree after conventions", "disagree", "unexplained"]
+
+_TIES = 4
+"""Maximum number of other explanations that are told."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The comparison of two sides.
+
+    Attributes:
+        first, second: the sides.
+        kinematics: the verdict on joints and links.
+        items: conventions and differences.
+        ties: other explanations with as many changes, each as texts.
+        properties: limits, speeds, efforts, masses, couplings; None if the kinematics are unexplained.
+        worst: the largest difference of the tools; None if there is none, or no tool.
+        solution, problem: the fit.
+    """
+
+    first: Side
+    second: Side
+    kinematics: Kinematics
+    items: tuple[Item, ...]
+    ties: tuple[tuple[str, ...], ...]
+    properties: Properties | None
+    worst: Worst | None
+    problem: Problem = field(repr=False)
+    solution: Solution | None = field(repr=False)
+
+    @property
+    def conventions(self) -> tuple[Item, ...]:
+        """Conventions that differ."""
+        return tuple(item for item in self.items if item.kind != "link")
+
+    @property
+    def differences(self) -> tuple[Item, ...]:
+        """Differences that no convention explains."""
+        return tuple(item for item in self.items if item.kind == "link")
+
+    @property
+    def agrees(self) -> bool:
+        """Whether joints and links agree, after conventions at most."""
+        return self.kinematics in ("agree", "agree after conventions")
+
+    def as_dict(self) -> JsonObject:
+        """Return the comparison as plain data."""
+        verdicts = {}
+        rows = []
+        if self.properties is not None:
+            verdicts = {kind: self.properties.verdict(kind) for kind in KINDS}
+            rows = [row.as_dict() for row in self.properties.rows]
+        largest = None
+        if self.worst is not None:
+            largest = self.worst.as_dict()
+        return {
+            "first": self.first.label,
+            "second": self.second.label,
+            "kinematics": self.kinematics,
+            "conventions": [item.as_dict() for item in self.conventions],
+            "differences": [item.as_dict() for item in self.differences],
+            "ties": [list(texts) for texts in self.ties],
+            "worst": largest,
+            "properties": verdicts,
+            "property_rows": rows,
+        }
+
+
+def compare_pair(first: Side, second: Side, tolerance: float) -> Pair:
+    """Compare two sides; `tolerance` is the distance in m up to which two joint lines coincide.
+
+    Raises:
+        TwinError: the joints cannot be matched, or a joint has no common range.
+    """
+    matching = match(first, second)
+    problem = Problem(first, second, matching, tolerance)
+    solutions = conventions(problem)
+    kinematics: Kinematics = "agree after conventions"
+    if not solutions:
+        solutions = deviations(problem)
+        kinematics = "disagree"
+    if not solutions:
+        return Pair(first, second, "unexplained", (), (), None, None, problem, None)
+    best = solutions[0]
+    found = items(problem, matching, best)
+    if not found:
+        kinematics = "agree"
+    others = []
+    for other in tied(problem, solutions)[: _TIES + 1]:
+        texts = tuple(item.text for item in items(problem, matching, other))
+        if other is not best and texts not in others:
+            others.append(texts)
+    largest = worst(problem, best)
+    properties = compare(problem, best)
+    return Pair(first, second, kinematics, tuple(found), tuple(others[:_TIES]), properties, largest, problem, best)
+
+
+def tied(problem: Problem, solutions: Sequence[Solution]) -> list[Solution]:
+    """Return the solutions with as few conventions as the best."""
+    lowest = cost(problem, solutions[0])
+    return [solution for solution in solutions if cost(problem, solution) <= lowest + 1e-6]

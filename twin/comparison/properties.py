@@ -1,0 +1,217 @@
+"""Limits, speeds, efforts, masses and couplings of two sides, each kind with its own verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.comparison.fit import Problem, Solution, values_of
+from twin.comparison.search import zero_of
+from twin.comparison.side import ONE_COORDINATE
+from twin.core.json_types import JsonObject
+from twin.core.quantity import moved
+from twin.core.spatial import Array
+
+LIMIT = 1e-4
+"""Difference of limits in rad or m up to which they are equal: files round them to four or five digits."""
+
+RELATIVE = 1e-3
+"""Relative difference of speeds, efforts, masses and inertias up to which they are equal."""
+
+RATIO = 1e-4
+"""Difference of ratios of couplings up to which they are equal, relative."""
+
+CENTRE = 1e-4
+"""Distance in m of centres of mass up to which they are equal."""
+
+KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of mass", "inertias", "couplings")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One compared value that differs, or that only one side states.
+
+    Attributes:
+        kind: one of `KINDS`.
+        where: name of the joint or link in the second side.
+        first, second: the values as text, "-" if a side does not state it.
+        stated: whether both sides state it, so that they disagree.
+    """
+
+    kind: str
+    where: str
+    first: str
+    second: str
+    stated: bool
+
+    def as_dict(self) -> JsonObject:
+        """Return the row as plain data."""
+        return {
+            "kind": self.kind,
+            "where": self.where,
+            "first": self.first,
+            "second": self.second,
+            "stated_by_both": self.stated,
+        }
+
+
+@dataclass(frozen=True)
+class Properties:
+    """Rows that differ, and for each kind how many values were compared."""
+
+    rows: tuple[Row, ...]
+    compared: dict[str, int]
+
+    def verdict(self, kind: str) -> str:
+        """Return "agree", "disagree" or "not stated" for one kind."""
+        for row in self.rows:
+            if row.kind == kind and row.stated:
+                return "disagree"
+        if self.compared[kind]:
+            return "agree"
+        return "not stated"
+
+
+def compare(problem: Problem, solution: Solution) -> Properties:
+    """Compare the properties of two sides after the conventions of a solution."""
+    rows: list[Row] = []
+    compared: dict[str, int] = dict.fromkeys(KINDS, 0)
+    for i, axis in enumerate(problem.axes):
+        if axis.kind in ONE_COORDINATE:
+            _joint(problem, solution, i, rows, compared)
+    _masses(problem, solution, rows, compared)
+    _couplings(problem, solution, rows, compared)
+    return Properties(tuple(rows), compared)
+
+
+def _joint(problem: Problem, solution: Solution, i: int, rows: list[Row], compared: dict[str, int]) -> None:
+    first = problem.axes[i]
+    second = problem.second.axes[i]
+
+    def angle(value: float) -> str:
+        return str(moved(value, second.is_angle))
+
+    mapped = mapped_limits(problem, solution, i)
+    if mapped is not None and second.limits is not None:
+        compared["limits"] += 1
+        low = abs(mapped[0] - second.limits[0])
+        high = abs(mapped[1] - second.limits[1])
+        if not (low <= LIMIT or mapped[0] == second.limits[0]) or not (high <= LIMIT or mapped[1] == second.limits[1]):
+            texts = [f"{angle(low)} .. {angle(high)}" for low, high in (mapped, second.limits)]
+            rows.append(Row("limits", second.name, texts[0], texts[1], True))
+    elif (mapped is None) != (second.limits is None):
+        texts = []
+        for limits in (mapped, second.limits):
+            texts.append("-" if limits is None else f"{angle(limits[0])} .. {angle(limits[1])}")
+        rows.append(Row("limits", second.name, texts[0], texts[1], False))
+    _number("speeds", second.name, first.max_speed, second.max_speed, lambda v: f"{angle(v)}/s", rows, compared)
+    effort_of_first = problem.first.efforts.get(first.name)
+    effort_of_second = problem.second.efforts.get(second.name)
+    unit = "N m" if second.is_angle else "N"
+    _number("efforts", second.name, effort_of_first, effort_of_second, lambda v: f"{v:g} {unit}", rows, compared)
+
+
+def mapped_limits(problem: Problem, solution: Solution, i: int) -> tuple[float, float] | None:
+    """Return the limits of the first side as values of the second, or None."""
+    limits = problem.axes[i].limits
+    if limits is None:
+        return None
+    sign = solution.unknowns.signs[i]
+    zero = zero_of(problem, solution.unknowns, i)
+    ends = sorted(float(sign * (value - zero)) for value in limits)
+    return ends[0], ends[1]
+
+
+def _number(
+    kind: str,
+    where: str,
+    first: float | None,
+    second: float | None,
+    shown: Callable[[float], str],
+    rows: list[Row],
+    compared: dict[str, int],
+) -> None:
+    if first is None and second is None:
+        return
+    if first is None or second is None:
+        texts = ["-" if value is None else shown(value) for value in (first, second)]
+        rows.append(Row(kind, where, texts[0], texts[1], False))
+        return
+    compared[kind] += 1
+    if abs(first - second) > RELATIVE * max(abs(first), abs(second)):
+        rows.append(Row(kind, where, shown(first), shown(second), True))
+
+
+def _masses(problem: Problem, solution: Solution, rows: list[Row], compared: dict[str, int]) -> None:
+    """Compare mass, centre and tensor of the bodies on each joint, the first side moved by the conventions."""
+    u = solution.unknowns
+    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
+    pairs = [(0, 0)]
+    for i, axis in enumerate(problem.axes):
+        if not axis.closing:
+            pairs.append((axis.child, problem.second.axes[i].child))
+    for group, partner in pairs:
+        first = problem.first.groups[group].inertia
+        second = problem.second.groups[partner].inertia
+        where = problem.second.groups[partner].bodies[-1]
+        masses = [None if inertia is None else inertia.mass for inertia in (first, second)]
+        _number("masses", where, masses[0], masses[1], lambda v: f"{v:g} kg", rows, compared)
+        if first is None or second is None:
+            continue
+        seen = first.seen_from(motions[0, group])
+        compared["centres of mass"] += 1
+        if np.linalg.norm(seen.p_body_com - second.p_body_com) > CENTRE:
+            texts = [_point(p) for p in (seen.p_body_com, second.p_body_com)]
+            rows.append(Row("centres of mass", where, texts[0], texts[1], True))
+        compared["inertias"] += 1
+        size = float(np.linalg.norm(second.I_com))
+        if np.linalg.norm(seen.I_com - second.I_com) > RELATIVE * max(size, float(np.linalg.norm(seen.I_com))):
+            texts = [_moments(I_com) for I_com in (seen.I_com, second.I_com)]
+            rows.append(Row("inertias", where, texts[0], texts[1], True))
+
+
+def _point(p: Array) -> str:
+    x, y, z = np.round(1e3 * p, 3) + 0.0
+    return f"({x:g}, {y:g}, {z:g}) mm"
+
+
+def _moments(tensor: Array) -> str:
+    values = [f"{value:.4g}" for value in np.linalg.eigvalsh(tensor)]
+    return f"moments {', '.join(values)} kg m2"
+
+
+def _couplings(problem: Problem, solution: Solution, rows: list[Row], compared: dict[str, int]) -> None:
+    index = {axis.name: i for i, axis in enumerate(problem.axes)}
+    u = solution.unknowns
+    seen: dict[str, tuple[str, float, float]] = {}
+    for name, (leader, ratio, offset) in problem.first.couplings.items():
+        i = index.get(name)
+        k = index.get(leader)
+        if i is None or k is None:
+            continue
+        # q_first = sign * q_second + zero for both joints
+        mapped_ratio = float(u.signs[i] * ratio * u.signs[k])
+        constant = ratio * zero_of(problem, u, k) + offset - zero_of(problem, u, i)
+        names = (problem.second.axes[i].name, problem.second.axes[k].name)
+        seen[names[0]] = (names[1], mapped_ratio, float(u.signs[i] * constant))
+    for name in {**seen, **problem.second.couplings}:
+        first = seen.get(name)
+        second = problem.second.couplings.get(name)
+        texts = ["-" if coupling is None else _coupling(coupling) for coupling in (first, second)]
+        if first is None or second is None:
+            rows.append(Row("couplings", name, texts[0], texts[1], False))
+            continue
+        compared["couplings"] += 1
+        same_ratio = abs(first[1] - second[1]) <= RATIO * abs(second[1])
+        if first[0] != second[0] or not same_ratio or abs(first[2] - second[2]) > LIMIT:
+            rows.append(Row("couplings", name, texts[0], texts[1], True))
+
+
+def _coupling(coupling: tuple[str, float, float]) -> str:
+    leader, ratio, offset = coupling
+    text = f"{ratio:g} × {leader}"
+    if offset:
+        text += f" + {offset:g}"
+    return text

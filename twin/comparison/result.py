@@ -1,0 +1,172 @@
+"""The result of `twin compare`: verdict, findings, text and data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from twin.comparison.items import Edit, Item
+from twin.comparison.pair import Pair
+from twin.comparison.properties import KINDS
+from twin.comparison.side import Side
+from twin.core.findings import Finding, disagreement, error, info, warning
+from twin.core.json_types import JsonObject
+from twin.core.quantity import deg, mm
+from twin.core.result import Line, Part, Result, Table
+from twin.core.units import MM
+
+_SHOWN_EDITS = 4
+"""Number of edits that the text of an item shows."""
+
+
+@dataclass(frozen=True)
+class Comparison(Result):
+    """The comparison of two or more sides, pair by pair.
+
+    Attributes:
+        sides: the sides, in the order in which they were given.
+        pairs: the comparison of each pair.
+        tolerance: distance in m up to which two joint lines coincide.
+        strict: whether a difference of convention counts as a disagreement.
+    """
+
+    kind: ClassVar[str] = "compare"
+
+    sides: tuple[Side, ...]
+    pairs: tuple[Pair, ...]
+    tolerance: float
+    strict: bool = False
+
+    @property
+    def findings(self) -> list[Finding]:
+        """One finding for each convention, difference and property that differs."""
+        found: list[Finding] = []
+        for pair in self.pairs:
+            found += self._findings(pair)
+        lonely = self.alone
+        if lonely is not None:
+            text = f"{lonely} stands alone: the other sides agree with each other, and not with it"
+            found.append(info("compare.alone", lonely, text))
+        return found
+
+    def _findings(self, pair: Pair) -> Iterator[Finding]:
+        where = f"{pair.first.label} and {pair.second.label}"
+        if pair.kinematics == "unexplained":
+            text = "no conventions, and no small number of different links, explain how the two differ"
+            yield error("compare.unexplained", where, text)
+            return
+        convention = disagreement if self.strict else warning
+        for item in pair.conventions:
+            yield convention("compare.convention", where, _sentence(item.text), suggestion=_suggestion(item))
+        for item in pair.differences:
+            size = mm(item.shift) if item.shift > pair.problem.tolerance else deg(item.turn)
+            yield disagreement(
+                "compare.link", item.joint, _sentence(item.text), size, 0.0, _suggestion(item), when=where
+            )
+        assert pair.properties is not None
+        for row in pair.properties.rows:
+            if row.stated:
+                labels = (pair.first.label, pair.second.label)
+                text = f"{row.kind} of '{row.where}': {row.first} in {labels[0]}, {row.second} in {labels[1]}"
+                yield disagreement(f"compare.{row.kind.replace(' ', '_')}", row.where, text)
+
+    @property
+    def alone(self) -> str | None:
+        """Label of the side that disagrees with all others while they agree with each other, or None."""
+        if len(self.sides) < 3:
+            return None
+        lonely = []
+        for side in self.sides:
+            own = [pair for pair in self.pairs if side in (pair.first, pair.second)]
+            others = [pair for pair in self.pairs if pair not in own]
+            if not any(pair.agrees for pair in own) and all(pair.agrees for pair in others):
+                lonely.append(side.label)
+        if len(lonely) == 1:
+            return lonely[0]
+        return None
+
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        if self.verdict == "agree" and any(pair.conventions for pair in self.pairs):
+            return "Agree after conventions"
+        return {"agree": "Agree", "disagree": "Disagree", "unchecked": "Could not be compared"}[self.verdict]
+
+    def content(self) -> JsonObject:
+        """Return the pairs as plain data."""
+        return {
+            "sides": [{"label": side.label, "joints": [axis.name for axis in side.axes]} for side in self.sides],
+            "tolerance_mm": self.tolerance / MM,
+            "strict": self.strict,
+            "pairs": [pair.as_dict() for pair in self.pairs],
+            "alone": self.alone,
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield the verdict of each pair, its conventions, differences, edits and properties."""
+        for pair in self.pairs:
+            yield from _pair_text(pair)
+        if self.alone is not None:
+            yield f"\n{self.alone} stands alone: the other sides agree with each other."
+        styles = {"agree": "bold green", "disagree": "bold red", "unchecked": "bold yellow"}
+        yield Line(f"\n{self.word}.", styles[self.verdict])
+
+
+def _pair_text(pair: Pair) -> Iterator[Part]:
+    yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict(pair)}"
+    for item in pair.conventions:
+        yield f"  ▲ convention, {item.kind}: {item.text}"
+        yield from _item_text(item)
+    for item in pair.differences:
+        yield f"  ✖ {item.text}"
+        yield from _item_text(item)
+    for texts in pair.ties:
+        yield f"  or, as well: {'; '.join(texts) or 'no change'}"
+    if pair.worst is not None and pair.differences:
+        largest = pair.worst
+        yield f"  largest difference of '{largest.frame}': {mm(largest.distance)} and {deg(largest.angle)}"
+    if pair.properties is None:
+        return
+    rows = []
+    for kind in KINDS:
+        rows.append((kind, pair.properties.verdict(kind), str(pair.properties.compared[kind])))
+    yield Table(("property", "verdict", "compared"), rows)
+    stated = [row for row in pair.properties.rows if row.stated]
+    if stated:
+        different = [(row.kind, row.where, row.first, row.second) for row in stated]
+        yield Table(("differs", "of", pair.first.label, pair.second.label), different)
+
+
+def _verdict(pair: Pair) -> str:
+    texts = {
+        "agree": "joints and links agree",
+        "agree after conventions": "joints and links agree after these conventions",
+        "disagree": "joints and links disagree",
+        "unexplained": "no explanation was found",
+    }
+    return texts[pair.kinematics]
+
+
+def _item_text(item: Item) -> Iterator[str]:
+    for tie in item.ties:
+        yield f"      or, which cannot be told apart: {tie}"
+    for edit in item.edits[:_SHOWN_EDITS]:
+        yield f"      edit {edit.text()}"
+
+
+def _suggestion(item: Item) -> str:
+    parts = [f"Or: {tie}." for tie in item.ties]
+    parts += _edit_texts(item.edits)
+    return " ".join(parts)
+
+
+def _edit_texts(edits: Sequence[Edit]) -> list[str]:
+    if not edits:
+        return []
+    texts = [edit.text() for edit in edits[:_SHOWN_EDITS]]
+    return [f"Edit {'; or '.join(texts)}."]
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:] + "."

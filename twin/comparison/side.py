@@ -1,0 +1,295 @@
+"""One description of a robot as joint lines at a drawn state, and its forward kinematics by products of exponentials.
+
+Bodies that are fixed to each other are one group. All lines and frames are in the base frame, in SI units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import TwinError, unknown
+from twin.core.spatial import Array
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+
+TURNING = ("revolute", "cylindrical")
+"""Joint types that turn about a line."""
+
+ONE_COORDINATE = ("revolute", "prismatic")
+"""Joint types with one coordinate, which has a sign and a zero."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A moving joint of a side.
+
+    Attributes:
+        name, kind: name and type of the joint, see `model.joint.FREE_AXES`.
+        parent, child: indices of the groups of bodies that it connects.
+        point, direction: (3,) a point on its line in m, and the unit vector along it, in base, at the drawn state.
+        drawn: coordinate at the drawn state in m or rad.
+        closing: whether the joint closes a loop, and is not in the tree.
+        active: whether a motor drives it.
+        limits, max_speed: as in `model.joint.Joint`.
+    """
+
+    name: str
+    kind: str
+    parent: int
+    child: int
+    point: Array
+    direction: Array
+    drawn: float
+    closing: bool = False
+    active: bool = True
+    limits: tuple[float, float] | None = None
+    max_speed: float | None = None
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the coordinate is an angle."""
+        return self.kind != "prismatic"
+
+
+@dataclass(frozen=True)
+class Group:
+    """Bodies fixed to each other: their names, and their common inertia in base at the drawn state, or None."""
+
+    bodies: tuple[str, ...]
+    inertia: Inertia | None = None
+
+
+@dataclass(frozen=True)
+class Side:
+    """One description of a robot.
+
+    Attributes:
+        label: how the user named the side.
+        name: name of the robot.
+        axes: moving joints; those of the tree first, parents first.
+        groups: groups of bodies; the first contains the base.
+        frames: {name of a frame or body: (group, T_base_frame (4, 4) at the drawn state)}.
+        tool: name of the tool frame.
+        guessed_tool: whether the description names no tool, so that the tool is only the last body.
+        couplings: {joint: (leading joint, ratio, offset)}, joint = ratio * leader + offset.
+        order: names of the driven joints, in the order of q.
+        path: the file; None if there is none.
+        notes: texts on data that the reader left out.
+        efforts: {joint: maximum effort in N or N m}.
+        mechanism: the mechanism, for pictures; None if the side is only equations.
+    """
+
+    label: str
+    name: str
+    axes: tuple[Axis, ...]
+    groups: tuple[Group, ...]
+    frames: Mapping[str, tuple[int, Array]]
+    tool: str = ""
+    guessed_tool: bool = False
+    couplings: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+    order: tuple[str, ...] = ()
+    path: Path | None = None
+    notes: tuple[str, ...] = ()
+    efforts: Mapping[str, float] = field(default_factory=dict)
+    mechanism: Mechanism | None = None
+
+    @property
+    def tree(self) -> tuple[Axis, ...]:
+        """The joints of the tree, parents first."""
+        return tuple(axis for axis in self.axes if not axis.closing)
+
+    @property
+    def looped(self) -> bool:
+        """Whether the side has closed loops."""
+        return any(axis.closing for axis in self.axes)
+
+    def index(self, name: str) -> int:
+        """Return the index of a joint."""
+        for i, axis in enumerate(self.axes):
+            if axis.name == name:
+                return i
+        raise TwinError(f"{self.label}: {unknown('moving joint', name, [axis.name for axis in self.axes])}")
+
+    def poses(self, displacements: Array) -> Array:
+        """Return the motions (k, groups, 4, 4) of the groups since the drawn state, for displacements (k, tree joints).
+
+        The motion of a group maps its points at the drawn state to their places after the joints of the tree have
+        moved by the displacements in m or rad, both in base.
+        """
+        count = len(displacements)
+        motions = np.zeros((count, len(self.groups), 4, 4))
+        motions[:] = np.eye(4)
+        for i, axis in enumerate(self.tree):
+            step = joint_motion(axis, displacements[:, i])
+            motions[:, axis.child] = motions[:, axis.parent] @ step
+        return motions
+
+
+def joint_motion(axis: Axis, displacement: Array) -> Array:
+    """Return the motions (k, 4, 4) of displacements (k,) in m or rad along or about the line of a joint."""
+    if axis.kind == "prismatic":
+        return spatial.pose(p=displacement[:, None] * axis.direction)
+    if axis.kind in TURNING:
+        R = spatial.exp_so3(displacement[:, None] * axis.direction)
+        return spatial.pose(R, axis.point - R @ axis.point)
+    return spatial.pose(np.broadcast_to(np.eye(3), (len(displacement), 3, 3)))
+
+
+def drawn_poses(mechanism: Mechanism) -> tuple[dict[str, Array], dict[str, float]]:
+    """Return ({body: T_base_body}, {joint: coordinate}) at the state at which lines are compared.
+
+    This is the state with all coordinates zero or, for a robot with closed loops, the drawn state, which closes them.
+    """
+    if mechanism.loops:
+        poses = dict(mechanism.rest)
+        coordinates = {}
+        for joint in mechanism.joints:
+            if len(joint.free_axes) == 1:
+                coordinates[joint.name] = float(joint.coordinate(poses[joint.parent], poses[joint.child]))
+        return poses, coordinates
+    poses = {mechanism.base: np.eye(4)}
+    for joint in mechanism.tree:
+        poses[joint.child] = poses[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
+    return poses, {}
+
+
+def from_mechanism(
+    mechanism: Mechanism,
+    label: str,
+    *,
+    path: Path | None = None,
+    only: Collection[str] = (),
+    guessed_tool: bool = False,
+    notes: Sequence[str] = (),
+    efforts: Mapping[str, float] | None = None,
+) -> Side:
+    """Return the side of a mechanism.
+
+    Args:
+        mechanism: the mechanism.
+        label: how the user named the side.
+        path: its file, if it is one file.
+        only: names of the joints to compare; all others are held at the drawn state. (): all joints.
+        guessed_tool: whether the tool frame is only a guess of the reader.
+        notes: texts on data that the reader left out.
+        efforts: maximum efforts that are not in the drives of the joints.
+    """
+    poses, coordinates = drawn_poses(mechanism)
+    moving = _moving(mechanism, only, label)
+    group_of = _groups(mechanism, moving)
+    axes: list[Axis] = []
+    loops = {joint.name for joint in mechanism.loops}
+    for joint in (*mechanism.tree, *mechanism.loops):
+        if joint.name in moving and group_of[joint.parent] != group_of[joint.child]:
+            closing = joint.name in loops
+            axes.append(_axis(joint, poses, coordinates, group_of, closing))
+    frames: dict[str, tuple[int, Array]] = {}
+    for body in mechanism.bodies:
+        frames[body.name] = (group_of[body.name], poses[body.name])
+    for frame in mechanism.frames:
+        frames[frame.name] = (group_of[frame.body], poses[frame.body] @ frame.T_body_frame)
+    stated_efforts = dict(efforts or {})
+    for joint in mechanism.joints:
+        if joint.drive is not None and joint.drive.max_effort is not None:
+            stated_efforts[joint.name] = joint.drive.max_effort
+    return Side(
+        label=label,
+        name=mechanism.name,
+        axes=tuple(axes),
+        groups=_bodies(mechanism, group_of, poses),
+        frames=frames,
+        tool=mechanism.tool,
+        guessed_tool=guessed_tool,
+        couplings=_couplings(mechanism, moving),
+        order=tuple(joint.name for joint in mechanism.active if joint.name in moving),
+        path=path,
+        notes=tuple(notes),
+        efforts=stated_efforts,
+        mechanism=mechanism,
+    )
+
+
+def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]:
+    """Return the names of the joints that move in the comparison."""
+    names = {joint.name for joint in mechanism.joints if joint.type != "fixed"}
+    for name in only:
+        if name not in names:
+            raise TwinError(f"{label}: {unknown('moving joint', name, names)}")
+    if only:
+        return set(only)
+    return names
+
+
+def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
+    """Return {body: index of its group}; the group of the base is 0."""
+    group_of = {mechanism.base: 0}
+    count = 1
+    for joint in mechanism.tree:
+        if joint.name in moving:
+            group_of[joint.child] = count
+            count += 1
+        else:
+            group_of[joint.child] = group_of[joint.parent]
+    return group_of
+
+
+def _axis(
+    joint: Joint,
+    poses: Mapping[str, Array],
+    coordinates: Mapping[str, float],
+    group_of: Mapping[str, int],
+    closing: bool,
+) -> Axis:
+    T_base_joint = poses[joint.parent] @ joint.T_parent_joint
+    return Axis(
+        name=joint.name,
+        kind=joint.type,
+        parent=group_of[joint.parent],
+        child=group_of[joint.child],
+        point=T_base_joint[:3, 3],
+        direction=T_base_joint[:3, 2],
+        drawn=coordinates.get(joint.name, 0.0),
+        closing=closing,
+        active=joint.active,
+        limits=joint.limits,
+        max_speed=joint.max_speed,
+    )
+
+
+def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]) -> tuple[Group, ...]:
+    count = max(group_of.values()) + 1
+    names: list[list[str]] = [[] for _ in range(count)]
+    inertias: list[Inertia | None] = [None] * count
+    for body in mechanism.bodies:
+        group = group_of[body.name]
+        names[group].append(body.name)
+        if body.inertia is None:
+            continue
+        seen = body.inertia.seen_from(poses[body.name])
+        sum_before = inertias[group]
+        inertias[group] = seen if sum_before is None else sum_before + seen
+    groups = []
+    for bodies, inertia in zip(names, inertias, strict=True):
+        groups.append(Group(tuple(bodies), inertia))
+    return tuple(groups)
+
+
+def _couplings(mechanism: Mechanism, moving: Collection[str]) -> dict[str, tuple[str, float, float]]:
+    """Return {joint: (leader, ratio, offset)} of the couplings of two joints: a q + b p = c is q = -b/a p + c/a."""
+    found = {}
+    for coupling in mechanism.couplings:
+        if len(coupling.joints) != 2 or not set(coupling.joints) <= set(moving):
+            continue
+        follower, leader = coupling.joints
+        first, second = coupling.ratios
+        if mechanism.joint(follower).active and not mechanism.joint(leader).active:
+            follower, leader = leader, follower
+            first, second = second, first
+        found[follower] = (leader, -second / first, coupling.total / first)
+    return found
