@@ -12,7 +12,7 @@ import pytest
 
 from made import bundle as base
 from twin.exchange.audit import audit
-from twin.exchange.audit.motion import Clip
+from twin.exchange.audit.motion import FileClip
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
@@ -230,7 +230,7 @@ def test_an_rcm_beside_the_centre_of_rotation_is_measured_against_its_limit(off,
         "moved_frame": "tip",
     }
     ledger = Ledger("swing.json")
-    check_rcm(data, Clip("swing", np.linspace(0, 1, 5), {"tool": T}), np.array([0.0, 0, 0, 0, 0, 0, 1]), ledger)
+    check_rcm(data, FileClip("swing", np.linspace(0, 1, 5), {"tool": T}), np.array([0.0, 0, 0, 0, 0, 0, 1]), ledger)
     assert [(round(f.size, 6), f.limit) for f in ledger.findings] == told
 
 

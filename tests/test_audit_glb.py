@@ -381,16 +381,18 @@ def test_samplers_between_their_keys(tmp_path):
 )
 def test_a_pose_halfway_between_keys_is_judged_by_place_and_by_rotation(aside, turn, said):
     from twin.exchange.audit.compare import Reference, compare
-    from twin.exchange.audit.motion import Clip, Content
+    from twin.exchange.audit.motion import Content, FileClip
     from twin.exchange.audit.report import Ledger
 
     times, keys = np.array([0.0, 1.0]), np.tile(np.eye(4), (2, 1, 1))
     middle = np.eye(4)[None].copy()
     middle[0, :2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     middle[0, 0, 3] = aside
-    clip = Clip("swing", times, {"arm": keys}, middle={"arm": middle})
+    clip = FileClip("swing", times, {"arm": keys}, middle={"arm": middle})
     ledger = Ledger("x.glb")
-    compare([Content(ledger, "glb", [clip])], {"swing": Reference(Clip("swing", times, {"arm": keys}), "the track")})
+    compare(
+        [Content(ledger, "glb", [clip])], {"swing": Reference(FileClip("swing", times, {"arm": keys}), "the track")}
+    )
     rows = {c.check.split(": ")[1]: (c.worst, c.unit) for c in ledger.checks if "halfway" in c.check}
     assert rows["position halfway between keys against the track"] == (pytest.approx(aside, abs=1e-12), "m")
     assert rows["rotation halfway between keys against the track"] == (pytest.approx(turn, abs=1e-9), "rad")

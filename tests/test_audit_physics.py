@@ -13,7 +13,7 @@ from twin.exchange.audit import audit
 from twin.exchange.audit.colors import apart, linear
 from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.motion import Content
-from twin.exchange.audit.physics import Drive, Joint, Physics, along
+from twin.exchange.audit.physics import FileDrive, FileJoint, FilePhysics, along
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.write import write_mjcf
@@ -123,10 +123,10 @@ def test_three_turns_over_small_links_are_a_ball():
     step = [pose(p=[0, 0, 0])] * 2
     parts, inner = [], "arm"
     for i, (name, place) in enumerate(zip(("b_x", "b_y", "b_z"), (T, *step), strict=True)):
-        parts.append(Joint((name,), inner, f"small{i}", place, along("revolute", place, i)))
+        parts.append(FileJoint((name,), inner, f"small{i}", place, along("revolute", place, i)))
         inner = f"small{i}"
-    parts.append(Joint(("b_body",), inner, "hand", inverse(back)))
-    (ball,) = Physics(joints=parts).reduced({"arm", "hand"})
+    parts.append(FileJoint(("b_body",), inner, "hand", inverse(back)))
+    (ball,) = FilePhysics(joints=parts).reduced({"arm", "hand"})
     assert ball.kind == "spherical"
     for link, place in (("arm", T), ("hand", back)):
         end = ball.end(link)
@@ -138,7 +138,7 @@ def test_three_turns_over_small_links_are_a_ball():
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "cylindrical"])
 def test_a_joint_seen_from_its_child_is_the_same(kind, turned):
     T_parent, T_child = pose(about([1, 2, 0], 0.5), [0.1, 0, 0.2]), pose(about([0, 1, 3], -0.9), [0, 0.3, 0.1])
-    joint = Joint(("j",), "b", "a", T_parent @ inverse(T_child), along(kind, T_parent), Drive((-1.0, 2.0)))
+    joint = FileJoint(("j",), "b", "a", T_parent @ inverse(T_child), along(kind, T_parent), FileDrive((-1.0, 2.0)))
     seen = joint.turned() if turned else joint
     assert seen.kind == kind
     for link, T in (("b", T_parent), ("a", T_child)):
@@ -153,30 +153,30 @@ def test_a_joint_seen_from_its_child_is_the_same(kind, turned):
 def test_a_slide_on_a_carrier_that_is_welded_is_a_slide():
     T = pose(about([1, 0, 0], 0.3), [0, 0.1, 0])
     parts = [
-        Joint(("s",), "base", "carrier", T, along("prismatic", T)),
-        Joint(("s_0",), "carrier", "block", pose(p=[0, 0, 0.2])),
+        FileJoint(("s",), "base", "carrier", T, along("prismatic", T)),
+        FileJoint(("s_0",), "carrier", "block", pose(p=[0, 0, 0.2])),
     ]
-    (slide,) = Physics(joints=parts).reduced({"base", "block"})
+    (slide,) = FilePhysics(joints=parts).reduced({"base", "block"})
     assert (slide.kind, slide.parent, slide.child, slide.names) == ("prismatic", "base", "block", ("s", "s_0"))
 
 
 def test_two_tied_points_are_a_pin_and_one_is_a_ball():
     def tie(name, z):
-        return Joint((name,), "a", "b", tied=((np.array([0, 0, z]), np.array([1, 0, z])),))
+        return FileJoint((name,), "a", "b", tied=((np.array([0, 0, z]), np.array([1, 0, z])),))
 
     one, two = tie("p_0", 0.0), tie("p_1", 0.05)
-    assert [j.kind for j in Physics(joints=[one, two]).reduced({"a", "b"})] == ["revolute"]
-    assert [j.kind for j in Physics(joints=[one]).reduced({"a", "b"})] == ["spherical"]
+    assert [j.kind for j in FilePhysics(joints=[one, two]).reduced({"a", "b"})] == ["revolute"]
+    assert [j.kind for j in FilePhysics(joints=[one]).reduced({"a", "b"})] == ["spherical"]
 
 
 @pytest.mark.parametrize("order", [("usda", "tracks"), ("tracks", "mjcf")])
 def test_a_table_may_hold_a_ball_as_three_numbers(order):
     T = pose(p=[0.1, 0, 0])
-    ball = Joint(("b",), "arm", "hand", T, along("spherical", T))
-    said = {"tracks": [Joint((f"b_{a}",), "", "", kind_said="revolute") for a in "xyz"]}
+    ball = FileJoint(("b",), "arm", "hand", T, along("spherical", T))
+    said = {"tracks": [FileJoint((f"b_{a}",), "", "", kind_said="revolute") for a in "xyz"]}
     contents = []
     for kind in order:
-        physics = Physics(("arm", "hand"), joints=said.get(kind, [ball]), complete=kind != "tracks")
+        physics = FilePhysics(("arm", "hand"), joints=said.get(kind, [ball]), complete=kind != "tracks")
         contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), physics=physics))
     compare_physics(contents)
     assert not [f for c in contents for f in c.ledger.findings]
@@ -184,10 +184,10 @@ def test_a_table_may_hold_a_ball_as_three_numbers(order):
 
 def test_a_table_may_hold_a_ball_of_a_scene_that_tells_no_kinds():
     """A GLB and tracks, handed over alone: the numbers of the ball are no joints that the GLB lacks."""
-    table = [Joint((n,), "", "", kind_said="revolute") for n in ("b_x", "b_y", "b_z", "other")]
+    table = [FileJoint((n,), "", "", kind_said="revolute") for n in ("b_x", "b_y", "b_z", "other")]
     contents = []
-    for kind, said in (("tracks", table), ("glb", [Joint(("b",), "", "hand")])):
-        physics = Physics(("arm", "hand"), joints=said)
+    for kind, said in (("tracks", table), ("glb", [FileJoint(("b",), "", "hand")])):
+        physics = FilePhysics(("arm", "hand"), joints=said)
         contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), physics=physics))
     compare_physics(contents)
     assert [f.where for c in contents for f in c.ledger.findings] == ["file.glb: joint 'other'"]
@@ -201,7 +201,7 @@ def test_rounding_of_a_sum_that_is_zero_is_no_difference(other, codes):
     ledgers = [Ledger("a.usda"), Ledger("b.xml")]
     contents = []
     for ledger, form, total in zip(ledgers, ("usda", "mjcf"), (0.0, other), strict=True):
-        said = Physics(links=("base", "arm"), couplings={"belt": ({"q1": 1.0, "q2": 1.0}, total)})
+        said = FilePhysics(links=("base", "arm"), couplings={"belt": ({"q1": 1.0, "q2": 1.0}, total)})
         contents.append(Content(ledger, form, physics=said))
     compare_physics(contents, None)
     assert {f.code for ledger in ledgers for f in ledger.findings} == codes

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twin.cad import features
-from twin.cad.description import Feature, FrameSpec, NamedPoint, Tolerance
-from twin.cad.features import Measured
+from twin.cad.description import CadTolerance, Feature, FrameSpec, NamedPoint
+from twin.cad.features import MeasuredFeature
 from twin.cad.step import Face, Part
 from twin.core import spatial
 from twin.core.errors import CadError
 from twin.core.units import DEG, MM
 
-TOLERANCE = Tolerance(gross_mm=2.0, gross_deg=2.0, meeting_um=1.0, meeting_deg=0.001)
+TOLERANCE = CadTolerance(gross_mm=2.0, gross_deg=2.0, meeting_um=1.0, meeting_deg=0.001)
 X, Y, Z = np.eye(3)
 
 
@@ -183,7 +183,7 @@ def test_the_gross_tolerance_is_a_limit(off, fits):
 
 
 def measured(**faces):
-    return {n: Measured(n, f, f.direction, "p") for n, f in faces.items()}
+    return {n: MeasuredFeature(n, f, f.direction, "p") for n, f in faces.items()}
 
 
 TILT = np.array([np.sin(0.2), 0, np.cos(0.2)])

@@ -25,9 +25,9 @@ from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.exchange.write import bundle as bundles
-from twin.exchange.write.clip import Budget
+from twin.exchange.write.clip import ClipAccuracy
 
-COARSE = Budget(position=2e-3, rotation=0.05, joint_gap=1e-3)
+COARSE = ClipAccuracy(position=2e-3, rotation=0.05, joint_gap=1e-3)
 """Errors between keys that need few keys."""
 
 FORMATS = bundles.chosen_formats(None)
@@ -91,7 +91,7 @@ def read_once(reader):
             files = found.files.get(format.name, [])
             key = (format.name, bool(tracks), tuple(found.name(p) for p in files))
             if key not in known:
-                alone = audits.Found(found.root, {format.name: files})
+                alone = audits.FolderFiles(found.root, {format.name: files})
                 played = Holds.JOINT_TREE in format.holds
                 if played:
                     alone.files["tracks"] = tracks

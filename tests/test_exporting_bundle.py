@@ -21,7 +21,7 @@ from twin.exchange.audit.report import Check
 from twin.exchange.format import Format, Places
 from twin.exchange.formats import exported
 from twin.exchange.write import bundle as bundles
-from twin.exchange.write.clip import Budget
+from twin.exchange.write.clip import ClipAccuracy
 
 ROOT = Path(__file__).parents[1]
 SHORT = ROOT / "tests/data/short.toml"
@@ -397,7 +397,7 @@ def test_a_robot_without_equations_is_exported_at_rest_and_says_why(own, no_audi
 
 def test_a_planned_trajectory_is_the_only_motion(robot, no_audit, tmp_path):
     trajectory = twin.plan(robot, SHORT)
-    made = twin.export(robot, trajectory, tmp_path, ("tracks",), protocols=[SHORT], budget=Budget(position=1e-3))
+    made = twin.export(robot, trajectory, tmp_path, ("tracks",), protocols=[SHORT], budget=ClipAccuracy(position=1e-3))
     assert [c.name for c in made.order.clips] == ["short"]
     assert made.order.clips[0].times[-1] == pytest.approx(trajectory.duration)
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from twin import api
 from twin.core import spatial
 from twin.exchange.write import clip as clips
-from twin.exchange.write.clip import Budget, key_rows, make_clip, measure_between, model_hash
+from twin.exchange.write.clip import ClipAccuracy, key_rows, make_clip, measure_between, model_hash
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
@@ -143,7 +143,7 @@ def brute_force(mechanism, trajectory, rate: float) -> tuple[float, float]:
 @pytest.mark.parametrize("um", [20, 2])
 def test_the_rate_is_the_lowest_that_keeps_the_budget_as_brute_force_finds_it(short, um):
     mechanism, trajectory = short
-    budget = Budget(um * 1e-6, 1.0, 1.0)
+    budget = ClipAccuracy(um * 1e-6, 1.0, 1.0)
     clip = make_clip(mechanism, trajectory, budget=budget)
     assert clip.between.keeps(budget)
     lower = [r for r in clips.RATES if r < clip.rate]
@@ -155,13 +155,15 @@ def test_the_rate_is_the_lowest_that_keeps_the_budget_as_brute_force_finds_it(sh
 
 
 def test_a_smaller_budget_never_has_a_lower_rate(short):
-    rates = [make_clip(*short, budget=Budget(p * 1e-6, 1.0, 1.0)).rate for p in (1000, 20, 5, 2)]
+    rates = [make_clip(*short, budget=ClipAccuracy(p * 1e-6, 1.0, 1.0)).rate for p in (1000, 20, 5, 2)]
     assert rates == sorted(rates)
     assert rates[0] == clips.RATES[0] < rates[-1]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("budget", [Budget(1e-9, 1.0, 1.0), Budget(1.0, 1e-9, 1.0), Budget(1.0, 1.0, 1e-12)])
+@pytest.mark.parametrize(
+    "budget", [ClipAccuracy(1e-9, 1.0, 1.0), ClipAccuracy(1.0, 1e-9, 1.0), ClipAccuracy(1.0, 1.0, 1e-12)]
+)
 def test_each_number_of_the_budget_counts_and_the_highest_rate_is_the_last_resort(short, budget):
     clip = make_clip(*short, budget=budget)
     assert clip.rate == clips.RATES[-1]

@@ -11,11 +11,11 @@ import pytest
 import twin
 from made import loops as made
 from made import mechanisms
-from twin.analysis.tolerance import Spread, Tolerances
+from twin.analysis.tolerance import ErrorPropagation, Spread
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.kinematics.closed_loops import LoopSolver, linear
-from twin.kinematics.closed_loops.equations import Equations
+from twin.kinematics.closed_loops.equations import LoopEquations
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Coupling
 from twin.reference import ReferenceModel
@@ -155,7 +155,7 @@ def test_joints_may_be_called_as_the_values_of_a_kernel(names):
     q = np.array([plain.posture("home")[0] + 0.3])
     np.testing.assert_array_equal(LoopSolver(renamed).forward(q), LoopSolver(plain).forward(q))
     spread = Spread(1e-5, 1e-5, 1e-6, 1e-5)
-    budgets = [Tolerances(m, spread).budget("q", q, 1000) for m in (plain, renamed)]
+    budgets = [ErrorPropagation(m, spread).budget("q", q, 1000) for m in (plain, renamed)]
     np.testing.assert_array_equal(budgets[0].sampled, budgets[1].sampled)
 
 
@@ -296,6 +296,6 @@ def test_equations_of_joints_that_move_freely():
         made.Joint("weld", "fixed", "slide", "block", spatial.pose(p=[0.1, 0.2, 0.3])),
     )
     m = made.mechanism(*joints, tool="block", rest={"block": spatial.pose(p=[0.1, 0.2, 0.3])})
-    assert Equations(m).residual.numel() == 6
+    assert LoopEquations(m).residual.numel() == 6
     T = LoopSolver(m).forward(np.array([0.25]))
     assert np.abs(T - spatial.pose(p=[0.1, 0.2, 0.55])).max() < 1e-12

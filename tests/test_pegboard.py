@@ -20,7 +20,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.movable import Movable
-from twin.model.task import Task, Transfer
+from twin.model.task import ConsoleTask, Transfer
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import Peg
 from twin.simulation.plants.contact.shapes import add_part
@@ -177,7 +177,7 @@ def test_four_rings_by_the_command(tmp_path, capsys):
 # -- how it is judged ----------------------------------------------------------------------------------------
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
-TASK = Task("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
+TASK = ConsoleTask("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
 RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5)
 
 

@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
 from twin.core.units import MM
 from twin.model.movable import Movable
-from twin.model.task import Task, Transfer
+from twin.model.task import ConsoleTask, Transfer
 from twin.simulation.contact_scene import Peg
 from twin.simulation.devices.given import HandState
 from twin.simulation.session import movement, rings
@@ -33,7 +33,7 @@ from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.exercise import Exercise
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
-TASK = Task("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
+TASK = ConsoleTask("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
 RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5, color_rgba=(1.0, 0.0, 0.214, 1.0))
 ROBOTS = ("a", "b")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from twin.core.findings import Finding
-from twin.core.result import Line, Result, Table
+from twin.core.result import Line, Result, TextTable
 from twin.ui.report.files import write_result
 from twin.ui.report.page import merged, render
 
@@ -28,7 +28,7 @@ class Measured(Result):
         yield "arm · <measured>\n\n  first"
         yield Line("second", "bold")
         yield from self.findings
-        yield Table(("what", "size"), [("a & b", "1 mm")])
+        yield TextTable(("what", "size"), [("a & b", "1 mm")])
         yield ""
         yield "last"
 
@@ -51,7 +51,7 @@ def test_a_page_shows_verdict_findings_lines_and_tables(found, word):
 
 
 def test_lines_between_tables_are_one_block():
-    assert [p for p in merged(["a", Line("b"), "", Table((), []), "", "c"]) if isinstance(p, str)] == ["a\nb", "c"]
+    assert [p for p in merged(["a", Line("b"), "", TextTable((), []), "", "c"]) if isinstance(p, str)] == ["a\nb", "c"]
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class Titled(Measured):
         yield "  a note"
         yield ""
         yield "Joints (medians)"
-        yield Table(("what", "size"), [("a", "328.2 mm")])
-        yield Table(("what", "size"), [("b", "stopped by a check at 2 mm")])
+        yield TextTable(("what", "size"), [("a", "328.2 mm")])
+        yield TextTable(("what", "size"), [("b", "stopped by a check at 2 mm")])
 
 
 def test_a_line_above_a_table_is_its_heading_and_a_short_value_keeps_its_unit_beside_it():

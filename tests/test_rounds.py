@@ -12,7 +12,7 @@ from PIL import Image
 from made import reports
 from made.arm import arm, post, space_of
 from test_together import Robot, protocol_of
-from twin.core.result import Table, as_json
+from twin.core.result import TextTable, as_json
 from twin.planning.plan import plan
 from twin.planning.plan_result import Planned
 from twin.planning.rounds import SearchRound, SearchRounds
@@ -57,7 +57,7 @@ def test_a_plan_has_the_rounds_of_each_search_and_its_files_are_the_same_each_ti
 
 @pytest.mark.slow
 def test_the_text_of_a_plan_tells_costs_and_times(planned):
-    (table,) = (t for t in planned[0].text() if isinstance(t, Table) and t.header[0] == "search for")
+    (table,) = (t for t in planned[0].text() if isinstance(t, TextTable) and t.header[0] == "search for")
     assert [row[:2] for row in table.rows] == [("to_w1", "60"), ("to_w1", "200"), ("to_w1", "300")]
     assert table.rows[0][2:4] == ("no path", "no path")
     assert all(row[3].endswith(" mm") for row in table.rows[1:])

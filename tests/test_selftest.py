@@ -12,7 +12,7 @@ import pytest
 from twin.analysis.mutation import cad, formula, timing, units, usd
 from twin.analysis.mutation.bench import Bench
 from twin.analysis.mutation.equivalent import Chain, same_equations, same_motion
-from twin.analysis.mutation.fault import FAMILIES, Fault, Outcome
+from twin.analysis.mutation.fault import FAMILIES, Detection, SeededFault
 from twin.analysis.mutation.result import Score
 from twin.analysis.mutation.run import SHARES, bench_of, drawn, shared_out
 from twin.cli import main
@@ -29,7 +29,7 @@ def bench():
 
 
 def outcome(family, state, code="x"):
-    return Outcome(family, "k", "what", state, code if state in ("caught", "warned") else "", "", "", 0.1)
+    return Detection(family, "k", "what", state, code if state in ("caught", "warned") else "", "", "", 0.1)
 
 
 def test_the_score_counts_what_is_a_fault():
@@ -137,7 +137,7 @@ def test_the_correct_robot_is_left_in_peace(bench):
     ],
 )
 def test_outcomes_of_faults_of_the_mechanism(bench, maker, code):
-    out = bench.outcome(Fault("cad", "limit", "made", mechanism=lambda: maker(bench)))
+    out = bench.outcome(SeededFault("cad", "limit", "made", mechanism=lambda: maker(bench)))
     assert (out.state, out.code) == ("caught" if code else "equivalent", code)
 
 

@@ -25,7 +25,7 @@ from twin.core.errors import DescriptionError, OutputError, TwinError, WorldErro
 from twin.core.units import DEG, MM
 from twin.exchange.audit import audit
 from twin.model.scene import load_scene
-from twin.model.task import Target, Task
+from twin.model.task import ConsoleTask, Target
 from twin.reference import ReferenceModel
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.surgeon import ScriptedSurgeon
@@ -54,7 +54,7 @@ def setup(theatre, near):
 def near(davinci):
     """The scene with a task that takes two seconds: both tips go 5 mm."""
     points = {"right": np.array([14, 44, 914]) * MM, "left": np.array([-14, 44, 914]) * MM}
-    return replace(davinci, tasks={"near": Task("near", "5 mm", 1 * MM, 0.1, (Target("there", points),))})
+    return replace(davinci, tasks={"near": ConsoleTask("near", "5 mm", 1 * MM, 0.1, (Target("there", points),))})
 
 
 @pytest.fixture(scope="module")

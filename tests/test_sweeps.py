@@ -24,7 +24,7 @@ from made.lanes import contrasting, nightly
 from twin import cli
 from twin.analysis import cluster, design, joints, table
 from twin.analysis import workspace as reach
-from twin.analysis.tolerance import Spread, Tolerances
+from twin.analysis.tolerance import ErrorPropagation, Spread
 from twin.api.robot import Robot, RobotSource
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -48,7 +48,7 @@ def robots():
 def grid_around(robot, count=(9, 8, 7), step=0.01, **more):
     T = reach.centre(robot)
     low = T[:3, 3] - step * (np.array(count) - 1) / 2
-    return reach.Grid(low, step, count, T[:3, :3], **more)
+    return reach.PoseGrid(low, step, count, T[:3, :3], **more)
 
 
 def poses(grid):
@@ -118,7 +118,7 @@ def test_orientations_are_counted_at_each_position(robots, monkeypatch):
     monkeypatch.setattr(reach, "passive_check", lambda robot: None)
     grid = grid_around(robot, (5, 4, 3), 0.03, tilt=20 * DEG, turns=8)
     values = reach.evaluate(reach.judge(robot, grid), grid, 0, grid.positions)
-    one = reach.Grid(grid.low, grid.step, grid.shape, grid.R_base_tool)
+    one = reach.PoseGrid(grid.low, grid.step, grid.shape, grid.R_base_tool)
     Ts = poses(grid)
     kin, limits = robot.kinematics(), robot.mechanism.limits
     with np.errstate(all="ignore"):
@@ -140,12 +140,12 @@ def test_the_box_holds_all_that_is_reached(robots, name):
     low, high = reach.box(robot, T)
     step = float((high - low).max() / 40)
     wide = np.floor((high - low) * 1.4 / step).astype(int) + 1
-    grid = reach.Grid(low - 0.2 * (high - low), step, (int(wide[0]), int(wide[1]), int(wide[2])), T[:3, :3])
+    grid = reach.PoseGrid(low - 0.2 * (high - low), step, (int(wide[0]), int(wide[1]), int(wide[2])), T[:3, :3])
     found = reach.workspace(robot, grid)
     p = grid.position(np.flatnonzero(found.reached))
     assert (p >= low).all()
     assert (p <= high).all()
-    finer = reach.Grid(grid.low, step / 2, tuple(2 * int(n) for n in wide), T[:3, :3])  # type: ignore[arg-type]
+    finer = reach.PoseGrid(grid.low, step / 2, tuple(2 * int(n) for n in wide), T[:3, :3])  # type: ignore[arg-type]
     volume = reach.workspace(robot, finer).content()["volume_dm3"]
     assert found.content()["volume_dm3"] == pytest.approx(volume, rel=0.05)
 
@@ -157,7 +157,7 @@ def test_sils_reaches_the_volume_that_was_derived_for_it(robots):
     robot = robots["sils"]
     kin = robot.kinematics()
     limits = np.array([[0, 0.657], [0, 0.657], [-0.01, 0.612], [-0.01, 0.612], [0, 0.657], [0, 0.657]])
-    grid = reach.Grid(np.zeros(3), 0.01, (60, 72, 48), np.eye(3))
+    grid = reach.PoseGrid(np.zeros(3), 0.01, (60, 72, 48), np.eye(3))
     kernel = measure.kernel(kin, limits, grid.pose, bounds=reach.shared_bounds(robot))
     values = reach.evaluate(kernel, grid, 0, grid.positions)
     reached = np.flatnonzero(values[:, 0] > 0)
@@ -175,7 +175,7 @@ def test_joints_and_poses_reach_the_same_places(robots):
     T = reach.centre(robot)
     low, high = reach.box(robot, T)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / 0.1))
-    by_poses = reach.workspace(robot, reach.Grid(low, 0.1, (nx, ny, nz), T[:3, :3]))
+    by_poses = reach.workspace(robot, reach.PoseGrid(low, 0.1, (nx, ny, nz), T[:3, :3]))
     p = by_poses.grid.position(np.flatnonzero(by_poses.reached))
     grid = by_joints.grid
     index = np.round((p - grid.low) / grid.step).astype(int)
@@ -308,7 +308,7 @@ def test_sensitivities_are_what_a_moved_frame_does_to_the_reference(robots, name
     """Frames of the mechanism are moved, and Pinocchio closes its loops."""
     mechanism = robots[name].mechanism
     spread = Spread(10 * UM, 10 * UM, 10 * UM, 10 * UM)
-    tolerances = Tolerances(mechanism, spread)
+    tolerances = ErrorPropagation(mechanism, spread)
     model = ReferenceModel(mechanism)
     start = model.home()
     S = tolerances.budget("drawn", start.q).sensitivity
@@ -333,7 +333,7 @@ def test_sensitivities_are_what_a_moved_frame_does_to_the_reference(robots, name
 )
 def test_chance_agrees_to_two_percent(robots, name):
     mechanism = robots[name].mechanism
-    tolerances = Tolerances(mechanism, Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG))
+    tolerances = ErrorPropagation(mechanism, Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG))
     budget = tolerances.budget("home", mechanism.posture("home"), 100_000)
     assert budget.difference is not None
     assert budget.difference < 0.02
@@ -345,7 +345,7 @@ def test_chance_agrees_to_two_percent(robots, name):
 def test_an_encoder_error_costs_what_the_jacobian_says(robots):
     robot = robots["pa10"]
     q = robot.mechanism.posture("home")
-    budget = Tolerances(robot.mechanism, Spread(0, 0, 0, 1e-4)).budget("home", q)
+    budget = ErrorPropagation(robot.mechanism, Spread(0, 0, 0, 1e-4)).budget("home", q)
     J = robot.jacobian(q)
     np.testing.assert_allclose(budget.covariance, 1e-8 * J @ J.T, atol=1e-15)
     assert next(n for n, share, _ in budget.contributors if share > 1e-12).startswith("encoder")
@@ -356,10 +356,10 @@ def test_an_encoder_error_costs_what_the_jacobian_says(robots):
 def test_tolerances_scale_and_add_up(robots):
     mechanism = robots["hibou"].mechanism
     q = mechanism.posture("home")
-    one = Tolerances(mechanism, Spread(10 * UM, 0, 0, 0)).budget("home", q)
-    two = Tolerances(mechanism, Spread(20 * UM, 0, 0, 0)).budget("home", q)
-    encoder = Tolerances(mechanism, Spread(0, 0, 0, 5e-5)).budget("home", q)
-    both = Tolerances(mechanism, Spread(10 * UM, 0, 0, 5e-5)).budget("home", q)
+    one = ErrorPropagation(mechanism, Spread(10 * UM, 0, 0, 0)).budget("home", q)
+    two = ErrorPropagation(mechanism, Spread(20 * UM, 0, 0, 0)).budget("home", q)
+    encoder = ErrorPropagation(mechanism, Spread(0, 0, 0, 5e-5)).budget("home", q)
+    both = ErrorPropagation(mechanism, Spread(10 * UM, 0, 0, 5e-5)).budget("home", q)
     assert two.within[0] == pytest.approx(2 * one.within[0])
     np.testing.assert_allclose(both.covariance, one.covariance + encoder.covariance, rtol=1e-9, atol=1e-20)
 
@@ -367,7 +367,7 @@ def test_tolerances_scale_and_add_up(robots):
 @pytest.mark.parametrize("spread", [Spread(0, 0, 0, 0), Spread(-1, 0, 0, 1), Spread(np.nan, 0, 0, 0)])
 def test_tolerances_that_are_none_are_refused(robots, spread):
     with pytest.raises(TwinError, match="must be finite and not negative, and at least one must be positive"):
-        Tolerances(robots["pa10"].mechanism, spread)
+        ErrorPropagation(robots["pa10"].mechanism, spread)
 
 
 @pytest.mark.slow
@@ -636,7 +636,7 @@ def test_workspace_and_sweep_agree_within_the_errors_that_they_state(monkeypatch
     low, high = reach.box(robot, T)
     step = float(np.prod(high - low) / 150_000) ** (1 / 3)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
-    fine = reach.workspace(robot, reach.Grid(low, step, (nx, ny, nz), T[:3, :3])).content()
+    fine = reach.workspace(robot, reach.PoseGrid(low, step, (nx, ny, nz), T[:3, :3])).content()
     work = design.job(robot, "sils", None, [design.factor(robot, "l_p=120..150mm")], ("volume",))
     coarse = design.judge(work, [robot.kinematics().parameters["l_p"]])["volume"]
     apart, stated = abs(coarse - fine["volume_dm3"]), design.grid_error(work) + fine["volume_error_dm3"]

@@ -10,7 +10,7 @@ import numpy as np
 from twin import api
 from twin.cad import build
 from twin.cad.build import CadModel
-from twin.cad.features import Measured
+from twin.cad.features import MeasuredFeature
 from twin.cad.step import Face, Part, StepModel, read_step
 from twin.core import spatial
 from twin.core.units import DEG, MM, UM
@@ -114,7 +114,7 @@ def drawn(robot: api.Robot, *offs: Off) -> CadModel:
         build.read_step = real
 
 
-def _part(part: Part, m: Measured, T: np.ndarray) -> Part:
+def _part(part: Part, m: MeasuredFeature, T: np.ndarray) -> Part:
     """Return a part with motion T of all faces that have the same axis, plane or centre as the measured face."""
     return replace(part, faces=tuple(_face(f, T) if _alike(f, m.face) else f for f in part.faces))
 

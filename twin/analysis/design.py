@@ -13,8 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from twin.analysis.tolerance import Spread, Tolerances
-from twin.analysis.workspace import Grid, centre, shared_bounds, volume_error
+from twin.analysis.tolerance import ErrorPropagation, Spread
+from twin.analysis.workspace import PoseGrid, centre, shared_bounds, volume_error
 from twin.api.robot import Robot, load
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
@@ -72,7 +72,7 @@ class Factor:
 
 
 @dataclass(frozen=True)
-class Job:
+class DesignJob:
     """All data that a worker needs to evaluate a design.
 
     Attributes:
@@ -80,7 +80,7 @@ class Job:
         protocol: name of the protocol that sets the trocar position, or None.
         factors: the factors to vary.
         objectives: names of the objectives to evaluate.
-        low, step, shape: grid of positions, see `Grid`; `low` and `step` in m.
+        low, step, shape: grid of positions, see `PoseGrid`; `low` and `step` in m.
         R: (3, 3) orientation of the tool at all positions.
     """
 
@@ -191,7 +191,9 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     return line, joints[1], sides[1]
 
 
-def job(robot: Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]) -> Job:
+def job(
+    robot: Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
+) -> DesignJob:
     """Return the job, with a grid that is 20 % larger in each direction than the workspace of the CAD's design.
 
     Raises:
@@ -214,7 +216,7 @@ def job(robot: Robot, source: str, protocol: str | None, factors: Sequence[Facto
             "distance of the mechanism (body:joint-joint)"
         )
     if set(objectives) == {"tolerance"}:
-        return Job(source, protocol, tuple(factors), tuple(objectives), (0.0, 0.0, 0.0), 1.0, (1, 1, 1), ())
+        return DesignJob(source, protocol, tuple(factors), tuple(objectives), (0.0, 0.0, 0.0), 1.0, (1, 1, 1), ())
     T = centre(robot)
     try:
         low, high = box(robot, T)
@@ -232,7 +234,7 @@ def job(robot: Robot, source: str, protocol: str | None, factors: Sequence[Facto
     x, y, z = low.tolist()
     # Plain numbers, because a job is hashed as JSON.
     R = tuple(tuple(row) for row in T[:3, :3].tolist())
-    return Job(source, protocol, tuple(factors), tuple(objectives), (x, y, z), step, (nx, ny, nz), R)
+    return DesignJob(source, protocol, tuple(factors), tuple(objectives), (x, y, z), step, (nx, ny, nz), R)
 
 
 def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
@@ -260,7 +262,7 @@ def _robot(source: str, protocol: str | None) -> Robot:
     return robot
 
 
-def judge(work: Job, design: Sequence[float]) -> dict[str, float]:
+def judge(work: DesignJob, design: Sequence[float]) -> dict[str, float]:
     """Return the objectives of one design by name, in the units of `OBJECTIVES`.
 
     All objectives are NaN if the design cannot be assembled.
@@ -282,30 +284,30 @@ def _tolerance(mechanism: Mechanism, lengths: dict[str, float]) -> float:
     try:
         for name, length in lengths.items():
             mechanism = stretched(mechanism, name, length)
-        tolerances = Tolerances(mechanism, _SPREAD)
+        tolerances = ErrorPropagation(mechanism, _SPREAD)
         budget = tolerances.budget("home", tolerances.solver.q)
     except TwinError:
         return float("nan")
     return budget.within[0] / UM
 
 
-def grid_error(work: Job) -> float:
+def grid_error(work: DesignJob) -> float:
     """Return the uncertainty, in dm3, that the grid step causes in the workspace volume of the CAD's design."""
     _, _, reached = _grid_states(work, _robot(work.source, work.protocol).kinematics())
     nx, ny, nz = work.shape
     return volume_error(reached.reshape(nz, ny, nx), _cell(work))
 
 
-def _cell(work: Job) -> float:
+def _cell(work: DesignJob) -> float:
     """Return the volume of a grid cell in dm³."""
     return (work.step / 0.1) ** 3
 
 
-def _grid_states(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
+def _grid_states(work: DesignJob, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
     """Return (poses (k, 4, 4) of the grid, joints (k, n) at these poses, whether each pose is reached (k,))."""
     robot = _robot(work.source, work.protocol)
     R = np.array(work.R)
-    grid = Grid(np.array(work.low), work.step, work.shape, R)
+    grid = PoseGrid(np.array(work.low), work.step, work.shape, R)
     Ts = spatial.pose(R, grid.position(np.arange(grid.positions)))
     with np.errstate(all="ignore"):
         q = kin.inverse_many(Ts)
@@ -319,7 +321,7 @@ def _grid_states(work: Job, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
     return Ts, q, np.asarray(reached)
 
 
-def _reach(work: Job, robot: Robot, parameters: dict[str, float]) -> dict[str, float]:
+def _reach(work: DesignJob, robot: Robot, parameters: dict[str, float]) -> dict[str, float]:
     """Return the objectives that depend on the reached positions; NaN if the equations refuse the parameters."""
     try:
         kin = robot.kinematics(parameters=parameters)
@@ -357,7 +359,7 @@ def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
     return optimal
 
 
-def row(work: Job, number: int, design: Sequence[float], judged: dict[str, float]) -> JsonObject:
+def row(work: DesignJob, number: int, design: Sequence[float], judged: dict[str, float]) -> JsonObject:
     """Return one row of the table of designs, with the factors in their display units."""
     cells: JsonObject = {"design": number}
     for factor, value in zip(work.factors, design, strict=True):

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin import robots
 from twin.analysis import measure
-from twin.analysis.workspace import CHUNK, Grid, Workspace, limit_facts, passive_check, shared_bounds
+from twin.analysis.workspace import CHUNK, PoseGrid, Workspace, limit_facts, passive_check, shared_bounds
 from twin.api.robot import Robot
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
@@ -110,7 +110,7 @@ def by_joints(
     return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
 
 
-def _grid(low: Array, extent: Array, flat: np.ndarray, step: float | None) -> Grid:
+def _grid(low: Array, extent: Array, flat: np.ndarray, step: float | None) -> PoseGrid:
     """Return a grid around positions with the lower corner (3,) and the extent (3,) in m.
 
     Along a `flat` axis (3,), the grid has one layer of cells, because positions of a plane or a line differ by
@@ -128,7 +128,7 @@ def _grid(low: Array, extent: Array, flat: np.ndarray, step: float | None) -> Gr
         text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
         raise TwinError(text)
     nx, ny, nz = shape.astype(int).tolist()
-    return Grid(low - margin, step, (nx, ny, nz), np.eye(3))
+    return PoseGrid(low - margin, step, (nx, ny, nz), np.eye(3))
 
 
 def _dimension(robot: Robot, ranges: Array, most: int) -> int:

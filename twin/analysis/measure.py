@@ -68,7 +68,7 @@ def kernel(
     passive: PassiveCheck | None = None,
     from_joints: bool = False,
     size: int = 1,
-) -> Kernel | Checked:
+) -> Kernel | CheckedKernel:
     """Return a function that computes the values named in `NAMES` and the tool position from each sample.
 
     Its input is the index of a sample, or the sample itself (a pose or joint values).
@@ -123,11 +123,11 @@ def kernel(
     ]
     if passive is None:
         return Kernel(stages, {"i": size}, [*NAMES, "position"])
-    return Checked(Kernel(stages, {"i": size}, [*NAMES, "position", "joints", "rotation"]), passive)
+    return CheckedKernel(Kernel(stages, {"i": size}, [*NAMES, "position", "joints", "rotation"]), passive)
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckedKernel:
     """A kernel that also returns joints and rotations, and the limits of passive joints for the samples it reaches."""
 
     kernel: Kernel

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.analysis.cluster import cluster
 from twin.analysis.joints import by_joints
-from twin.analysis.workspace import Grid, UnreachedError, Workspace, box, centre
+from twin.analysis.workspace import PoseGrid, UnreachedError, Workspace, box, centre
 from twin.analysis.workspace import workspace as over_grid
 from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
@@ -78,7 +78,7 @@ def workspace(
         step = float((np.prod(high - low) * turns / count) ** (1 / 3))
     # Integers of Python have no largest value, those of numpy have one.
     nx, ny, nz = [int(count) + 1 for count in np.floor((high - low) / step).tolist()]
-    grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
+    grid = PoseGrid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     if grid.positions > _POSITIONS:
         raise TwinError(
             f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Increase --step-mm or reduce --count; or "

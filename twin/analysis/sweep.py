@@ -17,7 +17,7 @@ from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM
 
@@ -39,7 +39,7 @@ class Sweep(Result):
     """
 
     robot: str
-    work: design.Job
+    work: design.DesignJob
     designs: Array
     judged: Array
     best: np.ndarray
@@ -107,7 +107,7 @@ class Sweep(Result):
         cells = []
         for row in (drawn, *best[:_SHOWN]):
             cells.append([_cell(name, row[name]) for name in head])
-        yield Table(head, cells, fit=True)
+        yield TextTable(head, cells, fit=True)
         if len(best) > _SHOWN:
             yield f"  and {len(best) - _SHOWN} more Pareto-optimal designs"
         others = len(self.designs) - len(best) - 1
@@ -170,7 +170,7 @@ def sweep(
     progress("positions", 0.0)
     work = design.job(robot, source, protocol, factors, objectives)
     designs = design.values(factors, samples, grid, seed)
-    store = table.Table(folder(table.key_of(work, designs)), work, designs, fresh=fresh)
+    store = table.SweepTable(folder(table.key_of(work, designs)), work, designs, fresh=fresh)
     with store:
         before = len(store.done)
         missing = [number for number in range(len(designs)) if number not in store.done]
@@ -192,10 +192,10 @@ def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:
 
 
 def _judge(
-    work: design.Job,
+    work: design.DesignJob,
     designs: Array,
     missing: list[int],
-    store: table.Table,
+    store: table.SweepTable,
     scheduler: str,
     workers: int | None,
     progress: Progress,

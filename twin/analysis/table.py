@@ -11,20 +11,20 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from twin.analysis.design import Job
+from twin.analysis.design import DesignJob
 from twin.core.errors import TwinError
 from twin.core.extras import require
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 
 
-def key_of(work: Job, designs: Array) -> str:
+def key_of(work: DesignJob, designs: Array) -> str:
     """Return the SHA-256 hash of a job and its designs."""
     text = json.dumps([asdict(work), designs.tolist()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-class Table:
+class SweepTable:
     """Results of a sweep, stored as `rows.csv` and `job.json` in a folder.
 
     `add` requires that the table is open as a context manager.
@@ -33,7 +33,7 @@ class Table:
         done: objectives of the designs evaluated so far, by design number.
     """
 
-    def __init__(self, folder: Path, work: Job, designs: Array, *, fresh: bool = False) -> None:
+    def __init__(self, folder: Path, work: DesignJob, designs: Array, *, fresh: bool = False) -> None:
         """Open a folder, and read stored results of the same job.
 
         Raises:
@@ -82,7 +82,7 @@ class Table:
                 continue  # a damaged row: its design is evaluated again
         return rows
 
-    def __enter__(self) -> Table:
+    def __enter__(self) -> SweepTable:
         self._file = self._path.open("a", encoding="utf-8", newline="")
         return self
 

@@ -23,11 +23,11 @@ from twin.core.errors import TwinError
 from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import um
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 from twin.kinematics.closed_loops import LoopSolver, linear
-from twin.kinematics.closed_loops.equations import Equations, stepped
+from twin.kinematics.closed_loops.equations import LoopEquations, stepped
 from twin.model.mechanism import Mechanism
 
 _CHUNK = 8192
@@ -63,7 +63,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Budget:
+class ErrorBudget:
     """Tool error of a mechanism in one state.
 
     Attributes:
@@ -123,7 +123,7 @@ class Budget:
         return float(differences.max(initial=0.0))
 
 
-class Tolerances:
+class ErrorPropagation:
     """Error propagation in one mechanism; `budget` evaluates one state."""
 
     def __init__(self, mechanism: Mechanism, spread: Spread) -> None:
@@ -139,7 +139,7 @@ class Tolerances:
         self.mechanism = mechanism
         self.spread = spread
         self.solver = LoopSolver(mechanism)
-        self.equations = Equations(mechanism, with_errors=True)
+        self.equations = LoopEquations(mechanism, with_errors=True)
         errors = self.equations.errors
         self.error = ca.vertcat(*errors.values()) if errors else ca.SX(0, 1)
         labels: list[str] = []
@@ -157,7 +157,7 @@ class Tolerances:
         T = self.equations.pose(tool.body, tool.T_body_frame, stepping=True)
         self._slopes = self._derivatives(T)
 
-    def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> Budget:
+    def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> ErrorBudget:
         """Return the tool error at active joints q (n,) in m or rad.
 
         `samples` is the number of samples of the Monte Carlo check; 0: no check.
@@ -171,7 +171,7 @@ class Tolerances:
         state = solution.states[:, 0]
         S = self._sensitivity(q, state)
         covariance = (S * self.sigma**2) @ S.T
-        budget = Budget(name, q, S, self.labels, self.sigma, covariance, _within(covariance))
+        budget = ErrorBudget(name, q, S, self.labels, self.sigma, covariance, _within(covariance))
         if not samples:
             return budget
         twists = self._sampled_twists(budget.q, state, samples, rng or np.random.default_rng(0))
@@ -279,7 +279,7 @@ def _quantile(covariance: Array) -> float:
     return float(np.sqrt(np.quantile(squares, SHARE)))
 
 
-def as_dict(budget: Budget) -> JsonObject:
+def as_dict(budget: ErrorBudget) -> JsonObject:
     """Return a budget as plain data in SI units."""
     sigma = np.sqrt(np.diag(budget.covariance))
     contributors = []
@@ -320,7 +320,7 @@ class ToleranceBudget(Result):
 
     robot: str
     spread: Spread
-    budgets: tuple[Budget, ...]
+    budgets: tuple[ErrorBudget, ...]
     required: float | None = None
     requirement: str = ""
     beyond: tuple[Finding, ...] = ()
@@ -328,7 +328,7 @@ class ToleranceBudget(Result):
     kind = "tolerance"
 
     @property
-    def worst(self) -> Budget:
+    def worst(self) -> ErrorBudget:
         """Budget of the state with the largest position error."""
         return max(self.budgets, key=lambda b: b.within[0])
 
@@ -398,7 +398,7 @@ class ToleranceBudget(Result):
         yield f"  {place}; encoders {spread.slide / UM:g} µm and {spread.angle / DEG:g}°\n"
         head = ("state", "position, 95 %", "rotation, 95 %", "sigma x, y, z [µm]", "largest contributors")
         rows = [_row(budget) for budget in self.budgets]
-        yield Table(head, rows, fit=True)
+        yield TextTable(head, rows, fit=True)
         yield ""
         for budget in self.budgets:
             if budget.sampled_within is not None and budget.difference is not None:
@@ -420,7 +420,7 @@ class ToleranceBudget(Result):
         yield from self.beyond
 
 
-def _row(budget: Budget) -> tuple[str, ...]:
+def _row(budget: ErrorBudget) -> tuple[str, ...]:
     """Return the cells of a state in the table of the text."""
     position, rotation = budget.within
     sigma = [f"{x / UM:.3g}" for x in np.sqrt(np.diag(budget.covariance))[:3]]
@@ -465,7 +465,7 @@ def tolerance(
         robot = robot.bound(robot.protocol(protocol))
     states = _states(robot, protocol, progress)
     progress("error equations", 0.0)
-    tolerances = Tolerances(robot.mechanism, spread)
+    tolerances = ErrorPropagation(robot.mechanism, spread)
     budgets = []
     for i, (name, q) in enumerate(states):
         progress(f"state {name}", i / (len(states) + 1))

@@ -64,7 +64,7 @@ class UnreachedError(TwinError):
 
 
 @dataclass(frozen=True)
-class Grid:
+class PoseGrid:
     """Positions and orientations to evaluate.
 
     Attributes:
@@ -128,7 +128,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Measure:
+class CellMeasure:
     """Quantity that measures the size of a set of grid cells: volume, area or length.
 
     Attributes:
@@ -157,9 +157,9 @@ class Measure:
 
 
 _MEASURES = {
-    3: Measure("volume", "dm3", "dm³", 0.1, 3),
-    2: Measure("area", "cm2", "cm²", 0.01, 2),
-    1: Measure("length", "mm", "mm", MM, 1),
+    3: CellMeasure("volume", "dm3", "dm³", 0.1, 3),
+    2: CellMeasure("area", "cm2", "cm²", 0.01, 2),
+    1: CellMeasure("length", "mm", "mm", MM, 1),
 }
 
 _SETS = {0: "one point", 1: "a curve", 2: "a surface", 3: "a volume"}
@@ -177,7 +177,7 @@ class Workspace(Result):
     """
 
     robot: str
-    grid: Grid
+    grid: PoseGrid
     values: np.ndarray
     facts: JsonObject = field(default_factory=dict)
     dimension: int = 3
@@ -202,7 +202,7 @@ class Workspace(Result):
         return self.values.reshape(nz, ny, nx, len(COLUMNS)).transpose(2, 1, 0, 3)
 
     @property
-    def measure(self) -> Measure | None:
+    def measure(self) -> CellMeasure | None:
         """The measured quantity; None for a point, and for a curve or surface that is not parallel to the axes."""
         return _MEASURES.get(self.dimension) if self.dimension == len(self.grid.axes) else None
 
@@ -428,7 +428,7 @@ def limit_facts(robot: Robot, passive: PassiveCheck | None) -> dict[str, list[st
     }
 
 
-def judge(robot: Robot, grid: Grid) -> PoseKernel:
+def judge(robot: Robot, grid: PoseGrid) -> PoseKernel:
     """Return the function that decides which poses of a grid a robot can reach.
 
     Raises:
@@ -443,14 +443,14 @@ def judge(robot: Robot, grid: Grid) -> PoseKernel:
     return measure.kernel(kin, limits, grid.pose, bounds=shared_bounds(robot), passive=passive_check(robot))
 
 
-def chunks(grid: Grid) -> Iterator[tuple[int, int]]:
+def chunks(grid: PoseGrid) -> Iterator[tuple[int, int]]:
     """Yield (first position, last position + 1) of chunks of about `CHUNK` poses."""
     many = max(1, CHUNK // grid.turns)
     for first in range(0, grid.positions, many):
         yield first, min(first + many, grid.positions)
 
 
-def evaluate(kernel: PoseKernel, grid: Grid, first: int, last: int) -> np.ndarray:
+def evaluate(kernel: PoseKernel, grid: PoseGrid, first: int, last: int) -> np.ndarray:
     """Return the values (last - first, 4) float32, in the order of `COLUMNS`, of the positions first to last - 1."""
     indices = np.arange(first * grid.turns, last * grid.turns, dtype=np.float64)[None]
     *values, _ = kernel(indices)
@@ -522,13 +522,13 @@ def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns
     step = float((high - low).max() / (_COARSE - 1))
     # Without 1e-9, rounding could add a layer of positions beyond the upper corner.
     nx, ny, nz = (np.ceil((high - low) / step - 1e-9).astype(int) + 1).tolist()
-    grid = Grid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
+    grid = PoseGrid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
     values = evaluate(judge(robot, grid), grid, 0, grid.positions)
     return grid.position(np.flatnonzero(values[:, 0] > 0)), step
 
 
 @lru_cache(maxsize=4)
-def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[PoseKernel, Grid]:
+def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[PoseKernel, PoseGrid]:
     robot = load(source)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
@@ -543,7 +543,7 @@ def _remote(source: str, protocol: str | None, packed: bytes, first: int, last: 
 
 def workspace(
     robot: Robot,
-    grid: Grid,
+    grid: PoseGrid,
     store: Callable[[tuple[int, int]], np.ndarray] = lambda shape: np.zeros(shape, np.float32),
     progress: Callable[[str, float], None] = lambda label, fraction: None,
     *,

@@ -10,7 +10,7 @@ from twin.api.robot import Progress, Robot, silent
 from twin.core import assets
 from twin.core.findings import Finding
 from twin.core.json_types import JsonMapping, JsonObject
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM, display_unit
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Info(Result):
         points = ", ".join(data["points"]) or "none"
         yield f"  frames: {frames}   points: {points}\n"
         rows = [_joint_row(joint) for joint in data["joints"]]
-        yield Table(("joint", "type", "between", "limits", ""), rows)
+        yield TextTable(("joint", "type", "between", "limits", ""), rows)
         yield ""
         yield from _motors(data["actuators"], data["transmissions"])
         if data["variants"]:
@@ -126,7 +126,7 @@ class SceneInfo(Result):
         rows = []
         for r in data["robots"]:
             rows.append((_label(r), r["protocol"], r["port"], _point(r["port_mm"]), _point(r["position_mm"])))
-        yield Table(("robot", "protocol", "port", "port position [mm]", "base position [mm]"), rows)
+        yield TextTable(("robot", "protocol", "port", "port position [mm]", "base position [mm]"), rows)
         around = data["surroundings"] or "none"
         yield f"\n  surroundings: {around}; required clearance: {data['clearance_mm']:g} mm"
         cameras = []
@@ -163,12 +163,12 @@ class Listing(Result):
         for r in self.robots:
             protocols = ", ".join(r["protocols"])
             robots.append((r["name"], r["title"], yes[r["equations"]], yes[r["stage"]], protocols))
-        yield Table(("robot", "title", "equations", "stage", "protocols"), robots)
+        yield TextTable(("robot", "title", "equations", "stage", "protocols"), robots)
         yield ""
         scenes = []
         for scene in self.scenes:
             scenes.append((scene["name"], scene["title"], ", ".join(scene["robots"])))
-        yield Table(("scene", "title", "robots"), scenes)
+        yield TextTable(("scene", "title", "robots"), scenes)
 
 
 def info(robot: Robot, progress: Progress = silent) -> Info:
@@ -360,7 +360,7 @@ def _motors(actuators: Sequence[JsonMapping], transmissions: Sequence[JsonMappin
         if a["rotor_inertia"] is not None:
             inertia = f"{a['rotor_inertia']:g} {inertia_unit}"
         rows.append((a["name"], a["kind"], _range(a["limits"], angle), speed, effort, inertia))
-    yield Table(("actuator", "coordinate", "limits", "max speed", "max effort", "rotor"), rows)
+    yield TextTable(("actuator", "coordinate", "limits", "max speed", "max effort", "rotor"), rows)
     yield ""
     for t in transmissions:
         yield f"  transmission {t['name']} (rad, m): {t['equations']}"
@@ -372,7 +372,7 @@ def _parameter_order(p: JsonMapping) -> tuple[bool, str]:
     return p["name"].startswith("drawing."), p["provenance"]
 
 
-def _parameters(parameters: Sequence[JsonMapping]) -> Table:
+def _parameters(parameters: Sequence[JsonMapping]) -> TextTable:
     rows = []
     for p in parameters:
         mark = "*" if p["provenance"] == "ASSUMED" else " "
@@ -380,7 +380,7 @@ def _parameters(parameters: Sequence[JsonMapping]) -> Table:
         if p["unit"] != "1":
             value += f" {p['unit']}"
         rows.append((mark + p["name"], value, p["provenance"], p["note"]))
-    return Table((), rows, fit=True)
+    return TextTable((), rows, fit=True)
 
 
 def _label(r: JsonMapping) -> str:

@@ -15,14 +15,14 @@ from twin.core.extras import EXTRAS
 from twin.core.findings import Finding, by_severity, disagreement, info, warning
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity, mm
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
 from twin.model.scene import Place, Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.contact_scene import Peg
@@ -86,7 +86,7 @@ class ConsoleSession(Result):
     scene: Scene
     source: str
     seed: int | None
-    task: Task | None
+    task: ConsoleTask | None
     ran: Ran
     arms: Mapping[str, ArmPath]
     lost: str = ""
@@ -350,14 +350,14 @@ class ConsoleSession(Result):
             surgeon = "a person"
         yield f"{self.scene.name} · session of {surgeon}\n"
         header = ("hand", "arm", "path", "movements", "moving", "idle", "economy", "SPARC", "grasps")
-        yield Table(header, [_hand_row(hand) for hand in self.hands])
+        yield TextTable(header, [_hand_row(hand) for hand in self.hands])
         yield ""
-        yield Table((), self._console_rows())
+        yield TextTable((), self._console_rows())
         yield from self._task_text()
         for machine in self.training:
             yield f"\n  {machine.robot}: machine compared with its model"
             header = ("phase", "duration", "max distance to the model", "max distance to the rehearsed path", "reason")
-            yield Table(header, list(machine.rows()))
+            yield TextTable(header, list(machine.rows()))
         if self.source and self.ran.difference is None:
             yield f"\n  replay: the same bytes in all {self.ran.ticks} ticks"
         yield ""
@@ -398,21 +398,21 @@ class ConsoleSession(Result):
         if self.board is not None:
             for ring in self.board.rings:
                 rows.append((spoken(ring.ring), spoken(ring.peg), _time(ring.t), str(ring.drops)))
-            yield Table(("ring", "peg", "transferred at", "dropped"), rows)
+            yield TextTable(("ring", "peg", "transferred at", "dropped"), rows)
             yield ""
-            yield Table((), self.board.rows())
+            yield TextTable((), self.board.rows())
         elif self.guided is not None:
             for name, t in self.guided.steps.items():
                 rows.append((name, _time(t)))
-            yield Table(("step", "done at"), rows)
+            yield TextTable(("step", "done at"), rows)
             yield ""
-            yield Table((), self.guided.rows())
+            yield TextTable((), self.guided.rows())
         elif self.aligned is not None:
-            yield Table((), _aligned_rows(self.aligned))
+            yield TextTable((), _aligned_rows(self.aligned))
         elif self.task is not None:
             for target in self.touched:
                 rows.append((target.name, _time(target.t, "not touched"), str(mm(target.nearest))))
-            yield Table(("target", "touched at", "smallest distance"), rows)
+            yield TextTable(("target", "touched at", "smallest distance"), rows)
 
     def write(self, folder: Path) -> None:
         """Write the files of the session: session.csv, session.mcap (if mcap is installed), and motions.

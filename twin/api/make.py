@@ -15,9 +15,9 @@ from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
-    from twin.exchange.audit import AuditReport, States
+    from twin.exchange.audit import AuditReport, DrawnStates
     from twin.exchange.write.bundle import Bundle
-    from twin.exchange.write.clip import Budget
+    from twin.exchange.write.clip import ClipAccuracy
     from twin.model.mechanism import Mechanism
     from twin.planning.trajectory import Trajectory
 
@@ -93,7 +93,7 @@ def export(
     formats: Sequence[str] | None = None,
     *,
     protocols: Sequence[str | Path] | None = None,
-    budget: Budget | None = None,
+    budget: ClipAccuracy | None = None,
     progress: Progress = silent,
 ) -> Bundle:
     """Write the robot with its motions for headsets, engines and simulators, and audit the written files.
@@ -137,7 +137,7 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
     from twin.exchange.audit import SCENE
     from twin.exchange.audit import audit as audit_
 
-    def states() -> States:
+    def states() -> DrawnStates:
         progress("draw joint states", 0.0)
         return _states(expected)
 
@@ -155,9 +155,9 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
     return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress)
 
 
-def _states(mechanism: Mechanism) -> States:
+def _states(mechanism: Mechanism) -> DrawnStates:
     """Return states of a mechanism, spread over the range of its driven joints."""
-    from twin.exchange.audit import States
+    from twin.exchange.audit import DrawnStates
     from twin.reference import ReferenceModel
     from twin.reference.joint_range import joint_range
 
@@ -167,12 +167,12 @@ def _states(mechanism: Mechanism) -> States:
     joints: dict[str, Array] = {}
     for i, joint in enumerate(mechanism.active):
         joints[joint.name] = run.q[chosen, i]
-    # `States` has only joints with one coordinate
+    # `DrawnStates` has only joints with one coordinate
     single = {joint.name for joint in mechanism.passive if joint.type in ("revolute", "prismatic")}
     for name, q in run.q_passive.items():
         if name in single:
             joints[name] = q[chosen]
-    return States(joints, model.link_poses(run.x[chosen]))
+    return DrawnStates(joints, model.link_poses(run.x[chosen]))
 
 
 def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Array, dict[str, Array]]]:

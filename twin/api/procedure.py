@@ -16,11 +16,11 @@ from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
 from twin.core.json_types import JsonObject
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM
 from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
 from twin.simulation.devices.procedure_surgeon import Mistake
@@ -46,7 +46,7 @@ class ProcedureSession(Result):
     """
 
     scene: Scene
-    task: Task
+    task: ConsoleTask
     source: str
     seed: int | None
     mistake: str
@@ -151,9 +151,9 @@ class ProcedureSession(Result):
             if check.t is not None:
                 time = f"{check.t:.1f} s"
             rows.append((check.name, outcome, time, check.text))
-        yield Table(("check", "", "at", "measured"), rows, fit=True)
+        yield TextTable(("check", "", "at", "measured"), rows, fit=True)
         yield ""
-        yield Table(("measure", "value"), self._measure_rows())
+        yield TextTable(("measure", "value"), self._measure_rows())
         yield ""
         yield from by_severity(self.findings)
 
@@ -196,7 +196,7 @@ class ProcedureSession(Result):
             (folder / NAME).write_bytes(self.recorded)
 
 
-def _setup(scene: Scene, task: Task) -> Setup:
+def _setup(scene: Scene, task: ConsoleTask) -> Setup:
     without_members = Setup(scene, {}, task)
     robots = robots_at(operating_scene.robots_of(without_members))
     organs = tissue_scene.tissues(scene, anatomy_of(scene))

@@ -13,7 +13,7 @@ from twin.core import assets
 from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, by_severity, verdict
 from twin.core.json_types import JsonObject
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
     from twin.validation.clauses import Contract
@@ -39,7 +39,7 @@ class Study(Result):
 
     what: str
     titles: tuple[tuple[str, str], ...]
-    tables: tuple[Table, ...]
+    tables: tuple[TextTable, ...]
     data: JsonObject
     findings: tuple[Finding, ...]
 
@@ -125,7 +125,7 @@ def _users(paths: Sequence[Path]) -> Study:
     from twin.validation import study
 
     titles: list[tuple[str, str]] = []
-    tables: list[Table] = []
+    tables: list[TextTable] = []
     data: list[JsonObject] = []
     findings: list[Finding] = []
     for path in paths:
@@ -151,7 +151,7 @@ def _users(paths: Sequence[Path]) -> Study:
                 if test == agreeing_test:
                     note = "agrees with the printed p"
                 lines.append((row.name, f"{row.printed_p:.2f}", f"{p:.3f}", test, note))
-        tables.append(Table(("", "printed p", "p", "test", ""), lines))
+        tables.append(TextTable(("", "printed p", "p", "test", ""), lines))
     what = "the printed means, p-values and claims"
     return Study(what, tuple(titles), tuple(tables), {"studies": data}, tuple(findings))
 
@@ -199,7 +199,7 @@ def _inertias(path: Path) -> Study:
     head = ("row", "positive definite", "triangle slack", "minimum mass [kg], as printed", "products negated")
     data = {"title": exhibit.title, "source": exhibit.source, "rows": [row.as_dict() for row in rows]}
     title = (exhibit.title, exhibit.source)
-    table = Table(head, lines)
+    table = TextTable(head, lines)
     return Study("the printed masses and inertias", (title,), (table,), data, tuple(findings))
 
 
@@ -256,7 +256,7 @@ class Masses(Result):
                 "mass centre",
                 "",
             )
-            yield Table(head, rows)
+            yield TextTable(head, rows)
             yield ""
             yield from by_severity(source.all_findings)
             if source.all_findings:
@@ -370,7 +370,7 @@ class PublishedMotion(Result):
             if row.agrees:
                 outcome = "ok"
             rows.append((row.term, f"{row.worst:.2e} {row.unit}", f"{row.limit:g}", outcome))
-        yield Table(("term", "largest difference", "limit", ""), rows)
+        yield TextTable(("term", "largest difference", "limit", ""), rows)
         yield f"\n  power balance {judged.balance:.1e} (relative); smallest eigenvalue of M {judged.least:.3g}\n"
         yield from by_severity(self.findings)
         if judged.cause:

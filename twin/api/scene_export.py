@@ -20,12 +20,12 @@ from twin.core import assets
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import UM
 from twin.exchange.formats.glb.write import bends_glb
 from twin.exchange.write.bundle import Bundle, chosen_formats
-from twin.exchange.write.clip import Budget, between_keys, home_poses
+from twin.exchange.write.clip import ClipAccuracy, between_keys, home_poses
 from twin.model.deformable import Bend
 from twin.model.movable import Movable, together
 from twin.model.scene import Place, Scene, load_scene
@@ -93,7 +93,7 @@ class SceneBundle(Result):
             bundle = self.bundles[place.name]
             duration = f"{_seconds(bundle):.1f} s"
             rows.append((place.name, place.protocol_name or "console", duration, str(len(bundle.checks))))
-        yield Table(("robot", "protocol", "duration", "checks"), rows)
+        yield TextTable(("robot", "protocol", "duration", "checks"), rows)
         yield ""
         for check in self.checks:
             if check["worst"] is not None:
@@ -136,7 +136,7 @@ def export_scene(
     folder: Path | None = None,
     formats: Sequence[str] | None = None,
     *,
-    budget: Budget | None = None,
+    budget: ClipAccuracy | None = None,
     progress: Progress = silent,
 ) -> SceneBundle:
     """Write a bundle for each robot of a scene and one USD stage with all robots, and check the written files.
@@ -264,15 +264,15 @@ def _start(bundle: Bundle) -> dict[str, float]:
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> JsonObject:
     """Return the maximum deviation between the link poses in the scene's USD stage and in the robots' bundles."""
-    from twin.exchange.audit.scene import Shown, deviation
+    from twin.exchange.audit.scene import SceneRobot, deviation
 
-    shown: dict[str, Shown] = {}
+    shown: dict[str, SceneRobot] = {}
     for place in scene.places:
         times, links = _keys(bundles[place.name])
-        shown[place.name] = Shown(place.T_world_base, times, links)
+        shown[place.name] = SceneRobot(place.T_world_base, times, links)
     if scene.objects:
         poses = {movable.name: movable.T_world_object[None] for movable in scene.objects}
-        shown["objects"] = Shown(np.eye(4), np.zeros(1), poses)
+        shown["objects"] = SceneRobot(np.eye(4), np.zeros(1), poses)
     worst, where, when = deviation(stage, shown)
     return _row(worst, where, when)
 

@@ -20,7 +20,7 @@ from twin.core.units import DEG
 from twin.model import alignment
 from twin.model.alignment import Alignment
 from twin.model.scene import Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.reference import ReferenceModel
 from twin.simulation import console_scene, contact_scene, machine_scene
 from twin.simulation.condition import Condition
@@ -221,14 +221,14 @@ def _training(setup: Setup, ran: Ran) -> list[Training]:
     return measures_of_machines
 
 
-def _require_console(task: Task) -> None:
+def _require_console(task: ConsoleTask) -> None:
     if task.procedure is not None:
         raise TwinError(
             f"task '{task.name}' is a procedure: use `operate_procedure` and `replay_procedure` of twin.api.procedure"
         )
 
 
-def _setup(scene: Scene, task: Task | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
+def _setup(scene: Scene, task: ConsoleTask | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
     """Return a console's robots and setup; props are read only with a `condition`, or if a task grasps or aligns."""
     robots = robots_at(console_scene.led_by(scene))
     members = members_of(robots)

@@ -15,8 +15,8 @@ import numpy as np
 from twin.cad import features, frames, mesh, references
 from twin.cad.description import BodySpec, Description, JointSpec, MassSpec, load
 from twin.cad.dimensions import read_dimensions
-from twin.cad.features import Measured
-from twin.cad.frames import Drawn, into
+from twin.cad.features import MeasuredFeature
+from twin.cad.frames import DrawnFrames, into
 from twin.cad.meeting import meetings
 from twin.cad.motors import actuators, transmissions
 from twin.cad.noise import CAUSE, Noise, noise
@@ -55,7 +55,7 @@ class CadModel:
     mechanism: Mechanism
     findings: tuple[Finding, ...]
     description: Description
-    measured: dict[str, dict[str, Measured]]
+    measured: dict[str, dict[str, MeasuredFeature]]
     dimensions: tuple[Parameter, ...]
     gaps: tuple[tuple[str, str, float], ...]
     noise: Noise | None = None
@@ -298,8 +298,8 @@ def _unique(name: str, taken: set[str]) -> str:
 def _joint(
     d: Description,
     spec: JointSpec,
-    at: Drawn,
-    measured: dict[str, dict[str, Measured]],
+    at: DrawnFrames,
+    measured: dict[str, dict[str, MeasuredFeature]],
 ) -> Joint:
     limit = next((s for s in d.limit if spec.name in s.joints), None)
     drive = next((s for s in d.drive if spec.name in s.joints), None)

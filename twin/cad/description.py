@@ -126,7 +126,7 @@ class MeshSpec(Table):
     color: tuple[float, float, float] | tuple[float, float, float, float] = (0.6, 0.6, 0.6)
 
 
-class Material(Sourced):
+class MaterialTable(Sourced):
     """Density and appearance of a material.
 
     `parts` are shell patterns; the material applies to parts whose names match a pattern. If several materials match a
@@ -341,7 +341,7 @@ class RequirementSpec(Sourced):
     tool_um: float = Field(gt=0)
 
 
-class Tolerance(Table):
+class CadTolerance(Table):
     """Maximum deviations: `gross_` between a face and its `Feature`, `meeting_` between the two frames of a joint."""
 
     gross_mm: float = Field(gt=0)
@@ -360,8 +360,8 @@ class Description(Table):
     base: Identifier
     tool: Identifier = "tool"
     step: str | None = None
-    tolerance: Tolerance
-    material: dict[Identifier, Material] = Field(default_factory=dict)
+    tolerance: CadTolerance
+    material: dict[Identifier, MaterialTable] = Field(default_factory=dict)
     body: dict[Identifier, BodySpec]
     feature: dict[Identifier, dict[Identifier, Feature]] = Field(default_factory=dict)
     joint: list[JointSpec]

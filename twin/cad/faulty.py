@@ -15,8 +15,8 @@ import numpy as np
 from twin.cad import features, meeting
 from twin.cad.build import CadModel
 from twin.cad.description import Description, FrameSpec, JointSpec
-from twin.cad.features import Measured
-from twin.cad.frames import Drawn, Faces, Given, drawn
+from twin.cad.features import MeasuredFeature
+from twin.cad.frames import DrawnFrames, Faces, Given, drawn
 from twin.cad.lengths import measure, pair
 from twin.cad.step import Face
 from twin.core import spatial
@@ -68,14 +68,14 @@ class Suspect:
 
 
 @dataclass(frozen=True)
-class Fault:
+class FrameMismatch:
     """Joints whose two frames do not coincide, and the suspects (none if no single part explains the fault)."""
 
     joints: tuple[str, ...]
     suspects: tuple[Suspect, ...]
 
 
-def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fault]:
+def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[FrameMismatch]:
     """Return the faults of a CAD model, each with its suspects, the most likely first.
 
     `nominal` is {parameter name in the description: length in m from another source}; it may be incomplete.
@@ -96,7 +96,7 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fa
         for suspect in _plainest([s for s in found if s.joints == joints], _placed(d)):
             suspects.append(_weighed(cad, suspect, nominal or {}))
         suspects.sort(key=lambda s: -s.score)
-        faults.append(Fault(joints, tuple(suspects)))
+        faults.append(FrameMismatch(joints, tuple(suspects)))
         unexplained = [joint for joint in unexplained if joint not in joints]
     return faults
 
@@ -110,7 +110,7 @@ def _most_explained(suspects: list[Suspect], joints: list[str]) -> tuple[str, ..
     return most
 
 
-def _open_joints(d: Description, at: Drawn) -> list[str]:
+def _open_joints(d: Description, at: DrawnFrames) -> list[str]:
     """Return the names of the joints whose two frames do not coincide."""
     return list(dict.fromkeys(finding.where for finding in meeting.meetings(d, at)))
 
@@ -181,7 +181,7 @@ def _candidates(cad: CadModel, open_joints: list[str]) -> Iterator[tuple[str, tu
                     yield body, group, ""
 
 
-def _on_axis(own: Mapping[str, Measured], name: str) -> tuple[str, ...]:
+def _on_axis(own: Mapping[str, MeasuredFeature], name: str) -> tuple[str, ...]:
     """Return the cylinders of a part that are coaxial with the feature `name` and may be misplaced together with it."""
     cylinder = own[name].face
     coaxial = []
@@ -225,7 +225,7 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
     if moving:
         centre = np.mean([own[name].face.point for name in moving], axis=0)
 
-    def put(twist: Array) -> tuple[dict[str, Measured], dict[tuple[str, str], Array]]:
+    def put(twist: Array) -> tuple[dict[str, MeasuredFeature], dict[tuple[str, str], Array]]:
         """Return the features and the given frames of the part, moved by a twist about the centre."""
         T = spatial.pose(spatial.exp_so3(twist[3:] / _LEVER), twist[:3])
         T[:3, 3] += centre - T[:3, :3] @ centre
@@ -290,7 +290,7 @@ def _uses(joint: str, spec: FrameSpec, names: tuple[str, ...], typed: str) -> bo
     return not names or bool(set(names) & set(spec.features(*_ENTRIES)))
 
 
-def _moved(m: Measured, T: Array) -> Measured:
+def _moved(m: MeasuredFeature, T: Array) -> MeasuredFeature:
     R = T[:3, :3]
     return replace(m, face=replace(m.face, point=R @ m.face.point + T[:3, 3], direction=R @ m.face.direction),
                    direction=R @ m.direction)  # fmt: skip
@@ -361,7 +361,7 @@ def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
         yield False, f"'{s.body}' equals {_quoted(before)}"
 
 
-def _kinds(measured: Mapping[str, Measured]) -> dict[str, tuple[str, float]]:
+def _kinds(measured: Mapping[str, MeasuredFeature]) -> dict[str, tuple[str, float]]:
     """Return {feature: (kind, radius in m)}."""
     return {name: (m.face.kind, round(m.face.radius, 6)) for name, m in measured.items()}
 
@@ -370,7 +370,9 @@ def _quoted(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in names)
 
 
-def _same(cad: CadModel, a: Mapping[str, Measured], b: Mapping[str, Measured], names: Iterable[str]) -> bool:
+def _same(
+    cad: CadModel, a: Mapping[str, MeasuredFeature], b: Mapping[str, MeasuredFeature], names: Iterable[str]
+) -> bool:
     limits = np.array([cad.description.tolerance.meeting_deg * DEG, cad.description.tolerance.meeting_um * UM])
     for name in names:
         for other in a:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.cad.description import Feature, FrameSpec, NamedPoint, Tolerance
+from twin.cad.description import CadTolerance, Feature, FrameSpec, NamedPoint
 from twin.cad.step import Face, Part
 from twin.core import spatial
 from twin.core.errors import CadError, unknown
@@ -26,7 +26,7 @@ _ALIKE = 0.001 * MM
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredFeature:
     """A measured feature: its face, its unit direction with the sign of the description, and the name of its part."""
 
     name: str
@@ -35,7 +35,7 @@ class Measured:
     part: str
 
 
-def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: Tolerance) -> Measured:
+def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: CadTolerance) -> MeasuredFeature:
     """Return the face of a body that `spec` identifies.
 
     Among the faces of the body with the kind and radius of `spec`, the face nearest to `spec.near_mm` is returned.
@@ -89,7 +89,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     direction = face.direction
     if spec.direction is not None and direction @ np.array(spec.direction) < 0:
         direction = -direction
-    return Measured(name, face, direction, part_name)
+    return MeasuredFeature(name, face, direction, part_name)
 
 
 def _tilt(a: Sequence[float], b: Sequence[float]) -> float:
@@ -126,7 +126,7 @@ def _distance(face: Face, near: Array) -> float:
     return across + 1e-3 * abs(along)
 
 
-def centre(names: str | list[str], features: Mapping[str, Measured], at: str | None = None) -> Array:
+def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: str | None = None) -> Array:
     """Return the point (3,) in m of a feature, or the centroid of several features.
 
     The feature `at` selects the point on the axis of a cylinder: the intersection of the axis with a plane, or the
@@ -158,7 +158,7 @@ def centre(names: str | list[str], features: Mapping[str, Measured], at: str | N
     return face.point + d * ((w @ d) - (w @ e) * (d @ e)) / (1 - (d @ e) ** 2)
 
 
-def point(spec: NamedPoint, features: Mapping[str, Measured]) -> Array:
+def point(spec: NamedPoint, features: Mapping[str, MeasuredFeature]) -> Array:
     """Return a named point (3,) in m."""
     if spec.position_mm is not None:
         return np.array(spec.position_mm) * MM
@@ -166,7 +166,7 @@ def point(spec: NamedPoint, features: Mapping[str, Measured]) -> Array:
     return centre(spec.origin, features, spec.at)
 
 
-def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
+def frame(spec: FrameSpec, features: Mapping[str, MeasuredFeature]) -> Array:
     """Return the frame (4, 4) that a spec defines.
 
     Raises:
@@ -184,7 +184,9 @@ def frame(spec: FrameSpec, features: Mapping[str, Measured]) -> Array:
     return spatial.pose(R, p + R[:, 2] * (spec.offset_mm * MM))
 
 
-def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, features: Mapping[str, Measured]) -> Array:
+def _turned(
+    spec: FrameSpec, along: str | list[str], p: Array, given: Array, features: Mapping[str, MeasuredFeature]
+) -> Array:
     """Return the rotation (3, 3) of a frame at p (3,) whose z axis is measured on the features `along`."""
     if isinstance(along, list):
         a, b, c = (centre(n, features) for n in along)
@@ -212,7 +214,7 @@ def _turned(spec: FrameSpec, along: str | list[str], p: Array, given: Array, fea
         ) from None
 
 
-def _get(name: str, features: Mapping[str, Measured]) -> Measured:
+def _get(name: str, features: Mapping[str, MeasuredFeature]) -> MeasuredFeature:
     if name not in features:
         raise CadError(unknown("feature", name, features))
     return features[name]

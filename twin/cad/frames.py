@@ -9,19 +9,19 @@ import numpy as np
 
 from twin.cad import features
 from twin.cad.description import BodySpec, Description, FrameSpec
-from twin.cad.features import Measured
+from twin.cad.features import MeasuredFeature
 from twin.core import spatial
 from twin.core.errors import CadError
 from twin.core.spatial import Array
 from twin.model.body import Frame, Point
 from twin.model.mechanism import Mechanism
 
-Faces = Mapping[str, Mapping[str, Measured]]
+Faces = Mapping[str, Mapping[str, MeasuredFeature]]
 """{body: {name: measured feature}}, in drawn coordinates."""
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnFrames:
     """Frames (4, 4) in drawn coordinates.
 
     Attributes:
@@ -48,7 +48,7 @@ Given = Mapping[tuple[str, str], Array]
 """{(joint, body): frame (4, 4) in drawn coordinates}; replaces the frames that the description gives by numbers."""
 
 
-def drawn(d: Description, faces: Faces, given: Given | None = None) -> Drawn:
+def drawn(d: Description, faces: Faces, given: Given | None = None) -> DrawnFrames:
     """Return all frames of the description, computed from the measured faces; `given` replaces frames of joints.
 
     Raises:
@@ -61,22 +61,22 @@ def drawn(d: Description, faces: Faces, given: Given | None = None) -> Drawn:
         other = given or {}
         on[j.name] = other.get((j.name, j.parent), parent), other.get((j.name, j.child), child)
     named = {n: _frame(d, faces, f.body, f.at, f"frame '{n}' on body '{f.body}'") for n, f in d.frame.items()}
-    return Drawn(on, named, {name: _body(d, name, spec, on, named) for name, spec in d.body.items()})
+    return DrawnFrames(on, named, {name: _body(d, name, spec, on, named) for name, spec in d.body.items()})
 
 
-def frames(d: Description, at: Drawn) -> tuple[Frame, ...]:
+def frames(d: Description, at: DrawnFrames) -> tuple[Frame, ...]:
     """Return the named frames, each relative to its body."""
     return tuple(Frame(n, f.body, spatial.inverse(at.bodies[f.body]) @ at.named[n]) for n, f in d.frame.items())
 
 
-def points(d: Description, at: Drawn, faces: Faces) -> tuple[Point, ...]:
+def points(d: Description, at: DrawnFrames, faces: Faces) -> tuple[Point, ...]:
     """Return the named points, in m, each in the frame of its body."""
     return tuple(
         Point(n, s.body, into(at.bodies[s.body], features.point(s, faces.get(s.body, {})))) for n, s in d.point.items()
     )
 
 
-def rest(d: Description, at: Drawn) -> dict[str, Array]:
+def rest(d: Description, at: DrawnFrames) -> dict[str, Array]:
     """Return T_base_body (4, 4) of every body as in the CAD."""
     T_base_drawn = spatial.inverse(at.bodies[d.base])
     return {n: T_base_drawn @ T for n, T in at.bodies.items()}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.cad.build import CadModel
-from twin.cad.features import Measured
+from twin.cad.features import MeasuredFeature
 from twin.core import spatial
 from twin.core.errors import CadError
 
@@ -47,7 +47,7 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
     return tuple(out)
 
 
-def _distance(body: str, a: Measured, b: Measured) -> float:
+def _distance(body: str, a: MeasuredFeature, b: MeasuredFeature) -> float:
     """Return the distance in m between two faces: of a sphere, the centre is used; of a cylinder, the axis."""
     angle, distance = pair(a, b)
     tilt = np.cos(angle) if {a.face.kind, b.face.kind} == {"plane", "cylinder"} else np.sin(angle)
@@ -58,7 +58,7 @@ def _distance(body: str, a: Measured, b: Measured) -> float:
     return distance
 
 
-def pair(a: Measured, b: Measured) -> tuple[float, float]:
+def pair(a: MeasuredFeature, b: MeasuredFeature) -> tuple[float, float]:
     """Return (angle in rad, distance in m) between two faces; an undefined value is NaN."""
     offset = b.face.point - a.face.point
     kinds = {a.face.kind, b.face.kind}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.cad.description import Description
-from twin.cad.frames import Drawn
+from twin.cad.frames import DrawnFrames
 from twin.core import spatial
 from twin.core.findings import Finding, disagreement
 from twin.core.quantity import Quantity, deg, mm
@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import UM
 
 
-def meetings(d: Description, at: Drawn) -> list[Finding]:
+def meetings(d: Description, at: DrawnFrames) -> list[Finding]:
     """Return findings on joints whose two frames are offset or tilted in the CAD; free directions are ignored."""
     found = []
     for joint in d.joint:
@@ -38,7 +38,7 @@ def meetings(d: Description, at: Drawn) -> list[Finding]:
     return found
 
 
-def between(at: Drawn, joint: str) -> Array:
+def between(at: DrawnFrames, joint: str) -> Array:
     """Return the pose (4, 4) of the child's joint frame in the parent's joint frame, as in the CAD."""
     return spatial.inverse(at.on[joint][0]) @ at.on[joint][1]
 

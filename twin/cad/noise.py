@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.cad import meeting
 from twin.cad.description import Description
-from twin.cad.features import Measured
+from twin.cad.features import MeasuredFeature
 from twin.cad.frames import Faces, drawn
 from twin.core import spatial
 from twin.core.errors import CadError
@@ -107,7 +107,7 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
 
 def redrawn(measured: Faces, position: float, direction: float, rng: np.random.Generator) -> Faces:
     """Return the features with random errors of the given standard deviations (m; rad)."""
-    out: dict[str, dict[str, Measured]] = {}
+    out: dict[str, dict[str, MeasuredFeature]] = {}
     for body, features in measured.items():
         out[body] = {}
         for name, m in features.items():

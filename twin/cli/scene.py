@@ -18,7 +18,7 @@ from twin.ui.session.loaded_scene import LoadedScene
 
 if TYPE_CHECKING:
     from twin.model.scene import Scene
-    from twin.model.task import Task
+    from twin.model.task import ConsoleTask
     from twin.model.tissue import Tissue
 
 names, find = assets.scenes, assets.scene_file
@@ -38,7 +38,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
     return tissue_scene.tissues(scene, drawn)
 
 
-def with_organs(loaded: LoadedScene, task: Task | None = None) -> LoadedScene:
+def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedScene:
     """Return a scene with its soft organs. The World simulates them in a procedure; otherwise, the `feed` does."""
     found = tissues(loaded.scene)
     if task is not None and task.procedure is not None:

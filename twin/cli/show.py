@@ -15,7 +15,7 @@ from twin.cli import pages
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
-from twin.core.result import Line, Part, Result, Table, as_json, record
+from twin.core.result import Line, Part, Result, TextTable, as_json, record
 from twin.core.units import UM
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def store(result: Result, args: argparse.Namespace, out: Path, more: Iterable[st
 
 def plain(part: Part) -> str:
     """Return a part of a result (text, table or finding) as printable text."""
-    if isinstance(part, Table):
+    if isinstance(part, TextTable):
         return table(part.rows, part.header, fit=part.fit)
     if isinstance(part, Finding):
         return finding(part)

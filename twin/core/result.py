@@ -15,7 +15,7 @@ from twin.core.json_types import JsonMapping, JsonObject
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """Rows of text below a header; `fit`: whether a terminal may cut long lines."""
 
     header: Sequence[str]
@@ -35,7 +35,7 @@ class Line:
     style: str = ""
 
 
-Part = str | Line | Table | Finding
+Part = str | Line | TextTable | Finding
 """One part of the text of a result."""
 
 

@@ -41,7 +41,7 @@ class Holds(Flag):
 
 
 @dataclass(frozen=True)
-class Variant:
+class FormatVariant:
     """One kind of file of a format.
 
     Attributes:
@@ -109,7 +109,7 @@ class Format:
     name: str
     title: str
     places: Places
-    variants: tuple[Variant, ...] = ()
+    variants: tuple[FormatVariant, ...] = ()
     marker: str = ""
     recognise: Callable[[Path], bool] | None = None
     outermost: Callable[[Sequence[Path]], list[Path]] = list
@@ -125,7 +125,7 @@ class Format:
         """Import and return the module `name` of the format: "write", "audit" or "read"."""
         return import_module(f"{self.package}.{name}")
 
-    def variant(self, path: Path) -> Variant | None:
+    def variant(self, path: Path) -> FormatVariant | None:
         """Return the variant with the suffix of a file; None if there is none."""
         suffix = path.suffix.lower()
         for variant in self.variants:

@@ -156,7 +156,7 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Row:
+class EquationRow:
     """One statement of a function of symbols.
 
     Attributes:
@@ -170,7 +170,7 @@ class Row:
     new: bool = False
 
 
-def rows(function: Rows) -> tuple[Row, ...]:
+def rows(function: Rows) -> tuple[EquationRow, ...]:
     """Return the statements of a function without its docstring; for a variant, the rows after the changes.
 
     Raises:
@@ -184,7 +184,7 @@ def rows(function: Rows) -> tuple[Row, ...]:
     body = node.body
     if body and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
         body = body[1:]  # without the docstring
-    return tuple(Row(statement, node) for statement in body)
+    return tuple(EquationRow(statement, node) for statement in body)
 
 
 def definition(function: Rows) -> ast.FunctionDef:
@@ -225,7 +225,7 @@ def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionD
     return found
 
 
-def _merged(base: Rows, change: Rows) -> tuple[Row, ...]:
+def _merged(base: Rows, change: Rows) -> tuple[EquationRow, ...]:
     """Return the rows of a function after the changes of a variant.
 
     Raises:
@@ -246,7 +246,7 @@ def _merged(base: Rows, change: Rows) -> tuple[Row, ...]:
     if not rows_of_change:  # Python accepts a docstring as the whole body
         raise fail(definition(change), "has no rows: assign the symbols that this variant changes, and return them")
     *changed_rows, last_row = rows_of_change
-    added: list[Row] = []  # rows with symbols that `base` does not have, until their place is known
+    added: list[EquationRow] = []  # rows with symbols that `base` does not have, until their place is known
     changed: list[str] = []
     for row in changed_rows:
         names = set(assigned(row.node))

@@ -20,7 +20,7 @@ from twin.model.anatomy import AnatomyTable, TissueTable
 from twin.model.console import CameraTable, ConsoleTable, HapticsTable
 from twin.model.contact import ContactTable, ObjectTable
 from twin.model.movable import Movable
-from twin.model.task import Task, TaskTable
+from twin.model.task import ConsoleTask, TaskTable
 from twin.model.tool import ToolTable
 from twin.model.trainer import MODEL, TrainerTable
 from twin.model.vessel import Vessel, VesselTable
@@ -142,7 +142,7 @@ class Scene:
     tissues: Mapping[str, TissueTable]
     vessels: tuple[Vessel, ...]
     tools: Mapping[str, ToolTable]
-    tasks: Mapping[str, Task]
+    tasks: Mapping[str, ConsoleTask]
     parameters: tuple[Parameter, ...]
 
     @property

@@ -89,7 +89,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Task:
+class ConsoleTask:
     """A task with targets, transfers, a guide, an alignment or a procedure; all except a procedure need a console.
 
     `tolerance` is the maximum distance in m of a tip from its point during a touch; `hold` is the time in s for which
@@ -112,13 +112,13 @@ class Task:
         return bool(self.transfers) or self.guide is not None
 
 
-def task_of(name: str, task: TaskTable) -> Task:
-    """Return the `Task` that a table describes, in SI units."""
+def task_of(name: str, task: TaskTable) -> ConsoleTask:
+    """Return the `ConsoleTask` that a table describes, in SI units."""
     targets = []
     for target in task.target:
         points = {"right": target.right_mm, "left": target.left_mm}
         targets.append(Target(target.name, {h: np.array(p) * MM for h, p in points.items() if p is not None}))
-    return Task(
+    return ConsoleTask(
         name,
         task.title,
         (task.tolerance_mm or 0.0) * MM,

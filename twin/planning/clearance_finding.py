@@ -6,10 +6,10 @@ import numpy as np
 
 from twin.core.findings import Finding
 from twin.core.units import MM
-from twin.planning.space import Certificate
+from twin.planning.space import PathCertificate
 
 
-def clearance(seen: Certificate, phase: str, who: str = "", scene: str = "") -> list[Finding]:
+def clearance(seen: PathCertificate, phase: str, who: str = "", scene: str = "") -> list[Finding]:
     """Return one finding with the proven clearance of a phase; an empty list if no pair of bodies is tested.
 
     Args:

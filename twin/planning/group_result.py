@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from twin.core.findings import Finding, by_severity
-from twin.core.result import Part, Result, Table, as_json
+from twin.core.result import Part, Result, TextTable, as_json
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.scene import Scene
@@ -17,7 +17,7 @@ from twin.planning.clearance_finding import clearance
 from twin.planning.plan_files import SCENE, RobotSamples, protocol_files, write_plan_scene
 from twin.planning.plan_result import searches
 from twin.planning.rounds import SearchRounds
-from twin.planning.space import Certificate
+from twin.planning.space import PathCertificate
 
 FILE = "plan.json"
 """File with the content of the result."""
@@ -46,7 +46,7 @@ class CommonPhase:
     name: str
     t0: float
     t1: float
-    seen: Certificate
+    seen: PathCertificate
     near: Mapping[str, Nearest]
     solver: str
     rounds: Mapping[str, SearchRounds] = field(default_factory=dict)
@@ -148,7 +148,7 @@ class PlannedTogether(Result):
         """Yield the phases, the minimum clearances and the findings."""
         yield f"{self.scene.name} · {', then '.join(self.order)} · {self.t[-1]:.3f} s, {len(self.t)} samples\n"
         phases = [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", p.solver) for p in self.phases]
-        yield Table(("phase", "from s", "to s", "timing"), phases)
+        yield TextTable(("phase", "from s", "to s", "timing"), phases)
         yield ""
         rows = []
         for kind, (near, name) in self.near.items():
@@ -156,7 +156,7 @@ class PlannedTogether(Result):
             found = f"{seen.found / MM:.2f}"
             proven = f"{seen.proven / MM:.2f}"
             rows.append((KINDS[kind], found, proven, f"{near.t:.3f}", name, " and ".join(seen.bodies)))
-        yield Table(("minimum clearance", "found mm", "proven mm", "at s", "phase", "nearest bodies"), rows)
+        yield TextTable(("minimum clearance", "found mm", "proven mm", "at s", "phase", "nearest bodies"), rows)
         yield f"  required: {self.required / MM:g} mm"
         yield ""
         if self.rounds:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from twin.core.findings import Finding, by_severity
 from twin.core.format import quantity
-from twin.core.result import Part, Result, Table, as_json
+from twin.core.result import Part, Result, TextTable, as_json
 from twin.planning.rounds import SearchRounds
 from twin.planning.tracks import write_csv
 from twin.planning.trajectory import Trajectory
@@ -58,7 +58,7 @@ class Planned(Result):
             start = f"{p.t0:.3f}"
             end = f"{p.t1:.3f}"
             rows.append((p.name, p.type, start, end, p.waypoint or "", p.rcm_mode or "", p.solver or "given"))
-        yield Table(("phase", "type", "from s", "to s", "ends at", "RCM", "timing"), rows)
+        yield TextTable(("phase", "type", "from s", "to s", "ends at", "RCM", "timing"), rows)
         yield ""
         for table in self.tables():
             yield table
@@ -66,7 +66,7 @@ class Planned(Result):
         yield from by_severity(self.findings)
         yield ""
 
-    def tables(self) -> Iterator[Table]:
+    def tables(self) -> Iterator[TextTable]:
         """Yield the rounds of the searches, if there are any."""
         if self.rounds:
             yield searches(self.rounds)
@@ -78,7 +78,7 @@ class Planned(Result):
         (folder / content).write_text(as_json(self.content()), encoding="utf-8")
 
 
-def searches(found: Mapping[str, SearchRounds]) -> Table:
+def searches(found: Mapping[str, SearchRounds]) -> TextTable:
     """Return a table with one row for each round of each search; `found` has the rounds by name of the phase."""
     rows = []
     for name, search in found.items():
@@ -86,7 +86,9 @@ def searches(found: Mapping[str, SearchRounds]) -> Table:
             tree = _cost(r.tree, search.unit)
             best = _cost(r.best, search.unit)
             rows.append((name, str(r.samples), tree, best, f"{r.processor:.2f}", f"{r.wall:.2f}"))
-    return Table(("search for", "samples", "path of the tree", "with shortcuts", "processor s", "wall-clock s"), rows)
+    return TextTable(
+        ("search for", "samples", "path of the tree", "with shortcuts", "processor s", "wall-clock s"), rows
+    )
 
 
 def _cost(value: float, unit: str) -> str:

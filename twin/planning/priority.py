@@ -22,7 +22,7 @@ from twin.planning.obstacle_avoidance import around
 from twin.planning.path import Path
 from twin.planning.rounds import SearchRound
 from twin.planning.smooth import line
-from twin.planning.space import Certificate, Space
+from twin.planning.space import PathCertificate, Space
 
 _SHORTEST = 0.05
 """Minimum weight in m of the coordinate u; if the path of the earlier arms is longer, its length is the weight."""
@@ -157,7 +157,7 @@ class Behind(Space):
             return False
         return all(self.whole.free_along(part) for part in self._parts(path))
 
-    def certify(self, path: Path) -> Certificate:
+    def certify(self, path: Path) -> PathCertificate:
         """Return a certificate of a free path: a proven lower bound of the distance between bodies of all arms."""
         parts = self._parts(path)
         certificates = [self.whole.certify(part) for part in parts]

@@ -11,7 +11,7 @@ from twin.core.spatial import Array
 from twin.planning.path import Path
 
 
-class Certificate(Interface):
+class PathCertificate(Interface):
     """Distance between bodies along a path; `twin.reference.certificate.Certificate` has these attributes."""
 
     @property
@@ -88,7 +88,7 @@ class Space(Interface):
         """Return whether a path that begins at a free point is free of collisions."""
         ...
 
-    def certify(self, path: Path) -> Certificate:
+    def certify(self, path: Path) -> PathCertificate:
         """Return a certificate of a free path: a proven lower bound of the distance between bodies."""
         ...
 

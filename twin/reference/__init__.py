@@ -5,6 +5,6 @@ The model is built from a `Mechanism` alone, and shares no code with the equatio
 
 from twin.reference.mobility import Mobility
 from twin.reference.model import ReferenceModel
-from twin.reference.states import Assembly, Run
+from twin.reference.states import Assembly, SolvedSamples
 
-__all__ = ["Assembly", "Mobility", "ReferenceModel", "Run"]
+__all__ = ["Assembly", "Mobility", "ReferenceModel", "SolvedSamples"]

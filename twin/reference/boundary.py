@@ -22,7 +22,7 @@ from twin.reference.degeneracy import Degeneracy
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
-from twin.reference.states import Run
+from twin.reference.states import SolvedSamples
 
 _DEGENERATE = 1e-2
 """Relative singular value below which the mechanism counts as degenerate; the error of a search for zeros is 1e-5."""
@@ -58,11 +58,11 @@ class Stated(Protocol):
     kinds: tuple[str, ...]
     preferred: tuple[int, ...]
 
-    def values(self, s: Run, larger: float = 1.0) -> Array:
+    def values(self, s: SolvedSamples, larger: float = 1.0) -> Array:
         """Return the values (k, names) of all rows at states; `larger` scales all lengths of the robot."""
         ...
 
-    def valid(self, s: Run, passive: bool) -> Mask:
+    def valid(self, s: SolvedSamples, passive: bool) -> Mask:
         """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints)."""
         ...
 
@@ -70,11 +70,11 @@ class Stated(Protocol):
         """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative if out of reach."""
         ...
 
-    def fails(self, s: Run) -> Array:
+    def fails(self, s: SolvedSamples) -> Array:
         """Return (k,) the largest joint rate per unit rate of the pose, from the formula; infinite if singular."""
         ...
 
-    def homogeneous(self, s: Run, by: float) -> bool:
+    def homogeneous(self, s: SolvedSamples, by: float) -> bool:
         """Return whether scaling all length parameters by `by` leaves the angles unchanged."""
         ...
 
@@ -347,7 +347,7 @@ class Boundary:
         at = "" if x is None else self._joints(self.model.collect(x[None]))
         return Judged(s.names[i], s.symbols[i], s.equations[i], s.kinds[i], status, why, at, size, unit)
 
-    def _joints(self, run: Run) -> str:
+    def _joints(self, run: SolvedSamples) -> str:
         out = []
         for joint, q in zip(self.model.mechanism.active, run.q[0], strict=True):
             out.append(f"{joint.name} {q / DEG:.2f}°" if joint.is_angle else f"{joint.name} {q / MM:.2f} mm")

@@ -168,7 +168,7 @@ def _depth_first(made: dict[int, tuple[float, ...]]) -> Array:
 
 
 @dataclass(frozen=True)
-class Grid:
+class DistanceGrid:
     """Grid whose nodes store lower bounds of the distance from a surface.
 
     Attributes:
@@ -193,7 +193,7 @@ class Grid:
     far: float
 
     @staticmethod
-    def of(triangles: Array) -> Grid:
+    def of(triangles: Array) -> DistanceGrid:
         """Return the grid of the surface of triangles (k, 3, 3)."""
         from scipy.ndimage import distance_transform_edt
         from scipy.spatial import KDTree
@@ -223,21 +223,21 @@ class Grid:
         far = np.sqrt(3) * cell + spread + 1e-6
         # a lower bound must remain one after rounding to float32
         rounded = values.astype(np.float32) * np.float32(1 - 1e-6)
-        return Grid(rounded, start, cell, low, high, spread + 1e-6, known, far)
+        return DistanceGrid(rounded, start, cell, low, high, spread + 1e-6, known, far)
 
 
-def grid_of(triangles: Array) -> Grid:
+def grid_of(triangles: Array) -> DistanceGrid:
     """Return `Grid.of(triangles)`, from the cache if it is there."""
 
     def make() -> dict[str, np.ndarray]:
-        grid = Grid.of(triangles)
+        grid = DistanceGrid.of(triangles)
         bounds = [grid.error, grid.known, grid.far]
         rest = np.concatenate([grid.start, [grid.cell], grid.low, grid.high, bounds])
         return {"values": grid.values, "rest": rest}
 
     arrays = _kept("grid", triangles, make)
     rest = arrays["rest"]
-    return Grid(
+    return DistanceGrid(
         arrays["values"],
         start=rest[:3],
         cell=rest[3],

@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.model.mechanism import Mechanism
 from twin.reference.closing import Closing
-from twin.reference.model import ReferenceModel, Run
+from twin.reference.model import ReferenceModel, SolvedSamples
 
 STATES = 512
 """Number of states in a check of the whole range."""
@@ -49,7 +49,7 @@ class JointRange:
         low, high: (n,) the range of each driven joint in m or rad: its limits or, without limits, a substitute.
     """
 
-    run: Run
+    run: SolvedSamples
     low: Array
     high: Array
 

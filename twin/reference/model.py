@@ -24,7 +24,7 @@ from twin.reference.loops import LENGTH_SCALE
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
-from twin.reference.states import Assembly, Run
+from twin.reference.states import Assembly, SolvedSamples
 from twin.reference.tree import Tree
 
 _STRIDE = 0.02
@@ -141,7 +141,7 @@ class ReferenceModel:
 
     # -- along samples --------------------------------------------------------------------------------
 
-    def run(self, q: Array, seed: Assembly | None = None, progress: Progress | None = None) -> Run:
+    def run(self, q: Array, seed: Assembly | None = None, progress: Progress | None = None) -> SolvedSamples:
         """Return the states at active joint values q (k, n), solved along a motion.
 
         Raises:
@@ -151,7 +151,7 @@ class ReferenceModel:
         states = self._along(q, self._move_driven, seed, progress)
         return self._closed(self.collect(states))
 
-    def solve_many(self, q: Array, seed: Assembly | None = None) -> Run:
+    def solve_many(self, q: Array, seed: Assembly | None = None) -> SolvedSamples:
         """Return the states at active joint values q (k, n); each row is solved separately, not as part of a motion.
 
         Every row starts from `seed`, by default from the rest poses.
@@ -203,7 +203,7 @@ class ReferenceModel:
         seed: Assembly | None = None,
         progress: Progress | None = None,
         near: Array | None = None,
-    ) -> Run:
+    ) -> SolvedSamples:
         """Return the states with the tool at the given poses (k, 4, 4), solved along a motion; see `run`.
 
         If the mechanism is `redundant` or has auxiliary joints, a pose has many solutions. If `near` (k, n) is given,
@@ -250,8 +250,8 @@ class ReferenceModel:
         movers = len(self.mechanism.active) - len(self.mechanism.auxiliary)
         return self.freedoms < movers
 
-    def collect(self, states: Array) -> Run:
-        """Return the `Run` for configurations (k, nq)."""
+    def collect(self, states: Array) -> SolvedSamples:
+        """Return the `SolvedSamples` for configurations (k, nq)."""
         tree = self.tree
         poses, _ = tree.update(states, closing_only=True)
         loop_values = tree.loops.coordinates(poses)
@@ -269,7 +269,7 @@ class ReferenceModel:
             points[point.name] = p_base[:, :3]
         gaps = tree.loops.gaps(states, poses)
         q = states[:, self._active_q]
-        return Run(states, q, tree.tool(poses), passive, points, gaps, tree.loops.names)
+        return SolvedSamples(states, q, tree.tool(poses), passive, points, gaps, tree.loops.names)
 
     def link_poses(self, states: Array) -> dict[str, Array]:
         """Return {name: T_base_body (k, 4, 4)} of all bodies at configurations (k, nq)."""
@@ -313,7 +313,7 @@ class ReferenceModel:
 
     # -- internals ---------------------------------------------------------------------------------------
 
-    def _closed(self, run: Run, Ts: Array | None = None) -> Run:
+    def _closed(self, run: SolvedSamples, Ts: Array | None = None) -> SolvedSamples:
         """Return the run; raise `AssemblyError` at the first sample with an open loop or a missed tool pose."""
         misfit = run.gaps[..., 0].max(axis=1, initial=0.0)
         if Ts is not None:

@@ -36,7 +36,7 @@ class Assembly:
 
 
 @dataclass(frozen=True)
-class Run:
+class SolvedSamples:
     """Solved states at k samples; the first axis of each array is the sample.
 
     Attributes:

@@ -18,7 +18,7 @@ from twin.kinematics import Kinematics
 from twin.model.console import CameraTable, ConsoleTable
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.simulation import contact_scene, machine_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import Arm, HandToPose
@@ -225,7 +225,7 @@ def drag(table: ConsoleTable) -> Drag:
     return Drag(lower=tuple(low), upper=tuple(high))
 
 
-def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: Task | None = None) -> dict[str, float]:
+def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask | None = None) -> dict[str, float]:
     """Return {setting: initial value} of the device of a scene's console.
 
     `pedals.fulcrum` selects the end of an instrument that follows the hand (the tip or the outer end, see `pivot`).

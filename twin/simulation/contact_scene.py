@@ -15,7 +15,7 @@ from twin.model.contact import ContactTable
 from twin.model.hull import require_hull
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.reference import ReferenceModel
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.setup import Setup
@@ -72,7 +72,7 @@ def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) ->
     return Contact(setup.objects, solids, grippers, q, friction=table.friction, feels=setup.felt, rubbed=rubbed)
 
 
-def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
+def pegs(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> dict[str, Peg]:
     """Return {name: peg} for the pegs of a task, measured on the drawn parts.
 
     The axis of a peg is its longest direction. Its free end is the end that is farther from the bounding boxes of the
@@ -85,7 +85,7 @@ def pegs(scene: Scene, props: Mechanism | None, task: Task) -> dict[str, Peg]:
     return {name: _peg(scene, solids, task, name) for name in sorted({t.peg for t in task.transfers})}
 
 
-def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
+def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> Course:
     """Return wire and dome of a task with a ring to guide, measured on the drawn parts.
 
     Raises:
@@ -121,7 +121,7 @@ def course(scene: Scene, props: Mechanism | None, task: Task) -> Course:
     return Course(np.array(line), hull.equations)
 
 
-def _peg(scene: Scene, solids: Sequence[Solid], task: Task, name: str) -> Peg:
+def _peg(scene: Scene, solids: Sequence[Solid], task: ConsoleTask, name: str) -> Peg:
     parts = {part.name: (solid, part) for solid in solids for part in solid.parts}
     if name not in parts:
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('peg', name, parts)}")
@@ -137,7 +137,7 @@ def _peg(scene: Scene, solids: Sequence[Solid], task: Task, name: str) -> Peg:
     return Peg(name, ends[1], ends[0], radius)
 
 
-def _wire(solids: Sequence[Solid], scene: Scene, task: Task) -> list[tuple[Solid, Mesh]]:
+def _wire(solids: Sequence[Solid], scene: Scene, task: ConsoleTask) -> list[tuple[Solid, Mesh]]:
     """Return the parts of the wire of a task, from the free end."""
     prefix = "" if task.guide is None else task.guide.wire
     parts = {part.name: (solid, part) for solid in solids for part in solid.parts}

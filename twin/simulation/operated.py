@@ -12,7 +12,7 @@ from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM, UM
 from twin.kinematics import Kinematics
@@ -109,7 +109,7 @@ class Operated(Result):
             touched = f"{sum(m.contacts.values())} of {len(m.contacts)}"
             aside = f"{max(m.aside.values()) / UM:.0f} µm" if m.aside else "-"
             rows.append((str(trial.seed), f"{m.time:.1f} s", str(m.presses), f"{m.path / MM:.1f} mm", touched, aside))
-        yield Table(("seed", "time", "clutch presses", "path", "contacts", "max. off axis"), rows)
+        yield TextTable(("seed", "time", "clutch presses", "path", "contacts", "max. off axis"), rows)
         yield ""
         yield from by_severity(self.findings)
 

@@ -16,7 +16,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
 from twin.model.procedure import ProcedureTable
 from twin.model.scene import Place, Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.model.tissue import Tissue
 from twin.simulation import tissue_scene
 from twin.simulation.plants.tissue import Instrument, Links, Operating, Sight, clips_of
@@ -39,7 +39,7 @@ class Field:
     objects: Sequence[Movable]
 
 
-def procedure_of(scene: Scene, task: Task | None) -> ProcedureTable:
+def procedure_of(scene: Scene, task: ConsoleTask | None) -> ProcedureTable:
     """Return the procedure of a task.
 
     Raises:

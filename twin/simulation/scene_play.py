@@ -18,7 +18,7 @@ from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
@@ -106,14 +106,14 @@ class Played(Result):
         rows = [
             (a.place.name, a.place.protocol_name, a.place.port, f"{a.trajectory.duration:.1f} s") for a in self.actors
         ]
-        yield Table(("robot", "protocol", "port", "duration"), rows)
+        yield TextTable(("robot", "protocol", "port", "duration"), rows)
         yield ""
         lines = []
         for (a, b), c in self.by_pair.items():
             k = int(np.argmin(c.distance))
             near = " - ".join(name.split("/")[1] for name in c.pair[k])
             lines.append((f"{a} - {b}", f"{c.distance[k] / MM:.1f} mm", near, f"t = {self.t[k]:.1f} s"))
-        yield Table(("pair", "minimum clearance", "between", ""), lines)
+        yield TextTable(("pair", "minimum clearance", "between", ""), lines)
         yield ""
         yield from by_severity(self.findings)
         if self.by_pair and not self.findings:

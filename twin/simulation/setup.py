@@ -11,7 +11,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
 from twin.model.procedure import ProcedureTable
 from twin.model.scene import Place, Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.model.tissue import Tissue
 from twin.simulation.condition import Condition
 
@@ -42,7 +42,7 @@ class Setup:
 
     scene: Scene
     members: Mapping[str, Member]
-    task: Task | None = None
+    task: ConsoleTask | None = None
     props: Mechanism | None = None
     condition: Condition | None = None
     organs: Sequence[Tissue] = ()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
-from twin.core.result import Line, Part, Result, Table
+from twin.core.result import Line, Part, Result, TextTable
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ class Contract(Result):
         yield f"{self.console}: {self.title}\n  {self.source}\n"
         variants = ", ".join(f"{equation}={variant}" for equation, variant in self.variants.items())
         yield f"  {variants}\n"
-        yield Table(("", "equation", "clause", "measured", "limit"), [clause.cells() for clause in self.clauses])
+        yield TextTable(("", "equation", "clause", "measured", "limit"), [clause.cells() for clause in self.clauses])
         yield ""
         yield from by_severity(self.findings)
         count = len(self.clauses)

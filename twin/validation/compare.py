@@ -17,13 +17,13 @@ import numpy as np
 from twin.core.errors import AssemblyError
 from twin.core.findings import Finding, Kind, disagreement, finding
 from twin.core.quantity import mm
-from twin.core.result import Table
+from twin.core.result import TextTable
 from twin.core.spatial import Array, Index
 from twin.core.units import MM, ROUNDING
 from twin.formula.contract import Equation
 from twin.kinematics import Kinematics
 from twin.planning.trajectory import Trajectory
-from twin.reference import ReferenceModel, Run
+from twin.reference import ReferenceModel, SolvedSamples
 from twin.validation.result import Residual, RowKind, headline
 from twin.validation.rows import SampleClock, Tolerances, pose_rows, rotation_vectors, row, text
 
@@ -44,11 +44,11 @@ class Comparison:
     findings: list[Finding] = field(default_factory=list)
     series: dict[str, Array] = field(default_factory=dict)
     facts: dict[str, dict[str, str]] = field(default_factory=dict)
-    tables: dict[str, Table] = field(default_factory=dict)
-    driven: Run | None = None
+    tables: dict[str, TextTable] = field(default_factory=dict)
+    driven: SolvedSamples | None = None
     """States of the mechanism at the equations' joint values, at every sample; None if it cannot be assembled there."""
 
-    posed: Run | None = None
+    posed: SolvedSamples | None = None
     """States of the mechanism at the protocol's tool poses, at the coarse samples; None before they are computed."""
 
     coarse: Index = field(default_factory=lambda: np.zeros(0, np.intp))
@@ -153,7 +153,9 @@ def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: SampleClock) ->
     out.findings.append(found)
 
 
-def _posed(model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress) -> Run:
+def _posed(
+    model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress
+) -> SolvedSamples:
     """Return the states of the mechanism at the tool poses of the samples with the indices `rows`.
 
     `q` (k, n) are start values of the solver: joint values near the solution, at all k samples of the trajectory. None:
@@ -228,7 +230,7 @@ class _Check:
     tolerances: Tolerances
     progress: Progress
     out: Comparison
-    posed: Run
+    posed: SolvedSamples
 
     @property
     def coarse(self) -> SampleClock:
@@ -485,7 +487,7 @@ class _Check:
             found = finding("disagreement", "tool.no_assembly", "mechanism", what, when=when, cause=blamed.cause)
         self.out.findings.append(found)
 
-    def loops(self, run: Run, cause: str = "") -> None:
+    def loops(self, run: SolvedSamples, cause: str = "") -> None:
         """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
         balls = {j.name for j in self.model.mechanism.loops if j.type == "spherical"}
         for i, loop in enumerate(run.loop_names):

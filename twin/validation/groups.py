@@ -23,7 +23,7 @@ from pydantic import Field, model_validator
 from twin.core.findings import Finding, disagreement, info, warning
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
-from twin.core.result import Table as Shown
+from twin.core.result import TextTable
 from twin.core.spatial import Array
 from twin.schema import Table, Vector, at, load_toml
 
@@ -186,7 +186,7 @@ def _require_groups(place: tuple[str | int, ...], numbers: Mapping[str, float], 
 class Recomputed:
     """Result of checking a file: tables to print, plain data, findings."""
 
-    tables: Sequence[Shown]
+    tables: Sequence[TextTable]
     data: JsonMapping
     findings: Sequence[Finding]
 
@@ -221,13 +221,13 @@ def recompute(tables: GroupTables, run: SimulatedChain) -> Recomputed:
         findings += _twice(twice)
     comparisons, rows = _comparisons(tables, users)
     data: JsonObject = {"comparisons": comparisons, "accuracy": _errors(tables.accuracy)}
-    shown = [Shown(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
+    shown = [TextTable(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
     if tables.accuracy:
         shown.append(_shown_errors(tables.accuracy))
     if tables.chain is not None:
         measured, stds = run(tables.chain)
         data["chain"] = dict(measured)
-        shown.append(Shown(("simulated accuracy test", ""), _measured_rows(measured)))
+        shown.append(TextTable(("simulated accuracy test", ""), _measured_rows(measured)))
         printed = next(a for a in tables.accuracy if a.name == tables.chain.of)
         findings += _chain(tables.chain, printed, measured, stds)
     return Recomputed(shown, data, findings)
@@ -461,7 +461,7 @@ def _rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
         )
 
 
-def _shown_errors(rows: Sequence[Accuracy]) -> Shown:
+def _shown_errors(rows: Sequence[Accuracy]) -> TextTable:
     definitions = list(rms_readings(rows[0]))
     lines: list[list[str]] = []
     for a in rows:
@@ -470,7 +470,7 @@ def _shown_errors(rows: Sequence[Accuracy]) -> Shown:
             cells.append(f"{low:.{a.decimals}f} .. {high:.{a.decimals}f}")
         cells.append(", ".join(_fits(a)))
         lines.append(cells)
-    return Shown(("", "printed RMSE", *definitions, "agrees with"), lines)
+    return TextTable(("", "printed RMSE", *definitions, "agrees with"), lines)
 
 
 def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:

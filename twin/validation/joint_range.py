@@ -22,7 +22,7 @@ from twin.core.units import DEG, ROUNDING, display_unit
 from twin.formula.contract import arguments
 from twin.kinematics import Kinematics, compile_formula
 from twin.model.mechanism import Mechanism
-from twin.reference import ReferenceModel, Run
+from twin.reference import ReferenceModel, SolvedSamples
 from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, joint_range
 from twin.validation.compare import Comparison
@@ -184,7 +184,7 @@ def _of_inverse(
 
 
 def poses_by_inverse(
-    kin: Kinematics, model: ReferenceModel, run: Run, tolerances: Tolerances
+    kin: Kinematics, model: ReferenceModel, run: SolvedSamples, tolerances: Tolerances
 ) -> tuple[Array, np.ndarray]:
     """Return (tool poses (k, 4, 4) of the mechanism at the joint values that the inverse gives for its states, `own`).
 

@@ -10,7 +10,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, display_unit
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import MotorLimits, PathKinematics, Trajectory
-from twin.reference import ReferenceModel, Run
+from twin.reference import ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
 from twin.validation.rows import SampleClock
@@ -100,7 +100,7 @@ def _motor_margin(trajectory: Trajectory, motors: MotorLimits, i: int, clock: Sa
 
 
 def of_mechanism(
-    model: ReferenceModel, posed: Run, rows: Index, clock: SampleClock
+    model: ReferenceModel, posed: SolvedSamples, rows: Index, clock: SampleClock
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
     """Return (facts as text, findings, curves) on the mechanism's distance from singularities, without the equations.
 
@@ -127,7 +127,7 @@ def of_mechanism(
     return facts, findings, {"conditioning.type1": found.stands, "conditioning.type2": found.moves}
 
 
-def _jumps(model: ReferenceModel, posed: Run, at: SampleClock) -> list[Finding]:
+def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list[Finding]:
     """Return a finding for each passive joint with an unusually large step between neighbouring samples.
 
     Steps in which a driven joint also jumps (samples far apart) are skipped.

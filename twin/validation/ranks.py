@@ -22,7 +22,7 @@ from twin.core.findings import Finding, info, warning
 from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.validation.questionnaires import scored
 
@@ -236,7 +236,7 @@ class Ranks(Result):
         """Yield a row per comparison, then the findings."""
         yield f"{self.file}: Wilcoxon-Mann-Whitney, two-sided; Holm for {len(self.comparisons)} comparisons\n"
         header = ("measure", "groups", self.users.counted, "medians", "U", "p", "p (Holm)", "effect")
-        yield Table(header, [comparison.cells() for comparison in self.comparisons])
+        yield TextTable(header, [comparison.cells() for comparison in self.comparisons])
         yield "  effect: rank-biserial correlation = Cliff's delta = 2 A - 1, A of Vargha and Delaney"
         if not all(comparison.exact for comparison in self.comparisons):
             yield "  *: p by the normal approximation, because of ties; the other p-values are exact"

@@ -14,7 +14,7 @@ from twin.core.format import quantity
 from twin.core.json_types import JsonObject
 from twin.core.provenance import Parameter
 from twin.core.quantity import si
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.planning.rounds import SearchRounds
 from twin.validation.cause import SIDES, Cause, causes
@@ -212,7 +212,7 @@ class Report(Result):
     commands: Mapping[str, str] = field(default_factory=dict)
     cure: str = ""
     angles: frozenset[str] = frozenset()
-    tables: Mapping[str, Table] = field(default_factory=dict)
+    tables: Mapping[str, TextTable] = field(default_factory=dict)
 
     kind = "report"
 
@@ -293,7 +293,7 @@ class Report(Result):
         yield from others
         if self.causes or others:
             yield ""
-        yield Table(("pair", "quantity", "worst", "tolerance", "where", "phase", ""), self._headlines())
+        yield TextTable(("pair", "quantity", "worst", "tolerance", "where", "phase", ""), self._headlines())
         yield ""
         for heading, table in self.tables.items():
             yield f"  {heading}\n"

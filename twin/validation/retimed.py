@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from twin.core.findings import Finding
 from twin.core.format import quantity
 from twin.core.json_types import JsonMapping
-from twin.core.result import Table
+from twin.core.result import TextTable
 from twin.model.mechanism import Mechanism
 from twin.planning import topp, toppra_solver
 from twin.planning.plan_result import Planned
@@ -55,7 +55,7 @@ class CheckedPlan(Planned):
         rows = [asdict(r) | {"agrees": r.agrees} for r in self.rows]
         return {**super().content(), "residuals": rows, "durations": dict(self.durations)}
 
-    def tables(self) -> Iterator[Table]:
+    def tables(self) -> Iterator[TextTable]:
         """Yield the rows on the timing, then the tables of every plan."""
         judges = dict.fromkeys(OTHERS[p.solver][0] for p in self.trajectory.phases if p.solver is not None)
         rows = [
@@ -70,5 +70,5 @@ class CheckedPlan(Planned):
             for r in self.rows
         ]
         heading = f"by {' and '.join(judges)}" if judges else "timing"
-        yield Table((heading, "of", "worst", "tolerance", "phase", ""), rows)
+        yield TextTable((heading, "of", "worst", "tolerance", "phase", ""), rows)
         yield from super().tables()

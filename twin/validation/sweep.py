@@ -22,11 +22,11 @@ from twin.core.errors import AssemblyError, KinematicsError, TwinError
 from twin.core.findings import Finding, Kind
 from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, UM, display_unit
 from twin.kinematics import Kinematics
-from twin.reference import ReferenceModel, Run
+from twin.reference import ReferenceModel, SolvedSamples
 from twin.validation.joint_range import poses_by_inverse
 from twin.validation.rows import Tolerances, rotation_vectors
 
@@ -191,7 +191,7 @@ def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> A
 
 def _by_inverse(
     kin: Kinematics, model: ReferenceModel, q: Array, i: int, home: Array, tolerances: Tolerances
-) -> tuple[Array, Array, Run]:
+) -> tuple[Array, Array, SolvedSamples]:
     """Return (joint values, tool poses, run) for an inverse alone whose joints do not determine a pose.
 
     The inverse is evaluated at the tool poses of the mechanism. The tool poses of the equations are those of the
@@ -209,7 +209,7 @@ def _by_inverse(
 
 def _reachable(
     kin: Kinematics, model: ReferenceModel, q: Array, Ts: Array, i: int, home: Array
-) -> tuple[Array, Array, Run]:
+) -> tuple[Array, Array, SolvedSamples]:
     """Return (joint values, tool poses, run) around home, up to the first unsolved or near-singular state."""
     solved = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
     good = _regular(kin, Ts, q, solved, i)
@@ -246,7 +246,7 @@ def _around_home(good: np.ndarray, q: Array, i: int, home: Array) -> tuple[int, 
 
 def _moved(
     kin: Kinematics, model: ReferenceModel, q: Array, first: int, last: int, i: int, home: Array
-) -> tuple[int, int, Run]:
+) -> tuple[int, int, SolvedSamples]:
     """Return (first index, last index, run) of the states from `first` to `last` that the mechanism reaches."""
     middle = first + int(np.argmin(np.abs(q[first : last + 1, i] - home[i])))
     while True:
@@ -264,7 +264,7 @@ def _moved(
     return first, last, model.collect(states)
 
 
-def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
+def _mimic(model: ReferenceModel, run: SolvedSamples, q: Array) -> Curve:
     """Return the error of the model "mimic": each passive joint is a linear function of the driven joint."""
     tree = model.tree
     mechanism = model.mechanism
@@ -288,7 +288,7 @@ def _mimic(model: ReferenceModel, run: Run, q: Array) -> Curve:
     return _error(run.Ts_base_tool, tree.tool(poses), note)
 
 
-def _without_coordinate(model: ReferenceModel, run: Run, path: list[str]) -> str:
+def _without_coordinate(model: ReferenceModel, run: SolvedSamples, path: list[str]) -> str:
     """Return the first moving joint of a path that has no single coordinate, such as a ball joint; "" if none."""
     tree = model.tree
     scalar = set(tree.configuration.values())
@@ -366,7 +366,7 @@ class Strokes(Result):
         rows: list[tuple[str, ...]] = []
         for stroke in self.sweeps:
             rows += self._rows(stroke)
-        yield Table(header, rows)
+        yield TextTable(header, rows)
         if self.requirement:
             required, provenance, note = self.requirement
             yield f"\n  requirement: {required / UM:g} µm at the tool ({provenance}: {note})"

@@ -15,7 +15,7 @@ import numpy as np
 from twin.core.errors import KinematicsError
 from twin.core.findings import Kind
 from twin.core.format import count, power
-from twin.core.result import Table
+from twin.core.result import TextTable
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics, Tip, Trocar, solve
 from twin.kinematics.point_search import PointSolver, point_solver
@@ -194,7 +194,7 @@ def _compare(kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, 
     by_joint = (f"{known.sum()}", _largest(off_joints[all_solved]))
     of_equations = kin.inverse_many(given.Ts)
     inside = ((of_equations >= limits[:, 0]) & (of_equations <= limits[:, 1])).all(axis=1)
-    out.tables[HEADING] = Table(
+    out.tables[HEADING] = TextTable(
         ("method", "solved", "arm beyond tip", "not converged", "steps", "solved in 48 starts", f"{wrist} off by"),
         (
             (f"{names}, from random postures", *first.cells(), "", ""),

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.analysis.mutation.equivalent import same_equations, same_motion, same_protocol, same_samples, same_stage
-from twin.analysis.mutation.fault import Fault, Outcome, State
+from twin.analysis.mutation.fault import Detection, SeededFault, State
 from twin.api.robot import Robot
 from twin.cad.build import CadModel, read_mechanism
 from twin.core.errors import TwinError
@@ -154,7 +154,7 @@ class Bench:
 
     # -- one fault ---------------------------------------------------------------------------------------
 
-    def outcome(self, fault: Fault) -> Outcome:
+    def outcome(self, fault: SeededFault) -> Detection:
         """Seed a fault, run the validator, and return the result."""
         began = time.monotonic()
         reason = ""
@@ -180,9 +180,9 @@ class Bench:
             state = "missed"
             message = "no finding"
         seconds = round(time.monotonic() - began, 3)
-        return Outcome(fault.family, fault.kind, fault.what, state, code, where, message, seconds)
+        return Detection(fault.family, fault.kind, fault.what, state, code, where, message, seconds)
 
-    def _judged(self, fault: Fault, folder: Path) -> tuple[Finding | None, str]:
+    def _judged(self, fault: SeededFault, folder: Path) -> tuple[Finding | None, str]:
         """Return (new finding or None, reason why the fault has no effect or "").
 
         The parts of the validator run in order, until one part reports a finding more severe than a warning. This
@@ -203,7 +203,7 @@ class Bench:
                     break
         return warning, reason or ""
 
-    def _part_findings(self, fault: Fault, folder: Path) -> Iterator[Finding | None]:
+    def _part_findings(self, fault: SeededFault, folder: Path) -> Iterator[Finding | None]:
         """For each part of the validator, fast parts first, yield the most severe new finding, or None without one."""
         if fault.robot is not None:
             robot = fault.robot(folder)
@@ -280,7 +280,7 @@ class Bench:
                 gravest = finding
         return gravest
 
-    def _equivalence(self, fault: Fault, folder: Path) -> str:
+    def _equivalence(self, fault: SeededFault, folder: Path) -> str:
         """Return the reason why a missed fault has no effect; "" if the fault has an effect."""
         with contextlib.suppress(TwinError):
             if fault.robot is not None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.analysis.mutation.fault import Fault, Made, drawn, some
+from twin.analysis.mutation.fault import Made, SeededFault, drawn, some
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -25,10 +25,10 @@ KINDS = (
 """Kinds of faults in the order of seeding; small errors of joint frames are the most frequent."""
 
 
-def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[Fault]:
+def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield `count` faults of a mechanism, with the kinds in the order of `KINDS`, repeated as often as necessary."""
     for kind, (what, make) in drawn(KINDS, _MAKERS, mechanism, rng, count):
-        yield Fault("cad", kind, what, mechanism=make)
+        yield SeededFault("cad", kind, what, mechanism=make)
 
 
 def _with_joints(m: Mechanism, *changed: Joint) -> Mechanism:

@@ -36,7 +36,7 @@ reports nothing, although the fault has an effect.
 
 
 @dataclass(frozen=True)
-class Fault:
+class SeededFault:
     """A fault that can be seeded into a robot.
 
     Exactly one of the functions `robot`, `mechanism`, `stage`, `protocol` and `trajectory` is given; the others are
@@ -63,7 +63,7 @@ class Fault:
 
 
 Made = tuple[str, Any]
-"""(short description of a fault, function that seeds the fault); the function becomes an attribute of `Fault`."""
+"""(short description of a fault, function that seeds the fault); the function becomes an attribute of `SeededFault`."""
 
 
 def drawn(
@@ -85,11 +85,11 @@ def some(items: Any, rng: np.random.Generator) -> Any:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Detection:
     """Result of the validator for a seeded fault.
 
     Attributes:
-        family, kind, what: see `Fault`.
+        family, kind, what: see `SeededFault`.
         code: code of the most severe new finding, or of the raised error; "" if there is none.
         where: place of the finding.
         message: text of the finding; for an equivalent fault, the reason why it has no effect.

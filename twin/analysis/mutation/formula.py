@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.analysis.mutation.fault import Fault, some
+from twin.analysis.mutation.fault import SeededFault, some
 from twin.api.robot import Robot
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -60,7 +60,7 @@ def functions(formula: Formula) -> list[FunctionType]:
     return found
 
 
-def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Fault]:
+def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield different faults of the equations of a robot."""
     assert robot.files is not None
     formula = robot.formula
@@ -88,7 +88,7 @@ def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Fault
             if not _compiles(text, robot):
                 continue
             what = f"{edit.function}, line {edit.line}: {edit.text}"
-            yield Fault("formula", kind, what, robot=_maker(robot, text))
+            yield SeededFault("formula", kind, what, robot=_maker(robot, text))
             break
 
 

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from twin.analysis.mutation.fault import FAMILIES, MEANING, Family, Outcome, State
+from twin.analysis.mutation.fault import FAMILIES, MEANING, Detection, Family, State
 from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 
 BAR = 0.95
 """Required fraction of faults that are caught."""
@@ -37,7 +37,7 @@ class Score(Result):
     source: str
     seed: int
     seconds: float
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[Detection, ...]
     false_alarms: tuple[Finding, ...]
     bar: float = BAR
 
@@ -58,7 +58,7 @@ class Score(Result):
         )
         return (low, *self.false_alarms)
 
-    def of(self, family: Family) -> list[Outcome]:
+    def of(self, family: Family) -> list[Detection]:
         """Return the results of one family of faults."""
         return [outcome for outcome in self.outcomes if outcome.family == family]
 
@@ -163,7 +163,7 @@ class Score(Result):
             cells.append(", ".join(f"{code} {n}" for code, n in most_frequent))
             rows.append(cells)
         head = ("family", "seeded", "caught", "only warned", "missed", "no effect", "caught by")
-        yield Table(head, rows, fit=True)
+        yield TextTable(head, rows, fit=True)
         yield from self._listed("missed", "missed")
         yield from self._listed("no effect: not counted", "equivalent")
         if self.false_alarms:

@@ -11,7 +11,7 @@ import numpy as np
 
 from twin.analysis.mutation import cad, formula, timing, units, usd
 from twin.analysis.mutation.bench import Bench
-from twin.analysis.mutation.fault import FAMILIES, Family, Fault, Outcome
+from twin.analysis.mutation.fault import FAMILIES, Detection, Family, SeededFault
 from twin.analysis.mutation.result import Score
 from twin.api.robot import load
 from twin.core.atomic import Scratch
@@ -73,10 +73,10 @@ def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
         yield Bench(loaded, protocol, Path(folder))
 
 
-def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[Fault]:
+def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[SeededFault]:
     """Return the random faults; each family has its own random stream, independent of the other families."""
     shares: dict[Family, int] = {family: SHARES[family] for family in FAMILIES if family in families}
-    faults: list[Fault] = []
+    faults: list[SeededFault] = []
     for family, n in shared_out(count, shares).items():
         rng = np.random.default_rng([seed, FAMILIES.index(family)])
         faults += _faults(family, bench, rng, n)
@@ -107,7 +107,7 @@ def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
     return {family: number for family, number in numbers.items() if number}
 
 
-def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> Iterator[Fault]:
+def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> Iterator[SeededFault]:
     if family == "formula":
         return formula.faults(bench.robot, rng, n)
     if family == "cad":
@@ -121,7 +121,7 @@ def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> I
 
 def _judged(
     bench: Bench, families: Sequence[Family], count: int, seed: int, share: int, progress: Progress
-) -> dict[int, Outcome]:
+) -> dict[int, Detection]:
     faults = drawn(bench, families, count, seed)
     indices = range(share, len(faults), 2)
     outcomes = {}
@@ -134,7 +134,7 @@ def _judged(
 
 def _share(
     robot: str, protocol: str | None, families: tuple[Family, ...], count: int, seed: int, share: int
-) -> dict[int, Outcome]:
+) -> dict[int, Detection]:
     """Check the faults with indices `share`, `share` + 2, ... (`share`: 0 or 1); called in the second process."""
     with bench_of(robot, protocol) as bench:
         return _judged(bench, families, count, seed, share, lambda label, fraction: None)

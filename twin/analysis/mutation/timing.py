@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.analysis.mutation.fault import Fault, Made, drawn
+from twin.analysis.mutation.fault import Made, SeededFault, drawn
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -24,7 +24,7 @@ Planner = Callable[[Protocol], Trajectory]
 
 def faults(
     trajectory: Trajectory, protocol: Protocol, planner: Planner, rng: np.random.Generator, count: int
-) -> Iterator[Fault]:
+) -> Iterator[SeededFault]:
     """Yield faults of a trajectory; `planner` plans a protocol with the sample time of the trajectory."""
     kinds = list(KINDS)
     if not _rcm_phases(trajectory):
@@ -32,7 +32,7 @@ def faults(
         kinds.remove("shaft")
     makers = {**_MAKERS, "planned": lambda _, rng: _planned(protocol, planner, rng)}
     for kind, (what, make) in drawn(kinds, makers, trajectory, rng, count):
-        yield Fault("timing", kind, what, trajectory=make)
+        yield SeededFault("timing", kind, what, trajectory=make)
 
 
 def _rcm_phases(t: Trajectory) -> list[PhaseSpan]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from twin.analysis.mutation.fault import Fault, some
+from twin.analysis.mutation.fault import SeededFault, some
 from twin.api.robot import Robot
 from twin.planning.protocol import Protocol, load_protocol
 
@@ -23,7 +23,7 @@ _TRIES = 10
 """Tries for each fault, at most: kinds that do not apply, and faults that were seeded before, are drawn as well."""
 
 
-def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
+def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield unit faults of a robot's parameters and of a protocol file."""
     text = protocol.read_text(encoding="utf-8")
     seeded: set[str] = set()
@@ -38,7 +38,7 @@ def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -
             what = _MAKERS[kind](document, rng)
             if what is None:
                 continue
-            fault = Fault("units", kind, what, protocol=_reader(protocol, tomlkit.dumps(document)))
+            fault = SeededFault("units", kind, what, protocol=_reader(protocol, tomlkit.dumps(document)))
         if fault.what not in seeded:
             seeded.add(fault.what)
             yield fault
@@ -53,7 +53,7 @@ def _reader(original: Path, text: str) -> Callable[[Path], Protocol]:
     return read
 
 
-def _parameter(robot: Robot, rng: np.random.Generator) -> Fault:
+def _parameter(robot: Robot, rng: np.random.Generator) -> SeededFault:
     assert robot.files is not None
     candidates = []
     for parameter in robot.formula.parameters:
@@ -71,7 +71,7 @@ def _parameter(robot: Robot, rng: np.random.Generator) -> Fault:
     def make(folder: Path) -> Robot:
         return robot.with_parameters({chosen.name: factor * chosen.value})
 
-    return Fault("units", "parameter", f"{chosen.name} with {units}", robot=make)
+    return SeededFault("units", "parameter", f"{chosen.name} with {units}", robot=make)
 
 
 def _scaled(value: Any, factor: float) -> float:

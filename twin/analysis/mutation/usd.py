@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
-from twin.analysis.mutation.fault import Fault, drawn, some
+from twin.analysis.mutation.fault import SeededFault, drawn, some
 from twin.core.units import DEG, MM
 
 KINDS = (
@@ -22,11 +22,11 @@ Edit = Callable[[Usd.Stage], None]
 Made = tuple[str, Edit]
 
 
-def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[Fault]:
+def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield faults of a stage; `root` is the layer with the motion or, without motion, the robot's root layer."""
     stage = Usd.Stage.Open(str(root))
     for kind, (what, edit) in drawn(KINDS, _MAKERS, stage, rng, count):
-        yield Fault("usd", kind, what, stage=_spoiler(root.name, edit))
+        yield SeededFault("usd", kind, what, stage=_spoiler(root.name, edit))
 
 
 def _spoiler(name: str, edit: Edit) -> Callable[[Path], None]:

@@ -11,7 +11,7 @@ from twin.core.errors import TwinError
 from twin.exchange.formats import exported
 
 if TYPE_CHECKING:
-    from twin.exchange.write.clip import Budget
+    from twin.exchange.write.clip import ClipAccuracy
 
 EXAMPLES = """\
   twin export sils                              every format, every protocol
@@ -48,16 +48,16 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.core import assets
     from twin.exchange.write.bundle import chosen_formats
-    from twin.exchange.write.clip import Budget
+    from twin.exchange.write.clip import ClipAccuracy
 
     names = None
     if args.to is not None:
         names = [name.strip() for name in args.to.split(",") if name.strip()]
     formats = chosen_formats(names)
-    budget = Budget()
+    budget = ClipAccuracy()
     size = show.micrometres("--budget-um", args.budget_um)
     if size is not None:
-        budget = Budget(size, budget.rotation * size / budget.position, size)
+        budget = ClipAccuracy(size, budget.rotation * size / budget.position, size)
     scene = assets.scene_file(args.robot)
     if scene is not None:
         return _scene(scene, args, formats, budget)
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     return show.finish(bundle, args)
 
 
-def _scene(file: Path, args: argparse.Namespace, formats: tuple[str, ...], budget: Budget) -> int:
+def _scene(file: Path, args: argparse.Namespace, formats: tuple[str, ...], budget: ClipAccuracy) -> int:
     from twin.api.scene_export import export_scene
     from twin.cli import show
 

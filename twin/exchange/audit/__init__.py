@@ -29,21 +29,21 @@ from twin.exchange.audit.claims import check_claims, check_proof_clips, check_re
 from twin.exchange.audit.compare import Reference, compare, compare_hashes, compare_rest, compare_shapes, references
 from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.context import Context
-from twin.exchange.audit.folder import SCENE, Found, find
+from twin.exchange.audit.folder import SCENE, FolderFiles, find
 from twin.exchange.audit.motion import Content, check_names
-from twin.exchange.audit.physics import Physics
+from twin.exchange.audit.physics import FilePhysics
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.sense import check_sense
-from twin.exchange.audit.states import CLIP, States, compare_joints, compare_states, same_names
+from twin.exchange.audit.states import CLIP, DrawnStates, compare_joints, compare_states, same_names
 from twin.exchange.format import Format, Holds
 from twin.exchange.formats import audited, leading
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
-__all__ = ["SCENE", "AuditReport", "Check", "States", "audit", "key_times"]
+__all__ = ["SCENE", "AuditReport", "Check", "DrawnStates", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motions: {clip name: (times (k,) in s, {link name: poses T_world_link (k, 4, 4)})}."""
@@ -57,7 +57,7 @@ def audit(
     *,
     truth: Truth | None = None,
     mechanism: Mechanism | None = None,
-    states: Callable[[], States] | None = None,
+    states: Callable[[], DrawnStates] | None = None,
     progress: Progress | None = None,
 ) -> AuditReport:
     """Read a file or a folder of exported files, check each file, and compare the files with each other.
@@ -96,7 +96,7 @@ def _silent(label: str, fraction: float) -> None:
 
 
 def _audited(
-    path: Path, truth: Truth, mechanism: Mechanism | None, states: Callable[[], States] | None, tell: Progress
+    path: Path, truth: Truth, mechanism: Mechanism | None, states: Callable[[], DrawnStates] | None, tell: Progress
 ) -> tuple[list[Content], list[Ledger]]:
     """Read the files of one robot and compare the files with each other; return (contents, ledgers)."""
     found = find(path)
@@ -161,7 +161,7 @@ def _has_drawn_states(contents: Sequence[Content]) -> bool:
 
 
 def _compare_still(
-    contents: Sequence[Content], expected: Physics, states: Callable[[], States] | None
+    contents: Sequence[Content], expected: FilePhysics, states: Callable[[], DrawnStates] | None
 ) -> list[Content]:
     """Compare files without motion with the mechanism; return those whose links have other names in the end."""
     strangers = []
@@ -180,7 +180,7 @@ def _compare_still(
     return strangers
 
 
-def _check_placed(contents: Sequence[Content], expected: Physics) -> None:
+def _check_placed(contents: Sequence[Content], expected: FilePhysics) -> None:
     """Report files whose geometry could not be compared with the mechanism: their agreement would be empty."""
     if all(joint.kind == "free" for joint in expected.joints):  # every pose of every body is possible
         return
@@ -242,7 +242,7 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
 
 
-def _tracks(found: Found) -> Found:
+def _tracks(found: FolderFiles) -> FolderFiles:
     """Return the files whose values of joints no other file of their format has before them: the JSON tracks."""
     tracks: dict[str, list[Path]] = {}
     for format in audited():
@@ -251,10 +251,12 @@ def _tracks(found: Found) -> Found:
                 variant = format.variant(file)
                 if variant is not None and leading(variant.name):
                     tracks.setdefault(format.name, []).append(file)
-    return Found(found.root, tracks)
+    return FolderFiles(found.root, tracks)
 
 
-def _read(found: Found, tell: Progress, states: Callable[[], States] | None) -> Iterator[tuple[Ledger, Content | None]]:
+def _read(
+    found: FolderFiles, tell: Progress, states: Callable[[], DrawnStates] | None
+) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     jobs: list[tuple[Format, Path]] = []
     guarded_together: list[Path] = []

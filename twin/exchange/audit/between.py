@@ -13,12 +13,14 @@ from itertools import product
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import Clip, Shape
-from twin.exchange.audit.physics import Joint
+from twin.exchange.audit.motion import FileClip, LinkShape
+from twin.exchange.audit.physics import FileJoint
 from twin.exchange.audit.poses import Array
 
 
-def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> tuple[float, float, float] | None:
+def halved(
+    clip: FileClip, shapes: Mapping[str, LinkShape], joints: Sequence[FileJoint]
+) -> tuple[float, float, float] | None:
     """Remove every second key, and return the maximum interpolation errors at the removed keys.
 
     The result is (position error of a link's points in m, rotation error of a link in rad, gap of a joint in m). If
@@ -53,7 +55,7 @@ def halved(clip: Clip, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> 
     return position, rotation, gap
 
 
-def _corners(shape: Shape | None) -> Array:
+def _corners(shape: LinkShape | None) -> Array:
     """Return the corners (8, 3) of the bounding box of a link in m; the origin (1, 3) of a link without a shape."""
     if shape is None:
         return np.zeros((1, 3))
@@ -70,7 +72,7 @@ def midway(A: Array, B: Array) -> Array:
     return poses.pose(poses.rotation(half), middle)
 
 
-def gap_of(joint: Joint, links: Mapping[str, Array]) -> float:
+def gap_of(joint: FileJoint, links: Mapping[str, Array]) -> float:
     """Return the maximum gap in m between a joint's two frames, in the locked directions of the joint; 0 if unknown.
 
     `links` maps each link to T_world_link (k, 4, 4).

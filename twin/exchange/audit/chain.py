@@ -26,7 +26,7 @@ _TRIES = 24
 
 
 @dataclass(frozen=True)
-class Link:
+class ChainStep:
     """One step of a chain: a fixed pose, followed by a joint.
 
     Attributes:
@@ -51,7 +51,7 @@ class Link:
         return self.fixed @ poses.pose(None, np.asarray(q)[:, None] * direction)
 
 
-def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array:
+def along(links: Sequence[ChainStep], q: Sequence[Array | None], count: int) -> Array:
     """Return the poses (k, 4, 4) of the end of a chain relative to the start of the chain.
 
     `q` contains, for each step, the joint values (k,) in rad or m, or None for a step without a joint. `count` is k.
@@ -62,7 +62,7 @@ def along(links: Sequence[Link], q: Sequence[Array | None], count: int) -> Array
     return T
 
 
-def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
+def fit(links: Sequence[ChainStep], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
     """Compute the joint values (k,), in rad or m, for which the end of a chain has the poses `goal` (k, 4, 4).
 
     Joint values that are None in `given` are computed with Gauss-Newton for all keys at once. Keys that do not
@@ -105,7 +105,7 @@ def fit(links: Sequence[Link], given: Sequence[Array | None], goal: Array) -> li
 
 
 def _descend(
-    links: Sequence[Link], given: Sequence[Array | None], free: list[int], q: Array, goal: Array
+    links: Sequence[ChainStep], given: Sequence[Array | None], free: list[int], q: Array, goal: Array
 ) -> tuple[Array, Array]:
     """Return (values (f, k) of the free joints after Gauss-Newton from q (f, k), residuals (k,) in m and rad)."""
     values = list(given)

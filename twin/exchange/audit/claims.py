@@ -10,8 +10,8 @@ from typing import Any
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.between import halved
-from twin.exchange.audit.motion import Content, Shape
-from twin.exchange.audit.physics import Joint, Physics
+from twin.exchange.audit.motion import Content, LinkShape
+from twin.exchange.audit.physics import FileJoint, FilePhysics
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import holding
@@ -62,7 +62,7 @@ def _playing(contents: Iterable[Content]) -> dict[str, Content]:
     return {_protocol(content): content for content in contents if content.is_track and content.clips}
 
 
-def _placed_joints(contents: Sequence[Content]) -> list[Joint]:
+def _placed_joints(contents: Sequence[Content]) -> list[FileJoint]:
     """Return the joints of the first file that states where all are, without those that move with the protocol."""
     for content in contents:
         physics = content.physics
@@ -79,12 +79,12 @@ def _placed_joints(contents: Sequence[Content]) -> list[Joint]:
     return []
 
 
-def _places(physics: Physics) -> bool:
+def _places(physics: FilePhysics) -> bool:
     """Return whether a file states all joints, and where they are."""
     return physics.complete and any(j.T is not None or j.tied for j in physics.joints)
 
 
-def _check_between(content: Content, shapes: Mapping[str, Shape], joints: Sequence[Joint]) -> None:
+def _check_between(content: Content, shapes: Mapping[str, LinkShape], joints: Sequence[FileJoint]) -> None:
     """Compare the stated errors between keys with estimates from the keys."""
     if not content.clips:
         return

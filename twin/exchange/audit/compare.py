@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.exchange.audit.between import midway
 from twin.exchange.audit.diagnose import why
-from twin.exchange.audit.motion import Clip, Content, Shape, largest
+from twin.exchange.audit.motion import Content, FileClip, LinkShape, largest
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Ledger, Measured, quantity, told_apart, um
 from twin.exchange.format import Holds
@@ -29,7 +29,7 @@ BOX_TOL = 2e-5
 class Reference:
     """A reference clip, and its source: "the mechanism" or the name of a file."""
 
-    clip: Clip
+    clip: FileClip
     source: str
 
 
@@ -44,7 +44,7 @@ def references(
     """
     refs = {}
     for name, (times, links) in truth.items():
-        refs[name] = Reference(Clip(name, np.asarray(times, float), links), MECHANISM)
+        refs[name] = Reference(FileClip(name, np.asarray(times, float), links), MECHANISM)
     tracks = [content for content in contents if content.is_track]
     unusable = [str(track.facts.get("protocol")) for track in tracks if not track.clips]
     # A stage does not state the name of its clip, which is then that of the file: <robot>_<clip>. The other files do.
@@ -103,7 +103,7 @@ class _Compared:
     """A clip of a file, and whether it agrees with its reference."""
 
     content: Content
-    clip: Clip
+    clip: FileClip
     agrees: bool
 
 
@@ -127,7 +127,9 @@ def _prefixes(contents: Sequence[Content], refs: Mapping[str, Reference]) -> fro
     return frozenset(prefixes - {""})
 
 
-def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference], prefixes: Collection[str]) -> str | None:
+def _counterpart(
+    content: Content, clip: FileClip, refs: Mapping[str, Reference], prefixes: Collection[str]
+) -> str | None:
     """Return the name of the reference clip for a clip; None if the clip has a name of its own, or nothing is alike."""
     if clip.name in refs:
         return clip.name
@@ -147,7 +149,7 @@ def _counterpart(content: Content, clip: Clip, refs: Mapping[str, Reference], pr
     return min(scores, key=lambda n: scores[n]) if scores else None
 
 
-def _score(clip: Clip, ref: Clip) -> float | None:
+def _score(clip: FileClip, ref: FileClip) -> float | None:
     """Return how different two clips are: their durations, and the poses at their ends; None without common links."""
     differences = []
     for name in ref.links:
@@ -160,7 +162,7 @@ def _score(clip: Clip, ref: Clip) -> float | None:
     return float(abs(clip.duration - ref.duration) + max(differences))
 
 
-def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> None:
+def _compare_clip(content: Content, clip: FileClip, ref: Reference, name: str) -> None:
     """Compare key times, names of links, poses and joint values of a clip with its reference."""
     own, others = _compare_times(content.ledger, clip, ref, name)
     _compare_names(content, clip, ref, name)
@@ -173,7 +175,7 @@ def _compare_clip(content: Content, clip: Clip, ref: Reference, name: str) -> No
         _compare_middle(content, clip, ref, name)
 
 
-def _compare_times(ledger: Ledger, clip: Clip, ref: Reference, name: str) -> tuple[Array, Array]:
+def _compare_times(ledger: Ledger, clip: FileClip, ref: Reference, name: str) -> tuple[Array, Array]:
     """Compare the key times; return the indices of the keys of both clips at which their poses are compared."""
     times = clip.times
     expected = ref.clip.times
@@ -195,7 +197,7 @@ def _compare_times(ledger: Ledger, clip: Clip, ref: Reference, name: str) -> tup
     return own, others
 
 
-def _compare_names(content: Content, clip: Clip, ref: Reference, name: str) -> None:
+def _compare_names(content: Content, clip: FileClip, ref: Reference, name: str) -> None:
     """Report links that only the clip, or only its reference has."""
     for link in ref.clip.links:
         if link not in clip.links:
@@ -205,7 +207,7 @@ def _compare_names(content: Content, clip: Clip, ref: Reference, name: str) -> N
             content.ledger.wrong("compare.extra_link", f"clip '{name}': link '{link}' is not in {ref.source}.", link)
 
 
-def _compare_poses(ledger: Ledger, clip: Clip, ref: Reference, name: str, own: Array, others: Array) -> None:
+def _compare_poses(ledger: Ledger, clip: FileClip, ref: Reference, name: str, own: Array, others: Array) -> None:
     """Compare the poses of the links at the common keys, and report the links that differ, the farthest first."""
     found = {}
     expected = {}
@@ -253,7 +255,7 @@ def _compare_poses(ledger: Ledger, clip: Clip, ref: Reference, name: str, own: A
         ledger.wrong("compare.pose", message, link, size=size, when=_at(times[key]))
 
 
-def _times_apart(clip: Clip, ref: Reference, own: Array, others: Array) -> str:
+def _times_apart(clip: FileClip, ref: Reference, own: Array, others: Array) -> str:
     """Return a message that states the durations if they differ, else the keys that only one of the clips has."""
     expected = ref.clip
     if abs(clip.duration - expected.duration) > TIME_TOL:
@@ -280,7 +282,7 @@ def _keys(times: Array) -> str:
     return f"{len(times)} keys, the first at {times[0]:.6g} s"
 
 
-def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> None:
+def _compare_middle(content: Content, clip: FileClip, ref: Reference, name: str) -> None:
     """Report links whose poses halfway between keys differ from the linearly interpolated poses of the reference."""
     differences = {}
     for link, T in ref.clip.links.items():
@@ -314,7 +316,7 @@ def _compare_middle(content: Content, clip: Clip, ref: Reference, name: str) -> 
         ledger.wrong("compare.between", text, link, size=size, when=when)
 
 
-def _compare_joints(content: Content, clip: Clip, ref: Reference, name: str, own: Array, others: Array) -> None:
+def _compare_joints(content: Content, clip: FileClip, ref: Reference, name: str, own: Array, others: Array) -> None:
     """Compare the joint values at the common keys (`own`, `others`) of a clip and its reference."""
     times = clip.times[own]
     worst = 0.0
@@ -397,7 +399,7 @@ def _blame(
             sources[ref.source].ledger.wrong("compare.odd_one_out", text, name)
 
 
-def _same_motion(clip: Clip, other: Clip, links: Sequence[str]) -> bool:
+def _same_motion(clip: FileClip, other: FileClip, links: Sequence[str]) -> bool:
     """Return whether two clips have as many keys, and the same poses of some links."""
     if len(clip.times) != len(other.times):
         return False
@@ -427,7 +429,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
             content.ledger.add("compare.no_motion", "warning", text, "animations")
 
 
-def _moves(clip: Clip) -> bool:
+def _moves(clip: FileClip) -> bool:
     for T in clip.links.values():
         first = T[:1]
         if not _agrees(T, first):
@@ -515,7 +517,7 @@ def _begins(content: Content) -> str:
     return ""
 
 
-def _begins_with(clip: Clip, rest: Mapping[str, Array]) -> bool:
+def _begins_with(clip: FileClip, rest: Mapping[str, Array]) -> bool:
     """Return whether the first poses of a clip are those at rest."""
     for link, T in clip.links.items():
         first = T[:1]
@@ -543,7 +545,7 @@ def compare_shapes(contents: Sequence[Content]) -> None:
         content.ledger.row(check, worst, "m", BOX_TOL, where=where, against=first.file)
 
 
-def _compare_shape(content: Content, link: str, expected: Shape, source: str) -> float:
+def _compare_shape(content: Content, link: str, expected: LinkShape, source: str) -> float:
     """Report a different box or volume of a link; return the largest difference of the corners of the boxes in m."""
     shape = content.shapes[link]
     low = np.abs(shape.low - expected.low).max()

@@ -18,8 +18,8 @@ from scipy.spatial import KDTree
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
-from twin.exchange.audit.motion import Content, Shape
-from twin.exchange.audit.physics import TOOL, WORLD, Joint, Physics
+from twin.exchange.audit.motion import Content, LinkShape
+from twin.exchange.audit.physics import TOOL, WORLD, FileJoint, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured, quantity
 from twin.exchange.format import Holds
@@ -222,8 +222,8 @@ class View:
     file: str
     format: str
     ledger: Ledger | None
-    physics: Physics
-    shapes: Mapping[str, Shape] = field(default_factory=dict)
+    physics: FilePhysics
+    shapes: Mapping[str, LinkShape] = field(default_factory=dict)
     colors: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
     said: dict[tuple[str, str], Any] = field(default_factory=dict)
 
@@ -248,7 +248,7 @@ class View:
                 self.said[subject, name] = value
 
 
-def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -> None:
+def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = None) -> None:
     """Compare links, joints, frames and gravity of all files, and report differences in each file's ledger.
 
     `truth` contains the data of the expected mechanism. If it is None, the files are compared only with each other.
@@ -256,7 +256,7 @@ def compare_physics(contents: Sequence[Content], truth: Physics | None = None) -
     views = []
     for content in contents:
         if content.physics is not None or content.shapes:
-            physics = content.physics or Physics()
+            physics = content.physics or FilePhysics()
             view = View(content.file, content.format, content.ledger, physics, content.shapes, content.colors)
             views.append(view)
     if truth is not None:
@@ -341,7 +341,7 @@ def _forget_held_places(view: View) -> None:
             del view.said[subject, name]
 
 
-def _listed_kinds(physics: Physics) -> tuple[str, ...]:
+def _listed_kinds(physics: FilePhysics) -> tuple[str, ...]:
     """Return the first words of the subjects of which a file states all that the robot has."""
     kinds = list(physics.marks)
     if physics.complete:
@@ -373,7 +373,7 @@ def _check_transmissions(views: Sequence[View]) -> None:
             view.ledger.add(code, severity, text, "transmissions", suggestion=advice)
 
 
-def _driven(joints: Sequence[Joint], views: Sequence[View]) -> set[str]:
+def _driven(joints: Sequence[FileJoint], views: Sequence[View]) -> set[str]:
     """Return the names of the joints with one coordinate that one of the files states as driven."""
     driven = set()
     for joint in joints:
@@ -408,9 +408,9 @@ def _order(view: View) -> int:
     return 0 if view.expected else family_rank(view.format)
 
 
-def _canonical(views: Sequence[View], known: set[str]) -> dict[str, Joint]:
+def _canonical(views: Sequence[View], known: set[str]) -> dict[str, FileJoint]:
     """Return {name: joint} for the joints between known links; each joint is from the first file that has it."""
-    canonical: dict[str, Joint] = {}
+    canonical: dict[str, FileJoint] = {}
     prefixes, coordinates = _names_of_coordinates(views, known)
     # Files with a tree of joints come last, because they may divide joints.
     for view in sorted(views, key=lambda v: v.holds(Holds.JOINT_TREE)):
@@ -445,7 +445,7 @@ def _names_of_coordinates(views: Sequence[View], known: set[str]) -> tuple[tuple
     return tuple(prefixes), names
 
 
-def _stem(joint: Joint) -> str:
+def _stem(joint: FileJoint) -> str:
     """Return the name <joint> of a joint from the names of its parts, such as <joint>_0 (a tie) or <joint>_x (a hinge).
 
     A tie is a pair of coinciding points. From a single name, a number at the end is removed only if the joint is a tie:
@@ -464,7 +464,7 @@ def _stem(joint: Joint) -> str:
     return common.rstrip("_") or short
 
 
-def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
+def _match(joint: FileJoint, canonical: Mapping[str, FileJoint], view: View) -> str:
     """Return the name of the reference joint with the same name or the same links as a joint; "" if there is none."""
     if joint.names:
         for name in (joint.names[0], _stem(joint)):
@@ -485,7 +485,7 @@ def _match(joint: Joint, canonical: Mapping[str, Joint], view: View) -> str:
     return candidates[0] if len(candidates) == 1 else ""
 
 
-def _divided(joint: Joint, canonical: Mapping[str, Joint]) -> str:
+def _divided(joint: FileJoint, canonical: Mapping[str, FileJoint]) -> str:
     """Return the longest name of a reference joint whose parts are all parts of a joint; "" if there is none.
 
     Tracks have the coordinates of a ball as separate joints, each with one name.
@@ -498,7 +498,7 @@ def _divided(joint: Joint, canonical: Mapping[str, Joint]) -> str:
     return longest
 
 
-def _names(joints: Sequence[Joint]) -> set[str]:
+def _names(joints: Sequence[FileJoint]) -> set[str]:
     """Return the names of the parts of joints, and of the joints without their parts."""
     names = set()
     for joint in joints:
@@ -507,12 +507,12 @@ def _names(joints: Sequence[Joint]) -> set[str]:
     return names
 
 
-def _parts(joint: Joint, name: str) -> bool:
+def _parts(joint: FileJoint, name: str) -> bool:
     """Return whether all names of a joint are those of parts of the joint `name`, such as <name>_x."""
     return all(part == name or part.startswith(f"{name}_") for part in joint.names)
 
 
-def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
+def _state(view: View, canonical: Mapping[str, FileJoint], known: set[str], movable: set[str]) -> None:
     physics = view.physics
     still = physics.still(known)
     _state_links(view, known, still)
@@ -549,7 +549,7 @@ def _state(view: View, canonical: Mapping[str, Joint], known: set[str], movable:
         view.say(f"motor '{name}'", values)
 
 
-def _state_joints(view: View, canonical: Mapping[str, Joint], known: set[str], movable: set[str]) -> None:
+def _state_joints(view: View, canonical: Mapping[str, FileJoint], known: set[str], movable: set[str]) -> None:
     """State the joints between known links, and which of the reference joints a file lacks."""
     physics = view.physics
     found = set()
@@ -580,7 +580,7 @@ def _state_joints(view: View, canonical: Mapping[str, Joint], known: set[str], m
             view.say(f"joint '{name}'", {"existence": False})
 
 
-def _lists(view: View, joint: Joint) -> bool:
+def _lists(view: View, joint: FileJoint) -> bool:
     """Return whether a file would contain a joint if it belonged to the robot."""
     if view.physics.complete:
         return True
@@ -662,7 +662,7 @@ def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> N
             view.say(f"link '{link}'", {"weighed": False})
 
 
-def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable: bool) -> None:
+def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, movable: bool) -> None:
     subject = f"joint '{name}'"
     coordinate = joint.kind_said and joint.names != canonical.names  # one coordinate of a ball joint, in a track
     identity = {
@@ -700,7 +700,7 @@ def _state_joint(view: View, name: str, joint: Joint, canonical: Joint, movable:
         view.say(subject, values)
 
 
-def _stated_name(name: str, joint: Joint) -> str:
+def _stated_name(name: str, joint: FileJoint) -> str:
     """Return the reference's name of a joint if the joint has it too, also in the names of its parts; else its own."""
     stem = _stem(joint)
     divided = len(joint.names) > 1 and _parts(joint, name)
@@ -709,7 +709,7 @@ def _stated_name(name: str, joint: Joint) -> str:
     return stem
 
 
-def _state_line(view: View, subject: str, joint: Joint, end: tuple[Array, Array | None], movable: bool) -> None:
+def _state_line(view: View, subject: str, joint: FileJoint, end: tuple[Array, Array | None], movable: bool) -> None:
     """State the place and the direction of a joint's axis on one of its links."""
     _, direction = end
     if joint.kind != "prismatic" and not movable:  # a slide has a direction, but no place
@@ -718,7 +718,7 @@ def _state_line(view: View, subject: str, joint: Joint, end: tuple[Array, Array 
         view.say(subject, {"axis": (direction, not joint.tied)})
 
 
-def _reduction(physics: Physics, joint: Joint) -> float | None:
+def _reduction(physics: FilePhysics, joint: FileJoint) -> float | None:
     """Return motor coordinate / joint coordinate of a joint with a motor of its own; None if it is not stated.
 
     In files with all motors, driven joints without one have the drive at the joint, which is a reduction of 1.

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from twin.exchange.audit.motion import Clip, Content
+from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.states import States, same_names
+from twin.exchange.audit.states import DrawnStates, same_names
 
 
 @dataclass
@@ -25,7 +25,7 @@ class Context:
 
     tracks: list[Content] = field(default_factory=list)
     models: Sequence[str] = ()
-    states: Callable[[], States] | None = None
+    states: Callable[[], DrawnStates] | None = None
     admitted: Collection[Path] = ()
 
 
@@ -37,7 +37,7 @@ class JointTree(Protocol):
         """The content of the file."""
         ...
 
-    def play(self, clip: Clip) -> Clip:
+    def play(self, clip: FileClip) -> FileClip:
         """Return the motion of the links for the joint values of a clip."""
         ...
 

@@ -22,7 +22,7 @@ _TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".
 
 
 @dataclass
-class Found:
+class FolderFiles:
     """The files found.
 
     Attributes:
@@ -48,14 +48,14 @@ class Found:
         return path.relative_to(self.root).as_posix()
 
 
-def find(path: Path) -> Found:
+def find(path: Path) -> FolderFiles:
     """Return the files to audit: the file at a path, or the files in the folder at the path.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
     """
     if path.is_file():
-        out = Found(path.parent)
+        out = FolderFiles(path.parent)
         _sort(out, [path], alone=True)
         if not out.count:
             known = ", ".join(_shown(format) for format in audited() if format.variants)
@@ -63,7 +63,7 @@ def find(path: Path) -> Found:
         return out
     if not path.is_dir():
         raise TwinError(f"{path}: the file or folder does not exist")
-    out = Found(path)
+    out = FolderFiles(path)
     files = []
     for file in sorted(path.rglob("*")):
         if file.is_file() and not _hidden(file.relative_to(path)):
@@ -114,7 +114,7 @@ def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     return found
 
 
-def _sort(out: Found, files: Sequence[Path], alone: bool) -> None:
+def _sort(out: FolderFiles, files: Sequence[Path], alone: bool) -> None:
     """Add files to `out`. A file that is audited alone has the format of its suffix, even if it is damaged."""
     formats = audited()
     by_format: dict[str, list[tuple[int, Path]]] = {}

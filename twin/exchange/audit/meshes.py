@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.colors import surface_area
-from twin.exchange.audit.motion import Shape
+from twin.exchange.audit.motion import LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
@@ -27,7 +27,7 @@ AGAINST = 0.01
 
 def check_mesh(
     ledger: Ledger, where: str, vertices: Array, triangles: Array, normals: Array | None, code: str
-) -> Shape | None:
+) -> LinkShape | None:
     """Report the faults of a mesh, and return the shape of the mesh; None if the triangles are invalid.
 
     Vertices are (n, 3) in m, triangles (m, 3). `normals` (3 m, 3) contains a unit normal for each triangle corner, or
@@ -58,7 +58,7 @@ def check_mesh(
 
 
 @lru_cache(maxsize=512)
-def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
+def _measured(points: bytes, faces: bytes) -> tuple[LinkShape, bool]:
     """Return (shape, mixed); `mixed` is True if the mesh is closed, but its triangles are inconsistently oriented.
 
     Several files can have the same mesh; therefore results are cached.
@@ -71,7 +71,7 @@ def _measured(points: bytes, faces: bytes) -> tuple[Shape, bool]:
         nearly_closed, _ = edges(weld_near(vertices, triangles))
     unique, place = np.unique(triangles, return_inverse=True)
     used = vertices[unique]
-    shape = Shape(
+    shape = LinkShape(
         used.min(axis=0),
         used.max(axis=0),
         signed_volume(vertices, triangles),
@@ -177,7 +177,7 @@ def signed_volume(vertices: Array, triangles: Array) -> float:
     return float(np.sum(a * np.cross(b, c)) / 6)
 
 
-def joined(shapes: Iterable[Shape]) -> Shape | None:
+def joined(shapes: Iterable[LinkShape]) -> LinkShape | None:
     """Return the shape of a link, combined from the shapes of its meshes; None if the link has no mesh."""
     parts = list(shapes)
     if not parts:
@@ -199,7 +199,7 @@ def joined(shapes: Iterable[Shape]) -> Shape | None:
         elif not nearly_closed:
             nearly_closed, _ = edges(weld_near(points, triangles))
         volume = signed_volume(points, triangles)
-    return Shape(
+    return LinkShape(
         np.min([shape.low for shape in parts], axis=0),
         np.max([shape.high for shape in parts], axis=0),
         volume,

@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.physics import Physics
+from twin.exchange.audit.physics import FilePhysics
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.format import Holds
@@ -37,7 +37,7 @@ FLAT = 1e-7
 
 
 @dataclass(frozen=True)
-class Shape:
+class LinkShape:
     """Shape of all meshes of one link, in the frame of the link.
 
     Attributes:
@@ -71,7 +71,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Clip:
+class FileClip:
     """A motion of a robot, as a file states it.
 
     Attributes:
@@ -115,12 +115,12 @@ class Content:
 
     ledger: Ledger
     format: str
-    clips: list[Clip] = field(default_factory=list)
+    clips: list[FileClip] = field(default_factory=list)
     rest: dict[str, Array] = field(default_factory=dict)
     declared: tuple[str, ...] | None = None
-    shapes: dict[str, Shape] = field(default_factory=dict)
+    shapes: dict[str, LinkShape] = field(default_factory=dict)
     colors: dict[str, dict[Rgba, float]] = field(default_factory=dict)
-    physics: Physics | None = None
+    physics: FilePhysics | None = None
     model_hash: str = ""
     facts: JsonObject = field(default_factory=dict)
     extra: JsonObject = field(default_factory=dict)
@@ -287,7 +287,7 @@ def check_quaternions(
         )
 
 
-def check_poses(ledger: Ledger, clip: Clip, code: str) -> None:
+def check_poses(ledger: Ledger, clip: FileClip, code: str) -> None:
     """Report poses that are not finite, and links so far from the origin that lengths are probably in mm."""
     for name, T in clip.links.items():
         if not np.all(np.isfinite(T)):

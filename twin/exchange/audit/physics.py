@@ -33,7 +33,7 @@ TOOL = "(tool)"
 
 
 @dataclass(frozen=True)
-class Mass:
+class FileMass:
     """Mass properties of a link, in the frame of the link.
 
     Attributes:
@@ -48,7 +48,7 @@ class Mass:
 
 
 @dataclass(frozen=True)
-class Line:
+class JointLine:
     """Line of a joint's motion, in the frame of the joint's parent: the child turns about it, or slides along it.
 
     Attributes:
@@ -61,9 +61,9 @@ class Line:
     point: Array
     direction: Array
 
-    def seen(self, T: Array, sign: float = 1.0) -> Line:
+    def seen(self, T: Array, sign: float = 1.0) -> JointLine:
         """Return the line transformed by the pose T (4, 4), with its direction multiplied by `sign`."""
-        return Line(self.kind, T[:3, :3] @ self.point + T[:3, 3], sign * T[:3, :3] @ self.direction)
+        return JointLine(self.kind, T[:3, :3] @ self.point + T[:3, 3], sign * T[:3, :3] @ self.direction)
 
     def moved(self, q: Array | float) -> Array:
         """Return the motion (..., 4, 4) of the child, in the parent's frame, for q (...) in m or rad."""
@@ -74,7 +74,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Drive:
+class FileDrive:
     """Limits and drive of a joint; None: the file does not state the value.
 
     Attributes:
@@ -106,7 +106,7 @@ FREE_JOINT = (0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Motor:
+class FileMotor:
     """A motor with a transmission to joints; SI units, on the motor's side. None: the file does not state the value.
 
     Attributes:
@@ -130,7 +130,7 @@ class Motor:
     damping: float | None = None
 
 
-def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
+def felt(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | None:
     """Return (stiffness, damping) at a joint due to the drives of its motors; None if no motor moves the joint.
 
     All other joints are assumed to be fixed. Each motor contributes its stiffness and damping, both multiplied by the
@@ -149,7 +149,7 @@ def felt(motors: Mapping[str, Motor], joint: str) -> tuple[float, float] | None:
 
 
 @dataclass(frozen=True)
-class Joint:
+class FileJoint:
     """A joint between two links.
 
     Attributes:
@@ -167,8 +167,8 @@ class Joint:
     parent: str
     child: str
     T: Array | None = None
-    motions: tuple[Line, ...] = ()
-    drive: Drive = Drive()
+    motions: tuple[JointLine, ...] = ()
+    drive: FileDrive = FileDrive()
     tied: tuple[tuple[Array, Array], ...] = ()
     kind_said: str = ""
 
@@ -211,7 +211,7 @@ class Joint:
             line = line.seen(poses.inverse(self.T))
         return line.point, sign * line.direction
 
-    def turned(self) -> Joint:
+    def turned(self) -> FileJoint:
         """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
         tied = tuple((on_child, on_parent) for on_parent, on_child in self.tied)
         if self.T is None:
@@ -222,7 +222,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Frame:
+class FileFrame:
     """A named frame: the name of its link, and its pose T_link_frame (4, 4)."""
 
     link: str
@@ -230,7 +230,7 @@ class Frame:
 
 
 @dataclass
-class Physics:
+class FilePhysics:
     """Mechanism data of a file.
 
     Attributes:
@@ -259,20 +259,20 @@ class Physics:
     """
 
     links: tuple[str, ...] = ()
-    masses: dict[str, Mass] = field(default_factory=dict)
+    masses: dict[str, FileMass] = field(default_factory=dict)
     shown: Mapping[str, bool] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
     partly: frozenset[str] = frozenset()
-    joints: list[Joint] = field(default_factory=list)
-    frames: dict[str, Frame] = field(default_factory=dict)
-    points: dict[str, Frame] = field(default_factory=dict)
+    joints: list[FileJoint] = field(default_factory=list)
+    frames: dict[str, FileFrame] = field(default_factory=dict)
+    points: dict[str, FileFrame] = field(default_factory=dict)
     marks: frozenset[str] = frozenset()
     gravity: Array | None = None
     held: frozenset[str] | None = None
     tool: str = ""
     trocars: frozenset[str] = frozenset()
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
-    motors: Mapping[str, Motor] | None = None
+    motors: Mapping[str, FileMotor] | None = None
     all_motors: bool = False
     reductions: Mapping[str, float] | None = None
     floats: Mapping[str, float] | None = None
@@ -301,7 +301,7 @@ class Physics:
                     grown = True
         return frozenset(still & set(known)) - {WORLD}
 
-    def reduced(self, known: Collection[str]) -> list[Joint]:
+    def reduced(self, known: Collection[str]) -> list[FileJoint]:
         """Return the joints between links of `known`.
 
         A link outside `known` with two joints is removed, and its two joints become one joint. A link outside `known`
@@ -324,9 +324,9 @@ class Physics:
             joints = _without(link, joints)
         return joints + self._joined_ties()
 
-    def _joined_ties(self) -> list[Joint]:
+    def _joined_ties(self) -> list[FileJoint]:
         """Return one joint for all ties between the same two links."""
-        ties: dict[tuple[str, str], list[Joint]] = {}
+        ties: dict[tuple[str, str], list[FileJoint]] = {}
         for joint in self.joints:
             if joint.tied:
                 ties.setdefault((joint.parent, joint.child), []).append(joint)
@@ -340,14 +340,14 @@ class Physics:
             joined.append(replace(group[0], names=tuple(names), tied=tuple(points)))
         return joined
 
-    def added(self, known: Collection[str]) -> list[Joint]:
+    def added(self, known: Collection[str]) -> list[FileJoint]:
         """Return the movable joints of links outside `known` that have a mass and no other joint.
 
         `reduced` leaves them out together with the links, because some formats need such links: they are almost
         without mass.
         """
         whole = sum(mass.mass for mass in self.masses.values())
-        out: list[Joint] = []
+        out: list[FileJoint] = []
         for link, mass in self.masses.items():
             if link in known or not mass.mass > _HELPER * whole:
                 continue
@@ -357,12 +357,12 @@ class Physics:
         return out
 
 
-def _at(link: str, joints: Collection[Joint]) -> list[Joint]:
+def _at(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
     """Return the joints of a link."""
     return [joint for joint in joints if link in (joint.parent, joint.child)]
 
 
-def _next_removed(links: Collection[str], joints: Collection[Joint]) -> str | None:
+def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str | None:
     """Return the first of the links with at most two joints; None if there is none."""
     for link in links:
         if len(_at(link, joints)) <= 2:
@@ -370,7 +370,7 @@ def _next_removed(links: Collection[str], joints: Collection[Joint]) -> str | No
     return None
 
 
-def _without(link: str, joints: list[Joint]) -> list[Joint]:
+def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
     """Return joints without a link: if two joints have it, they become one, with the motions of both."""
     others = [joint for joint in joints if link not in (joint.parent, joint.child)]
     joined = _at(link, joints)
@@ -386,7 +386,7 @@ def _without(link: str, joints: list[Joint]) -> list[Joint]:
     return [*others, _chained(first, second)]
 
 
-def _onto_base(joints: list[Joint]) -> list[Joint]:
+def _onto_base(joints: list[FileJoint]) -> list[FileJoint]:
     """Return joints on the link that is fixed to the world instead of on the world; others are unchanged."""
     mounts = [j for j in joints if j.parent == WORLD and j.kind == "fixed" and j.T is not None]
     if not mounts:
@@ -404,19 +404,19 @@ def _onto_base(joints: list[Joint]) -> list[Joint]:
     return moved
 
 
-def _chained(first: Joint, second: Joint) -> Joint:
+def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
     """Return two joints as one; it has the drive of the one that moves, and none if both or neither do."""
     assert first.T is not None
     assert second.T is not None
     drives = [joint.drive for joint in (first, second) if joint.motions]
     seen = tuple(line.seen(first.T) for line in second.motions)
-    return Joint(
+    return FileJoint(
         first.names + second.names,
         first.parent,
         second.child,
         first.T @ second.T,
         first.motions + seen,
-        drives[0] if len(drives) == 1 else Drive(),
+        drives[0] if len(drives) == 1 else FileDrive(),
     )
 
 
@@ -436,7 +436,7 @@ _KINDS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "fre
 """Kinds of joints that the numbers of their turns and slides determine."""
 
 
-def _kind(motions: tuple[Line, ...]) -> str:
+def _kind(motions: tuple[JointLine, ...]) -> str:
     turns = [line for line in motions if line.kind == "turn"]
     slides = [line for line in motions if line.kind == "slide"]
     count = (len(turns), len(slides))
@@ -451,7 +451,7 @@ def _kind(motions: tuple[Line, ...]) -> str:
     return f"chain of {len(turns)} turns and {len(slides)} slides"
 
 
-def _meet(turns: list[Line]) -> bool:
+def _meet(turns: list[JointLine]) -> bool:
     """Return whether three lines, which are not in one plane, meet in a point."""
     directions = [line.direction for line in turns]
     if not abs(np.linalg.det(directions)) > 1e-3:
@@ -464,7 +464,7 @@ def _meet(turns: list[Line]) -> bool:
     return True
 
 
-def meeting(lines: Collection[Line]) -> Array:
+def meeting(lines: Collection[JointLine]) -> Array:
     """Return the point (3,) in m with the minimum sum of squared distances from the lines."""
     A = np.zeros((3, 3))
     b = np.zeros(3)
@@ -486,15 +486,15 @@ def unit(v: Array) -> Array:
     return v / size if size > 0 else v
 
 
-def along(kind: str, T: Array, axis: int = 2) -> tuple[Line, ...]:
+def along(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
     """Return the lines along or about which a joint moves, in the parent's frame; () if `kind` has no lines.
 
     T (4, 4) is the pose T_parent_joint of the joint's frame; `axis` 0, 1 or 2 is the x, y or z axis of this frame.
     """
     point = T[:3, 3]
     axes = T[:3, :3].T
-    slides = tuple(Line("slide", point, direction) for direction in axes)
-    turns = tuple(Line("turn", point, direction) for direction in axes)
+    slides = tuple(JointLine("slide", point, direction) for direction in axes)
+    turns = tuple(JointLine("turn", point, direction) for direction in axes)
     lines = {
         "revolute": (turns[axis],),
         "prismatic": (slides[axis],),

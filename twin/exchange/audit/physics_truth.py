@@ -8,19 +8,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import FREE_JOINT, Drive, Frame, Joint, Mass, Motor, Physics, along, felt
+from twin.exchange.audit.physics import (
+    FREE_JOINT,
+    FileDrive,
+    FileFrame,
+    FileJoint,
+    FileMass,
+    FileMotor,
+    FilePhysics,
+    along,
+    felt,
+)
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
 
-def mechanism_physics(mechanism: Mechanism) -> Physics:
+def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
     """Return a mechanism in the common form of mechanism data; its loops need not be closed."""
     masses = {}
     shown = {}
     for body in mechanism.bodies:
         if body.inertia:
-            masses[body.name] = Mass(body.inertia.mass, body.inertia.p_body_com, body.inertia.I_com)
+            masses[body.name] = FileMass(body.inertia.mass, body.inertia.p_body_com, body.inertia.I_com)
         if body.whole:  # else its meshes show only a part of the body
             shown[body.name] = bool(body.meshes)
     couplings = {}
@@ -29,13 +39,13 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
         couplings[coupling.name] = (ratios, coupling.total)
     points = {}
     for point in mechanism.points:
-        points[point.name] = Frame(point.body, poses.pose(None, point.p_body))
+        points[point.name] = FileFrame(point.body, poses.pose(None, point.p_body))
     frames = {}
     for frame in mechanism.frames:
-        frames[frame.name] = Frame(frame.body, frame.T_body_frame)
+        frames[frame.name] = FileFrame(frame.body, frame.T_body_frame)
     motors = _motors(mechanism)
     links = tuple(body.name for body in mechanism.bodies)
-    return Physics(
+    return FilePhysics(
         links,
         masses,
         shown=shown,
@@ -56,7 +66,7 @@ def mechanism_physics(mechanism: Mechanism) -> Physics:
     )
 
 
-def _motors(mechanism: Mechanism) -> dict[str, Motor]:
+def _motors(mechanism: Mechanism) -> dict[str, FileMotor]:
     """Return the actuators with the joint factors of their transmissions, which are in general coupled."""
     rows = {}
     for transmission in mechanism.transmissions:
@@ -69,7 +79,7 @@ def _motors(mechanism: Mechanism) -> dict[str, Motor]:
             rows[name] = row
     motors = {}
     for actuator in mechanism.actuators:
-        motors[actuator.name] = Motor(
+        motors[actuator.name] = FileMotor(
             rows[actuator.name],
             actuator.kind,
             actuator.limits or (-np.inf, np.inf),
@@ -82,21 +92,21 @@ def _motors(mechanism: Mechanism) -> dict[str, Motor]:
     return motors
 
 
-def _joints(mechanism: Mechanism, motors: Mapping[str, Motor]) -> list[Joint]:
+def _joints(mechanism: Mechanism, motors: Mapping[str, FileMotor]) -> list[FileJoint]:
     joints = []
     for joint in mechanism.joints:
         T = joint.T_parent_joint @ poses.inverse(joint.T_child_joint)
         motions = along(joint.type, joint.T_parent_joint)
         drive = _drive(mechanism, joint.name, motors)
-        joints.append(Joint((joint.name,), joint.parent, joint.child, T, motions, drive))
+        joints.append(FileJoint((joint.name,), joint.parent, joint.child, T, motions, drive))
     return joints
 
 
-def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, Motor]) -> Drive:
+def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, FileMotor]) -> FileDrive:
     """Return the drive at a joint: its own, or that of the motors behind a transmission, felt at the joint."""
     joint = mechanism.joint(name)
     if joint.type not in ("revolute", "prismatic"):
-        return Drive()
+        return FileDrive()
     stiffness = None
     damping = None
     effort = None
@@ -108,7 +118,7 @@ def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, Motor]) -> Driv
     if by_motors is not None:
         stiffness, damping = by_motors
         effort = None
-    return Drive(
+    return FileDrive(
         joint.limits or (-np.inf, np.inf),
         joint.active,
         stiffness,

@@ -15,7 +15,7 @@ from twin.core.errors import BudgetError, SourceError
 from twin.core.findings import Finding, Severity, Verdict, by_severity, finding, verdict
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 
 POSITION_TOL = 1e-6
 """Maximum distance in m between the positions of a link in two files that agree."""
@@ -103,12 +103,12 @@ class AuditReport(Result):
         yield f"{self.path}\n\n  {self.headline}\n"
         if self.files:
             titles = ("file", "units", "up", "handed", "links", "clips")
-            yield Table(titles, [_row_of_file(file) for file in self.files], fit=True)
+            yield TextTable(titles, [_row_of_file(file) for file in self.files], fit=True)
             yield ""
         checks = self.checks if everything else worst(self.checks)
         if checks:
             titles = ("check", "worst in", "worst", "tolerance", "where", "when", "")
-            yield Table(titles, [_row(check) for check in checks], fit=True)
+            yield TextTable(titles, [_row(check) for check in checks], fit=True)
             yield ""
         shown = []
         for found in by_severity(self.findings):

@@ -22,7 +22,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, ReadError, guarded, quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import holding
-from twin.exchange.formats.usd.audit import World
+from twin.exchange.formats.usd.audit import StageWorld
 from twin.exchange.formats.usd.audit.checks import version
 from twin.usd.check import run_usd_validators
 
@@ -33,7 +33,7 @@ Audited = tuple[list[Content], list[Ledger]]
 
 
 @dataclass(frozen=True)
-class Shown:
+class SceneRobot:
     """Base pose and motion of a robot in an exported scene.
 
     `T_world_base` (4, 4) is the base pose in scene.json. `links` maps each link to its poses T_base_link (k, 4, 4) at
@@ -54,7 +54,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     contents: list[Content] = []
     ledger = Ledger(SCENE, "twin.exchange.audit scene", "1")
     ledgers = [ledger]
-    robots: dict[str, Shown] = {}
+    robots: dict[str, SceneRobot] = {}
     for name, protocol, T, path in _places(folder, ledger):
         robot_contents, robot_ledgers = audited(path)
         robots[name] = _shown(robot_contents, protocol, T)
@@ -68,7 +68,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     if robots:
         objects = _objects(folder, ledger)
         if objects:
-            robots["objects"] = Shown(np.eye(4), np.zeros(1), objects)
+            robots["objects"] = SceneRobot(np.eye(4), np.zeros(1), objects)
             ledger.row("objects", float(len(objects)), "found")
         for stage in sorted((folder / "usd").glob("*.usda")):
             ledgers.append(_audit_stage(stage, robots))
@@ -121,7 +121,7 @@ def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
     return out
 
 
-def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> Shown:
+def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> SceneRobot:
     """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
     Poses at rest are read from the GLB if it exists. The robot's stage is unsuitable for the comparison, because the
@@ -129,23 +129,23 @@ def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> S
     """
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
-            return Shown(T_world_base, ref.clip.times, ref.clip.links)
+            return SceneRobot(T_world_base, ref.clip.times, ref.clip.links)
     still = [content for content in contents if content.links and content.rest]
     still.sort(key=lambda c: not holding(c.format, Holds.ALL_MOTIONS))
     links = {}
     if still and not protocol:
         for link in still[0].links or ():
             links[link] = still[0].rest[link][None]
-    return Shown(T_world_base, np.zeros(1), links)
+    return SceneRobot(T_world_base, np.zeros(1), links)
 
 
-def _audit_stage(path: Path, robots: Mapping[str, Shown]) -> Ledger:
+def _audit_stage(path: Path, robots: Mapping[str, SceneRobot]) -> Ledger:
     ledger = Ledger(f"usd/{path.name}", "pxr", version())
     guarded(partial(_compare_stage, robots), path, ledger)
     return ledger
 
 
-def _compare_stage(robots: Mapping[str, Shown], path: Path, ledger: Ledger) -> None:
+def _compare_stage(robots: Mapping[str, SceneRobot], path: Path, ledger: Ledger) -> None:
     admit(path)
     try:
         public = [f for f in run_usd_validators(path) if f.severity != "info"]
@@ -166,7 +166,7 @@ def _compare_stage(robots: Mapping[str, Shown], path: Path, ledger: Ledger) -> N
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
 
 
-def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str]:
+def deviation(stage: Path, robots: Mapping[str, SceneRobot]) -> tuple[float, str, str]:
     """Return the maximum deviation of a scene's stage from the robots' files: (deviation in m, robot and link, time).
 
     Deviations are measured at the first, middle and last key, at each link's origin and at points 0.1 m from the
@@ -174,7 +174,7 @@ def deviation(stage: Path, robots: Mapping[str, Shown]) -> tuple[float, str, str
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed
-    world = World(opened)
+    world = StageWorld(opened)
     rate = opened.GetTimeCodesPerSecond()
     root = opened.GetDefaultPrim().GetPath()
     corners = np.vstack([np.zeros(3), REACH * np.eye(3)])

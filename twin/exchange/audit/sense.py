@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.exchange.audit.motion import Content, Shape
-from twin.exchange.audit.physics import Drive, Mass
+from twin.exchange.audit.motion import Content, LinkShape
+from twin.exchange.audit.physics import FileDrive, FileMass
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
 DENSEST = 23_000.0
@@ -65,7 +65,7 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
         ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
 
 
-def _check_mass(ledger: Ledger, link: str, mass: Mass) -> None:
+def _check_mass(ledger: Ledger, link: str, mass: FileMass) -> None:
     """Report a mass or an inertia that no body has."""
 
     def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
@@ -91,7 +91,7 @@ def _check_mass(ledger: Ledger, link: str, mass: Mass) -> None:
             wrong("inertia_impossible", text, float(moments[2]), "kg m2", float(moments[0] + moments[1]))
 
 
-def _check_extent(ledger: Ledger, link: str, mass: Mass, shape: Shape, whole: bool) -> None:
+def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, whole: bool) -> None:
     """Report a mass that does not fit the size of a link's shape; a note if the shape is not the `whole` link."""
 
     def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
@@ -143,7 +143,7 @@ def _check_extent(ledger: Ledger, link: str, mass: Mass, shape: Shape, whole: bo
         wrong("density", text, box_density, "kg/m3", LIGHTEST)
 
 
-def _check_drive(ledger: Ledger, joint: str, drive: Drive) -> None:
+def _check_drive(ledger: Ledger, joint: str, drive: FileDrive) -> None:
     if drive.limits is not None:
         lower, upper = drive.limits
         if not lower <= upper:

@@ -17,8 +17,8 @@ from typing import TypeVar
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import Clip, Content, largest
-from twin.exchange.audit.physics import Frame, Joint, Line, Physics
+from twin.exchange.audit.motion import Content, FileClip, largest
+from twin.exchange.audit.physics import FileFrame, FileJoint, FilePhysics, JointLine
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, quantity, um
 from twin.exchange.format import Holds
@@ -48,7 +48,7 @@ _Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True)
-class States:
+class DrawnStates:
     """Drawn states of a mechanism with closed loops.
 
     Attributes:
@@ -59,9 +59,9 @@ class States:
     joints: Mapping[str, Array]
     links: Mapping[str, Array]
 
-    def clip(self) -> Clip:
+    def clip(self) -> FileClip:
         """Return the states as a clip, one state per second."""
-        return Clip(CLIP, np.arange(self.count, dtype=float), self.links, self.joints)
+        return FileClip(CLIP, np.arange(self.count, dtype=float), self.links, self.joints)
 
     @property
     def count(self) -> int:
@@ -75,7 +75,7 @@ def same_names(names: Collection[str], links: Collection[str]) -> bool:
     return 2 * shared >= min(len(set(names)), len(links))
 
 
-def compare_states(content: Content, truth: Physics, states: States) -> None:
+def compare_states(content: Content, truth: FilePhysics, states: DrawnStates) -> None:
     """Compare the joints of a file, whose links have other names than the mechanism, at the drawn states.
 
     Differences are reported in the file's ledger. If no assignment of the joints is possible, nothing is reported.
@@ -173,7 +173,7 @@ def _length(value: float) -> str:
 # ------------------------------------------------------------------------------------------------ assignments
 
 
-def _assignments(physics: Physics, truth: Physics) -> list[dict[str, str]]:
+def _assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str, str]]:
     """Return assignments {joint of the file: joint of the mechanism}: the one by names, else those by structure."""
     own = _singles(physics)
     others = _singles(truth)
@@ -192,7 +192,7 @@ def _assignments(physics: Physics, truth: Physics) -> list[dict[str, str]]:
     return found
 
 
-def _singles(physics: Physics) -> dict[str, Joint]:
+def _singles(physics: FilePhysics) -> dict[str, FileJoint]:
     """Return {name: joint} of the joints with one coordinate, which all formats state by one name."""
     singles = {}
     for joint in physics.joints:
@@ -201,7 +201,7 @@ def _singles(physics: Physics) -> dict[str, Joint]:
     return singles
 
 
-def _parts(physics: Physics) -> dict[str, str]:
+def _parts(physics: FilePhysics) -> dict[str, str]:
     """Return {link: name of its rigid part}; fixed joints connect the links of a part."""
     part = {link: link for link in physics.links}
     for joint in physics.joints:
@@ -217,7 +217,7 @@ def _parts(physics: Physics) -> dict[str, str]:
     return part
 
 
-def _base(physics: Physics) -> str:
+def _base(physics: FilePhysics) -> str:
     """Return the link from which the joints lead outwards: one that is held, else the first that is no joint's child.
 
     Without such links, this is the first link.
@@ -237,12 +237,12 @@ class _Edge:
     """A joint with one coordinate, between the rigid parts `near` and `far` of a tree, seen from its base."""
 
     name: str
-    joint: Joint
+    joint: FileJoint
     near: str
     far: str
 
 
-def _by_structure(physics: Physics, truth: Physics) -> Iterator[dict[str, str]]:
+def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str, str]]:
     """Yield the assignments by structure, each complete; {} for a step of the search without a result."""
     own = _parts(physics)
     others = _parts(truth)
@@ -272,7 +272,7 @@ def _by_structure(physics: Physics, truth: Physics) -> Iterator[dict[str, str]]:
     yield from search(0, {start: others.get(_base(truth), "")}, {})
 
 
-def _outwards(physics: Physics, part: Mapping[str, str], start: str) -> list[_Edge]:
+def _outwards(physics: FilePhysics, part: Mapping[str, str], start: str) -> list[_Edge]:
     """Return the joints of a tree from the part `start` outwards."""
     reached = {start}
     edges = []
@@ -293,7 +293,7 @@ def _outwards(physics: Physics, part: Mapping[str, str], start: str) -> list[_Ed
 # -------------------------------------------------------------------------------------------------- geometry
 
 
-def _placed(physics: Physics, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+def _placed(physics: FilePhysics, values: Mapping[str, Array], count: int) -> dict[str, Array]:
     """Return {link: T_base_link (k, 4, 4)} of the links that joints with known values (k,) connect with the base."""
     base = _base(physics)
     placed = {base: np.broadcast_to(np.eye(4), (count, 4, 4))}
@@ -314,7 +314,7 @@ def _placed(physics: Physics, values: Mapping[str, Array], count: int) -> dict[s
     return placed
 
 
-def _relative(joint: Joint, values: Mapping[str, Array]) -> Array | None:
+def _relative(joint: FileJoint, values: Mapping[str, Array]) -> Array | None:
     """Return T_parent_child (k, 4, 4) or (4, 4) of a joint at its values; None if they are unknown."""
     if joint.kind == "fixed":
         return joint.T
@@ -323,15 +323,15 @@ def _relative(joint: Joint, values: Mapping[str, Array]) -> Array | None:
     return joint.motions[0].moved(values[joint.names[0]]) @ joint.T
 
 
-def _lines(joint: Joint, links: Mapping[str, Array]) -> tuple[Array, Array]:
+def _lines(joint: FileJoint, links: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return points and directions, both (k, 3), of a joint's line in the world."""
-    line: Line = joint.motions[0]
+    line: JointLine = joint.motions[0]
     T = links[joint.parent]
     R = T[:, :3, :3]
     return R @ line.point + T[:, :3, 3], R @ line.direction
 
 
-def _values(states: States, assignment: Mapping[str, str]) -> dict[str, Array]:
+def _values(states: DrawnStates, assignment: Mapping[str, str]) -> dict[str, Array]:
     """Return {joint of the file: values (k,)} for the joints that are assigned to joints with known values."""
     values = {}
     for name, other in assignment.items():
@@ -341,7 +341,7 @@ def _values(states: States, assignment: Mapping[str, str]) -> dict[str, Array]:
 
 
 def _differences(
-    physics: Physics, truth: Physics, states: States, assignment: Mapping[str, str], signed: bool
+    physics: FilePhysics, truth: FilePhysics, states: DrawnStates, assignment: Mapping[str, str], signed: bool
 ) -> list[_Pair]:
     """Return the differences of all pairs of assigned joints; [] if fewer than two can be placed.
 
@@ -410,7 +410,7 @@ def _seen(one: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[Array, Ar
 # ----------------------------------------------------------------------------------------------------- names
 
 
-def _take_names(content: Content, assignment: Mapping[str, str], truth: Physics, states: States) -> None:
+def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhysics, states: DrawnStates) -> None:
     """Give links and joints of a file the names of the mechanism, if their frames are those of the mechanism.
 
     Otherwise, state in the file's ledger that masses, shapes and limits are not compared.
@@ -446,7 +446,7 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: Physics,
     content.ledger.add("states.names", "info", f"links have other names than in {MECHANISM}: {pairs}.")
 
 
-def _bodies_of_links(links: Mapping[str, Array], truth: Physics, states: States) -> dict[str, str]:
+def _bodies_of_links(links: Mapping[str, Array], truth: FilePhysics, states: DrawnStates) -> dict[str, str]:
     """Return {link: body of the mechanism with the same frame at all states}."""
     from_base = poses.inverse(states.links[_base(truth)])
     bodies: dict[str, str] = {}
@@ -507,17 +507,17 @@ def _keyed(values: Mapping[str, _Value], new: Mapping[str, str]) -> dict[str, _V
     return {new.get(name, name): value for name, value in values.items()}
 
 
-def _moved_frames(frames: Mapping[str, Frame], new: Mapping[str, str]) -> dict[str, Frame]:
+def _moved_frames(frames: Mapping[str, FileFrame], new: Mapping[str, str]) -> dict[str, FileFrame]:
     moved = {}
     for name, frame in frames.items():
-        moved[name] = Frame(new.get(frame.link, frame.link), frame.T)
+        moved[name] = FileFrame(new.get(frame.link, frame.link), frame.T)
     return moved
 
 
 # ------------------------------------------------------------------------------------------------------ rest
 
 
-def compare_joints(content: Content, truth: Physics) -> None:
+def compare_joints(content: Content, truth: FilePhysics) -> None:
     """Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values."""
     if not content.rest or holding(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
         return
@@ -552,7 +552,7 @@ def compare_joints(content: Content, truth: Physics) -> None:
     ledger.placed = True
 
 
-def _misfit(joint: Joint, links: Mapping[str, Array]) -> tuple[float, float]:
+def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float, float]:
     """Return the largest distance (m) and angle (rad) of a joint's two links from the positions that it allows."""
     assert joint.T is not None
     zero = links[joint.parent] @ joint.T  # the child at zero

@@ -16,7 +16,7 @@ from pkgutil import iter_modules
 
 from twin.core.entry_points import entry_points
 from twin.core.errors import TwinError
-from twin.exchange.format import Format, Holds, Places, Variant
+from twin.exchange.format import Format, FormatVariant, Holds, Places
 
 GROUP = "twin.formats"
 """Group of the entry points that name formats of other packages."""
@@ -74,7 +74,7 @@ def _sorted(place: Callable[[Places], int | None]) -> tuple[Format, ...]:
 
 
 @cache
-def _kinds() -> dict[str, tuple[Format, Variant]]:
+def _kinds() -> dict[str, tuple[Format, FormatVariant]]:
     kinds = {}
     for format in audited():
         for variant in format.variants:
@@ -103,7 +103,7 @@ def motion_groups() -> Iterator[tuple[str, ...]]:
 
 
 def rank(kind: str) -> int:
-    """Return the rank of a kind of file as a reference, see `Variant`; an unknown kind comes last."""
+    """Return the rank of a kind of file as a reference, see `FormatVariant`; an unknown kind is last."""
     return _kinds()[kind][1].rank if kind in _kinds() else 99
 
 
@@ -118,7 +118,7 @@ def leading(kind: str) -> bool:
 
 
 def trust(kind: str) -> int:
-    """Return the number of a kind of file that decides whom to trust, see `Variant`; an unknown kind comes last."""
+    """Return the number of a kind of file that decides whom to trust, see `FormatVariant`; an unknown kind is last."""
     return _kinds()[kind][1].trust if kind in _kinds() else 999
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.cad.description import Feature, FrameSpec, Tolerance
+from twin.cad.description import CadTolerance, Feature, FrameSpec
 from twin.cad.features import find, frame
 from twin.cad.meeting import locked_error
 from twin.cad.step import Face, Part
@@ -28,7 +28,7 @@ from twin.model.joint import JointType
 MEETING = (0.001 * MM, 0.001 * DEG)
 """Distance in m and angle in rad up to which the frames of a joint on its two bodies count as coincident."""
 
-_TOLERANCE = Tolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
+_TOLERANCE = CadTolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
 """Values of the section [tolerance] of a new description."""
 
 _RAIL = 2.0

@@ -18,13 +18,13 @@ from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, Kind, by_severity, error, verdict
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
 from twin.exchange.format import Holds
 from twin.exchange.formats import exported, named
 from twin.exchange.write import readme
-from twin.exchange.write.clip import Between, Budget, Clip, model_hash
+from twin.exchange.write.clip import Between, Clip, ClipAccuracy, model_hash
 from twin.exchange.write.order import Order, Progress
 
 PROOF = "proof.json"
@@ -88,9 +88,9 @@ class Bundle(Result):
             yield ""
         if self.order.clips:
             header = ("motion", "duration s", "keys per second", "error µm", "error deg", "joint gap µm")
-            yield Table(header, [_row(clip) for clip in self.order.clips])
+            yield TextTable(header, [_row(clip) for clip in self.order.clips])
             yield ""
-        yield Table((), self._sizes())
+        yield TextTable((), self._sizes())
         yield f"\n  {self.size / 1e6:.1f} MB in {len(self.files)} files; {len(self.checks)} checks in proof.json"
         assumed = len(self.order.assumed)
         for clip in self.order.clips:
@@ -323,7 +323,7 @@ def _shortened(check: JsonMapping) -> JsonObject:
     return shortened
 
 
-def _errors(begin: str, begin_gap: str, errors: Between | Budget) -> dict[str, float]:
+def _errors(begin: str, begin_gap: str, errors: Between | ClipAccuracy) -> dict[str, float]:
     return {
         f"{begin}position_m": _short(errors.position),
         f"{begin}rotation_rad": _short(errors.rotation),

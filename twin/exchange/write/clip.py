@@ -41,7 +41,7 @@ times as high.
 
 
 @dataclass(frozen=True)
-class Budget:
+class ClipAccuracy:
     """Maximum errors between keys: position of a point of a link in m, rotation of a link in rad, joint gap in m."""
 
     position: float = 100 * UM
@@ -72,7 +72,7 @@ class Between:
         named = {"between_position": self.position, "between_rotation": self.rotation, "joint_gap": self.joint_gap}
         return {name: float(f"{value:.6g}") for name, value in named.items()}
 
-    def keeps(self, budget: Budget) -> bool:
+    def keeps(self, budget: ClipAccuracy) -> bool:
         """Return whether no error exceeds the budget."""
         poses_fit = self.position <= budget.position and self.rotation <= budget.rotation
         return poses_fit and self.joint_gap <= budget.joint_gap
@@ -111,7 +111,7 @@ class Clip:
     phases: tuple[tuple[str, float, float], ...]
     rate: float
     between: Between
-    budget: Budget | None = None
+    budget: ClipAccuracy | None = None
     frame: str = ""
     shaft_axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     phase_rcm: tuple[Array | None, ...] = ()
@@ -132,7 +132,7 @@ def make_clip(
     mechanism: Mechanism,
     trajectory: Trajectory,
     title: str = "",
-    budget: Budget | None = None,
+    budget: ClipAccuracy | None = None,
     assumed: tuple[str, ...] = (),
     moved: Callable[[Array], LinkMotion] | None = None,
 ) -> Clip:
@@ -147,7 +147,7 @@ def make_clip(
         AssemblyError: the loops of the mechanism cannot be closed.
     """
     moved = moved or _by_plan(mechanism, trajectory)
-    budget = budget or Budget()
+    budget = budget or ClipAccuracy()
     reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
     worst = ""  # link with the largest error at the previous rate; tested first, as it usually exceeds the budget
     for grid in _GRIDS:

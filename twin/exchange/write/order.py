@@ -19,7 +19,7 @@ from twin.core.findings import Finding, warning
 from twin.core.foreign.once import Read
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.exchange.write.clip import Budget, Clip, make_clip
+from twin.exchange.write.clip import Clip, ClipAccuracy, make_clip
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 
@@ -39,7 +39,7 @@ Robot = Any
 
 
 @dataclass(frozen=True)
-class Scene:
+class ExportedScene:
     """A clip, and what judges it.
 
     Attributes:
@@ -70,7 +70,7 @@ class Order:
     """
 
     mechanism: Mechanism
-    scenes: tuple[Scene, ...]
+    scenes: tuple[ExportedScene, ...]
     quick_looks: tuple[str, ...]
     inputs: tuple[tuple[str, str], ...]
     assumed: tuple[str, ...]
@@ -84,11 +84,11 @@ class Order:
         return tuple(scene.clip for scene in self.scenes)
 
     @property
-    def elsewhere(self) -> tuple[Scene, ...]:
+    def elsewhere(self) -> tuple[ExportedScene, ...]:
         """Scenes whose trocar positions differ from the CAD; each of these scenes needs a separate file."""
         return tuple(scene for scene in self.scenes if self._is_elsewhere(scene))
 
-    def _is_elsewhere(self, scene: Scene) -> bool:
+    def _is_elsewhere(self, scene: ExportedScene) -> bool:
         for name, position in self.mechanism.trocar_places.items():
             in_scene = scene.mechanism.trocar_at(name)
             if not np.array_equal(in_scene, position):
@@ -100,7 +100,7 @@ def order(
     robot: Robot,
     trajectory: Trajectory | None,
     protocols: Sequence[str | Path] | None,
-    budget: Budget | None,
+    budget: ClipAccuracy | None,
     plan: Plan,
     progress: Progress,
 ) -> Order:
@@ -181,14 +181,14 @@ def _chosen(
     return [], [warning("export.no_equations", "", text, suggestion="write formula.py")]
 
 
-def _scene(robot: Robot, protocol: Any, planned: Trajectory, budget: Budget | None) -> Scene:
+def _scene(robot: Robot, protocol: Any, planned: Trajectory, budget: ClipAccuracy | None) -> ExportedScene:
     """Return the clip of a planned protocol, for a robot with the trocars of the protocol, and what judges it."""
     moved = partial(robot.link_motion, planned)
     assumed = _assumed(protocol.parameters())
     clip = make_clip(robot.mechanism, planned, protocol.title, budget, assumed, moved)
     model = robot.reference()
     run = robot.link_motion(planned, clip.times).on(model, planned)
-    return Scene(clip, robot.mechanism, model.link_poses(run.x))
+    return ExportedScene(clip, robot.mechanism, model.link_poses(run.x))
 
 
 def _sources(
@@ -219,10 +219,10 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
     clip = sampled_clip(mechanism, stage)
     opened = Usd.Stage.Open(str(stage))  # keep a reference: layers are freed with the stage
     layers = {Path(layer.realPath) for layer in opened.GetUsedLayers() if layer.realPath}
-    scenes: tuple[Scene, ...] = ()
+    scenes: tuple[ExportedScene, ...] = ()
     quick_looks: tuple[str, ...] = ()
     if clip is not None:
-        scenes = (Scene(clip, mechanism, clip.links),)
+        scenes = (ExportedScene(clip, mechanism, clip.links),)
         quick_looks = (clip.name,)
     return Order(
         mechanism,

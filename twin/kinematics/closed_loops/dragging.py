@@ -21,8 +21,8 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.kinematics.closed_loops.equations import LENGTH_SCALE, STATES, STEPS
+from twin.kinematics.closed_loops.linearizer import LinearizedState, Linearizer
 from twin.kinematics.closed_loops.passive_limits import PassiveLimit
-from twin.kinematics.closed_loops.sight import Look, Sight
 from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.model.mechanism import Mechanism
 
@@ -198,7 +198,7 @@ class Dragger:
             turns += _TURNS[kind]
         self._turns = np.array(turns, bool)
 
-        self.look = Sight(self.solver)
+        self.look = Linearizer(self.solver)
         rest = np.concatenate([*self.solver.home, []])
         self.solver.close(self.solver.q, rest)  # compiles the kernel here and not in the first motion
 
@@ -210,7 +210,7 @@ class Dragger:
 
     # -- by a point -----------------------------------------------------------------------------------
 
-    def take(self, q: Array, u: Array, body: str, p_body: Array) -> Grip:
+    def take(self, q: Array, u: Array, body: str, p_body: Array) -> DragGrip:
         """Return a grip on a point of a body; the grip moves the point along straight lines by minimum joint motion.
 
         u (m,) contains the loop unknowns that close the loops at q (n,). `p_body` (3,) is the point in the body frame,
@@ -218,7 +218,7 @@ class Dragger:
         """
         p_body = np.asarray(p_body, float)
         look = self.look(q, u, body, p_body)
-        return Grip(self, look, (body, p_body))
+        return DragGrip(self, look, (body, p_body))
 
     # -- by the joints --------------------------------------------------------------------------------
 
@@ -275,7 +275,7 @@ class Dragger:
 
     # -- limits ---------------------------------------------------------------------------------------
 
-    def held(self, look: Look) -> tuple[Array, Array]:
+    def held(self, look: LinearizedState) -> tuple[Array, Array]:
         """Return (G (b, n), slack (b,)) in a state: for each stop, the gradient of its distance, and its distance.
 
         The largest entry of a gradient is 1. Distances are in m (rad times `LENGTH_SCALE`), at least 0.
@@ -294,12 +294,14 @@ class Dragger:
         """Return the distances (b,) of q (n,) from the bounds, in m or rad."""
         return np.array([bound.slack(q) for bound in self.bounds])
 
-    def passed(self, before: Look, look: Look) -> tuple[PassiveLimit, ...]:
+    def passed(self, before: LinearizedState, look: LinearizedState) -> tuple[PassiveLimit, ...]:
         """Return the limits of passive joints that a step passes; beyond a limit, a joint may only move back."""
         beyond = look.slacks < _floor(before)
         return tuple(self.look.limits[i] for i in np.flatnonzero(beyond))
 
-    def brought_back(self, before: Look, look: Look, held: tuple[str, Array]) -> Look | None:
+    def brought_back(
+        self, before: LinearizedState, look: LinearizedState, held: tuple[str, Array]
+    ) -> LinearizedState | None:
         """Return the state after a step, moved back to the limits of passive joints that the step passes; else None.
 
         Steps follow the tangent of such a limit, and leave it by an amount of second order.
@@ -330,7 +332,9 @@ class Dragger:
 
     # -- one step -------------------------------------------------------------------------------------
 
-    def _moved(self, look: Look, dq: Array, held: tuple[str, Array], tool: bool = True) -> tuple[Look | None, str]:
+    def _moved(
+        self, look: LinearizedState, dq: Array, held: tuple[str, Array], tool: bool = True
+    ) -> tuple[LinearizedState | None, str]:
         """Return (state after the step dq (n,), ""), or (None, cause) if the step is rejected.
 
         The cause is "loop NAME" or "tool" if this matrix becomes singular; "" if the step is too long or the loops do
@@ -356,7 +360,9 @@ class Dragger:
                 return None, name
         return new, ""
 
-    def determinants(self, before: Look, look: Look, tool: bool) -> dict[str, tuple[float, float]]:
+    def determinants(
+        self, before: LinearizedState, look: LinearizedState, tool: bool
+    ) -> dict[str, tuple[float, float]]:
         """Return the determinants {name: (before, now)} of loops and tool; their signs change only at singularities.
 
         Matrices that are not square are first projected onto the singular vectors of the matrix in state `before`.
@@ -371,7 +377,7 @@ class Dragger:
             out["tool"] = _determinants(A, B)
         return out
 
-    def nearest(self, look: Look) -> str:
+    def nearest(self, look: LinearizedState) -> str:
         """Return the name of the loop nearest to a singularity, which is probably the loop that no longer closes."""
         sizes: dict[str, float] = {}
         for name, (determinant, _) in self.determinants(look, look, False).items():
@@ -408,10 +414,10 @@ class Dragger:
         return out
 
 
-class Grip:
+class DragGrip:
     """A grabbed point. Its final position does not depend on intermediate targets on the line to the last target."""
 
-    def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
+    def __init__(self, dragger: Dragger, look: LinearizedState, held: tuple[str, Array]) -> None:
         self._walk = _Walk(dragger, look, held)
         self._hand = look.p
         self._target = look.p
@@ -450,7 +456,7 @@ class Grip:
 class _Walk:
     """Steps of a point towards a sequence of goals; `look` is the current state. A copy can continue independently."""
 
-    def __init__(self, dragger: Dragger, look: Look, held: tuple[str, Array]) -> None:
+    def __init__(self, dragger: Dragger, look: LinearizedState, held: tuple[str, Array]) -> None:
         self.dragger = dragger
         self.look = look
         self.held = held
@@ -502,7 +508,7 @@ class _Walk:
         singular = self.dragger.nearest(self.look) if self.open else self.singular
         return Dragged(self.look.q, self.look.u, self.stops(), singular, more)
 
-    def _step(self, first: Look, total: Array, goal: Array) -> Array | None:
+    def _step(self, first: LinearizedState, total: Array, goal: Array) -> Array | None:
         """Move one step nearer to the goal; return the joint motion (n,), scaled to m; None if no step is found."""
         dragger = self.dragger
         now = self.look
@@ -616,7 +622,7 @@ class _Walk:
         return tuple(stops)
 
 
-def _floor(look: Look) -> Array:
+def _floor(look: LinearizedState) -> Array:
     """Return the smallest slacks (c,) of passive joints that a step from this state may reach."""
     return np.where(look.slacks < -ROUNDING, look.slacks, -ROUNDING)
 

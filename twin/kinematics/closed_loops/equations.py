@@ -88,7 +88,7 @@ class _Error:
     back: bool
 
 
-class Equations:
+class LoopEquations:
     """The loop equations of a mechanism and their derivatives.
 
     Attributes:

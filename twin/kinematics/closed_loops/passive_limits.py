@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
-from twin.kinematics.closed_loops.equations import LENGTH_SCALE, Equations
+from twin.kinematics.closed_loops.equations import LENGTH_SCALE, LoopEquations
 from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
@@ -68,7 +68,7 @@ def passive_limits(mechanism: Mechanism) -> tuple[PassiveLimit, ...]:
     return tuple(out)
 
 
-def slacks(equations: Equations, limits: tuple[PassiveLimit, ...], stepping: bool = False) -> ca.SX:
+def slacks(equations: LoopEquations, limits: tuple[PassiveLimit, ...], stepping: bool = False) -> ca.SX:
     """Return the slacks (c,) of limits in m or rad.
 
     With `stepping`, these are the slacks after a step of the unknowns, to first order in the step.
@@ -78,7 +78,7 @@ def slacks(equations: Equations, limits: tuple[PassiveLimit, ...], stepping: boo
     return ca.vertcat(*[_slack(equations, limit, stepping) for limit in limits])
 
 
-def _slack(equations: Equations, limit: PassiveLimit, stepping: bool) -> ca.SX:
+def _slack(equations: LoopEquations, limit: PassiveLimit, stepping: bool) -> ca.SX:
     joint = limit.joint
     parent_frame, child_frame = equations.frames(joint, stepping)
     p0, x0, y0, z0 = parent_frame

@@ -22,8 +22,8 @@ from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.kinematics.closed_loops import linear
-from twin.kinematics.closed_loops.equations import Equations, stepped
-from twin.kinematics.closed_loops.structure import Block, blocks
+from twin.kinematics.closed_loops.equations import LoopEquations, stepped
+from twin.kinematics.closed_loops.structure import EquationBlock, blocks
 from twin.model.mechanism import Mechanism
 
 GAP = 1e-9
@@ -47,7 +47,7 @@ _RESULTS = ("pose", "gaps", "states")
 
 
 @dataclass(frozen=True)
-class Closed:
+class ClosedStates:
     """k states of the mechanism with closed loops.
 
     Attributes:
@@ -81,7 +81,7 @@ class LoopSolver:
             AssemblyError: the loops do not close in the rest poses.
         """
         self.mechanism = mechanism
-        self.equations = Equations(mechanism)
+        self.equations = LoopEquations(mechanism)
         self.blocks = blocks(self.equations)
         self.q, start = self.equations.rest()
         self._newton = [self._stage(number, block, start) for number, block in enumerate(self.blocks)]
@@ -163,7 +163,7 @@ class LoopSolver:
         rows = self._single(q, states)[:12].reshape(3, 4)
         return np.vstack([rows, [0.0, 0.0, 0.0, 1.0]])
 
-    def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> Closed:
+    def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> ClosedStates:
         """Return the states at active joints qs (k, n), each solved independently; poses without a solution are NaN.
 
         `seeds` (m, k) contains the loop unknowns to start from; default: those of the rest poses. `threads` is the
@@ -194,7 +194,7 @@ class LoopSolver:
         Ts[:, 3, 3] = 1
         Ts[:, :3] = poses.T.reshape(-1, 3, 4)
         Ts[~self._good(gaps)] = np.nan
-        return Closed(Ts, states, *gaps)
+        return ClosedStates(Ts, states, *gaps)
 
     def _walked(self, Q: Array, stations: int, threads: int | None) -> tuple[Array, Array, Array]:
         """Return poses, gaps and states at active joints Q (n, k), approached in equal steps from the rest poses."""
@@ -246,7 +246,7 @@ class LoopSolver:
         """The functions of the kernel, in the order of their calls: Newton's method, then the outputs.
 
         Inputs are q and the unknowns of the loops. Outputs are "pose" (12,), the first three rows of T_base_tool;
-        "gaps" (3,), which are offset, tilt and margin (see `Closed`); and "states", the values of the unknowns.
+        "gaps" (3,), which are offset, tilt and margin (see `ClosedStates`); and "states", the values of the unknowns.
         """
         e = self.equations
         determinants = [ca.SX.sym(name) for name in self._signs]
@@ -292,7 +292,7 @@ class LoopSolver:
     def _split(self) -> Stage:
         return Stage(self.equations.split(), ("seed",), tuple(self._keys))
 
-    def _stage(self, number: int, block: Block, start: list[Array]) -> Stage:
+    def _stage(self, number: int, block: EquationBlock, start: list[Array]) -> Stage:
         """Return the stage that solves a block by Newton's method."""
         e = self.equations
         rows = list(block.rows)

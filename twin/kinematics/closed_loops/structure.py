@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.kinematics.closed_loops.equations import STEPS, Equations
+from twin.kinematics.closed_loops.equations import STEPS, LoopEquations
 
 _TRIES = 32
 _NOTHING = 1e-12
@@ -18,7 +18,7 @@ _FLAT = 1e-13
 
 
 @dataclass(frozen=True)
-class Block:
+class EquationBlock:
     """Equations that are solved together, after the previous blocks.
 
     Attributes:
@@ -39,7 +39,7 @@ class Block:
         return len(self.rows) == len(self.columns)
 
 
-def blocks(equations: Equations) -> list[Block]:
+def blocks(equations: LoopEquations) -> list[EquationBlock]:
     """Return the blocks in the order of solution; joints that no equation contains are in no block."""
     e = equations
     if not e.passive or not e.residual.numel():
@@ -53,7 +53,7 @@ def blocks(equations: Equations) -> list[Block]:
         own = owner == k
         whole[:, own] = pattern[:, own].any(axis=1)[:, None]
 
-    out: list[Block] = []
+    out: list[EquationBlock] = []
     for rows, columns in _sorted(whole):
         if not columns:  # an equation of active joints alone determines no unknown
             continue
@@ -62,11 +62,11 @@ def blocks(equations: Equations) -> list[Block]:
         for k in unknowns:
             steps += np.flatnonzero(owner == k).tolist()
         equation_rows = tuple(kept[rows].tolist())
-        out.append(Block(equation_rows, unknowns, tuple(steps), pattern[np.ix_(rows, steps)]))
+        out.append(EquationBlock(equation_rows, unknowns, tuple(steps), pattern[np.ix_(rows, steps)]))
     return out
 
 
-def _tried(e: Equations) -> tuple[Array, Array]:
+def _tried(e: LoopEquations) -> tuple[Array, Array]:
     """Return residuals (k, m) and derivatives (k, m, n) at k random states."""
     function = ca.Function("tried", [e.q, e.states], [e.residual, ca.densify(e.jacobian)])
     rng = np.random.default_rng(0)

@@ -13,7 +13,7 @@ import numpy as np
 from twin.core.findings import Finding, by_severity, disagreement, warning
 from twin.core.json_types import JsonObject
 from twin.core.quantity import mm, um
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM, UM
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.dynamics.track import (
@@ -119,15 +119,15 @@ class Tracking(Result):
             f"  Inertias: {SOURCES[self.inertia]}; moving mass {sum(self.arm.masses.values()):.2f} kg.\n"
         )
         rows = [(n, *_lengths(r), _um(r.rcm_max)) for n, r in self.runs.items()]
-        yield Table(("model", "tip error max µm", "tip error RMS µm", "shaft to RCM max µm"), rows)
+        yield TextTable(("model", "tip error max µm", "tip error RMS µm", "shaft to RCM max µm"), rows)
         yield ""
         for name, runs in self.curves.items():
-            yield Table(
+            yield TextTable(
                 (name, "tip error max µm", "tip error RMS µm"),
                 [(f"{100 * r.conditions.inertia_error:+.0f} %", *_lengths(r)) for r in runs],
             )
             yield ""
-        yield Table(("all runs", "unit", "peak", "RMS", "limit", "margin"), [_effort(row) for row in self.efforts])
+        yield TextTable(("all runs", "unit", "peak", "RMS", "limit", "margin"), [_effort(row) for row in self.efforts])
         yield ""
         yield from by_severity(self.findings)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.core.findings import Finding, disagreement, warning
 from twin.core.json_types import JsonMapping, JsonObject
-from twin.core.result import Part, Result, Table
+from twin.core.result import Part, Result, TextTable
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.attacked import HARM
 from twin.simulation.hazards.campaign import FREE, CampaignTable, Scenario
@@ -183,21 +183,21 @@ class Hazards(Result):
         yield f"{self.robot} · {self.table.title} · {len(self.rows)} of {self.expected} sessions"
         yield "\nScenarios"
         head = ("scenario", "incidents", "impact", "responses")
-        yield Table(
+        yield TextTable(
             head, [(s.name, ", ".join(s.incidents), s.impact, ", ".join(s.responses)) for s in self.table.scenario]
         )
         yield "\nOutcome without a response (sessions)"
         head = ("class", "location", "sessions", f"> {HARM:g} mm", "> 3 mm", "felt", "stopped")
-        yield Table((*head, "peak p50 mm", "max mm", "cue ms p95"), [_outcome(r) for r in self.classes])
+        yield TextTable((*head, "peak p50 mm", "max mm", "cue ms p95"), [_outcome(r) for r in self.classes])
         yield "\nDetection (sessions)"
         head = ("class", "dangerous", "checks in time", "adaptive in time", "adaptive before 3 mm", "jumps > 1 mm")
         unseen = ("before checks", "before 3 mm limit", "before adaptive")
-        yield Table((*head, *unseen), [_detection(r) for r in self.classes if r.danger or r.jumped])
+        yield TextTable((*head, *unseen), [_detection(r) for r in self.classes if r.danger or r.jumped])
         yield from self._detectors()
         if self.responses:
             yield "\nResponses of the scripted trainee (medians)"
             head = ("class", "sessions", "noticed ms", "acted ms", "peak mm", "without", f"> {HARM:g} mm")
-            yield Table((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
+            yield TextTable((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
         yield ""
         yield from self.assumed
         yield self.word or "No session without a fault has run: false cues cannot be counted"

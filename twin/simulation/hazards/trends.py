@@ -19,8 +19,7 @@ from pydantic import Field
 from twin.core.errors import DescriptionError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
-from twin.core.result import Part, Result
-from twin.core.result import Table as Grid
+from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.schema import Table, error_at, load_toml
 from twin.simulation.hazards.attacked import HARM, Trace, trace
@@ -174,13 +173,13 @@ class Trends(Result):
         yield f"{self.robot} · the paper's experiments with an ASSUMED plant: trends, not numbers"
         yield "\nDeviation without a fault by motion scale"
         rows = [(f"{r.scale:g}", f"{r.mean:.3f}", f"{r.spread:.3f}", f"{r.peak:.3f}") for r in self.scales]
-        yield Grid(("motion scale", "mean mm", "spread mm", "largest mm"), rows)
+        yield TextTable(("motion scale", "mean mm", "spread mm", "largest mm"), rows)
         word = "grows" if self.grows else "does not grow"
         paper = f"in the paper it grows, {PUBLISHED[0]} ± {PUBLISHED[1]} mm over these scales"
         yield f"  the deviation {word} with the scale; {paper}"
         t = self.table.stuck
         yield f"\n{self.motor} stuck for {t.cycles} cycles every {t.every * TICK:g} s, motion scale {t.scale:g}"
-        yield Grid(
+        yield TextTable(
             ("hand", "stuck at counts", "peaks mm", f"jumps > {HARM:g} mm", "stopped at fault", "check"),
             [
                 (

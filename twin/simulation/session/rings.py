@@ -14,7 +14,7 @@ from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
 from twin.model.movable import Movable
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.simulation.contact_scene import Peg
 from twin.simulation.session.referee import InstrumentReferee, Tone
 from twin.simulation.world import Recording
@@ -90,7 +90,12 @@ class Referee(InstrumentReferee):
     ending = "All rings are on their pegs."
 
     def __init__(
-        self, task: Task, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str], period: float
+        self,
+        task: ConsoleTask,
+        objects: Sequence[Movable],
+        pegs: Mapping[str, Peg],
+        robots: Sequence[str],
+        period: float,
     ) -> None:
         """Begin with no sample.
 
@@ -151,7 +156,7 @@ class Referee(InstrumentReferee):
 
 
 def measure(
-    kept: Recording, task: Task, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
+    kept: Recording, task: ConsoleTask, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
 ) -> BoardMeasures:
     """Return the measures of a task with transfers from recorded signals; for the other arguments, see `Referee`."""
     referee = Referee(task, objects, pegs, robots, kept.dt)

@@ -12,7 +12,7 @@ from twin.core.errors import TwinError, WorldError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.scene import Scene
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS, PEDALS
@@ -123,7 +123,7 @@ def kept(world: World) -> list[str]:
     return [name for name in world.signals.sizes if name.endswith(_KEPT) or name.startswith(_KEPT_OF)]
 
 
-def task_of(scene: Scene, name: str | None) -> Task:
+def task_of(scene: Scene, name: str | None) -> ConsoleTask:
     """Return a task of a scene by name; None: the first one.
 
     Raises:
@@ -168,7 +168,7 @@ def surgeon(
     return ScriptedSurgeon(seat, targets, task.tolerance, task.hold)
 
 
-def _rings(setup: Setup, task: Task) -> list[Ring]:
+def _rings(setup: Setup, task: ConsoleTask) -> list[Ring]:
     """Return the rings of a task with transfers, with their pegs."""
     pegs = contact_scene.pegs(setup.scene, setup.props, task)
     objects = {item.name: item for item in setup.scene.objects}
@@ -235,7 +235,7 @@ def perform(
     return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=setup.condition)
 
 
-def _parts(task: Task) -> list[str]:
+def _parts(task: ConsoleTask) -> list[str]:
     """Return the names of the targets, rings or steps of a task, in the order of their numbers in `surgeon.target`."""
     names = [target.name for target in task.targets]
     names += [transfer.ring for transfer in task.transfers]

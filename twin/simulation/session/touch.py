@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.model.task import Task
+from twin.model.task import ConsoleTask
 from twin.simulation.session.movement import runs
 
 
@@ -28,7 +28,7 @@ class Touched:
     nearest: float
 
 
-def touched(task: Task, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
+def touched(task: ConsoleTask, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
     """Return the result of every target of a task, in order; a touch counts only after the previous touch is complete.
 
     Args:
@@ -54,7 +54,7 @@ def touched(task: Task, t: Array, tips: Mapping[str, Array]) -> list[Touched]:
     return results
 
 
-def _first_touch(error: Array, task: Task, dt: float) -> int | None:
+def _first_touch(error: Array, task: ConsoleTask, dt: float) -> int | None:
     """Return the first sample of the first touch that is long enough; error (k,) in m, every dt in s."""
     shortest = task.hold - 1e-9  # rounding of the times
     for first, last in runs(error <= task.tolerance):

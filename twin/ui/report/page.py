@@ -7,7 +7,7 @@ from textwrap import dedent
 from typing import TYPE_CHECKING, Literal
 
 from twin.core.findings import by_severity
-from twin.core.result import Line, Part, Result, Table
+from twin.core.result import Line, Part, Result, TextTable
 from twin.core.version import __version__
 from twin.ui.report import style
 
@@ -45,19 +45,19 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
     )
 
 
-def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "text", "table"], str | Table]]:
+def headed(parts: Sequence[str | TextTable]) -> Iterator[tuple[Literal["heading", "text", "table"], str | TextTable]]:
     """Yield tables, texts and headings as (kind, part); a heading is the last line of a text directly before a table.
 
     If this line is indented or belongs to a paragraph, it is not a heading.
     """
     followers = [*parts[1:], None]
     for part, follower in zip(parts, followers, strict=True):
-        if isinstance(part, Table):
+        if isinstance(part, TextTable):
             yield "table", part
             continue
         heading = ""
         text = part
-        if isinstance(follower, Table):
+        if isinstance(follower, TextTable):
             above, _, last = part.rpartition("\n")
             _, _, line_before = above.rpartition("\n")
             in_paragraph = bool(line_before.strip())
@@ -71,11 +71,11 @@ def headed(parts: Sequence[str | Table]) -> Iterator[tuple[Literal["heading", "t
             yield "heading", heading
 
 
-def merged(parts: Iterable[Part]) -> Iterator[str | Table]:
+def merged(parts: Iterable[Part]) -> Iterator[str | TextTable]:
     """Yield each table, and all lines between two tables as one block of text; findings are omitted."""
     lines: list[str] = []
     for part in parts:
-        if isinstance(part, Table):
+        if isinstance(part, TextTable):
             yield from _block(lines)
             lines = []
             yield part

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.analysis.workspace import Grid, Workspace
+from twin.analysis.workspace import PoseGrid, Workspace
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -66,7 +66,7 @@ def figure(found: Workspace) -> Figure:
 
 
 def _draw_section(
-    ax: Axes, grid: Grid, values: Array, cut: tuple[int, int, int], section: tuple[int, int, int], top: float
+    ax: Axes, grid: PoseGrid, values: Array, cut: tuple[int, int, int], section: tuple[int, int, int], top: float
 ) -> None:
     """Draw the values of the cells of one section as colours from 0 to `top`."""
     a, b, c = section

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
-from twin.kinematics.closed_loops.dragging import Dragged, Dragger, Grip, bounds_of
+from twin.kinematics.closed_loops.dragging import Dragged, Dragger, DragGrip, bounds_of
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
@@ -38,7 +38,7 @@ class DragSolver:
         self.mechanism = mechanism
         self.model = model
         self.bounds = bounds_of(mechanism, gaps)
-        self._last: tuple[Assembly, str, Array, Grip] | None = None
+        self._last: tuple[Assembly, str, Array, DragGrip] | None = None
 
     @cached_property
     def dragger(self) -> Dragger:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from twin.model.task import Task
+    from twin.model.task import ConsoleTask
     from twin.simulation.condition import Condition
     from twin.simulation.controllers.pivot import Fulcrum
 
@@ -35,7 +35,7 @@ class Exercise:
             ("direct"); see `twin.simulation.controllers.pivot`.
     """
 
-    task: Task | None = None
+    task: ConsoleTask | None = None
     session: Path | None = None
     report: MakeReport | None = None
     condition: Condition | None = None

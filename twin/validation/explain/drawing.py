@@ -13,7 +13,7 @@ from itertools import islice, product
 
 from twin.cad import frames
 from twin.cad.build import CadModel
-from twin.cad.faulty import Fault, Suspect, faults
+from twin.cad.faulty import FrameMismatch, Suspect, faults
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.formula.contract import Formula
@@ -131,7 +131,7 @@ def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[Refer
 
 
 def _part(
-    fault: Fault,
+    fault: FrameMismatch,
     findings: Sequence[Finding],
     chosen: Suspect | None,
     top: _Tried,

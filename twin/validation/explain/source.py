@@ -12,7 +12,7 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
-from twin.formula.equations import Row, definition, rows
+from twin.formula.equations import EquationRow, definition, rows
 from twin.formula.loader import text_of
 from twin.validation.explain.tidy import tidy
 from twin.validation.explain.tokens import line_starts, span
@@ -137,7 +137,7 @@ class Source:
             return there, own | {w for s in before if s.home is statement.home for w in s.writes}
         return there, there
 
-    def _statement(self, index: int, row: Row) -> Statement:
+    def _statement(self, index: int, row: EquationRow) -> Statement:
         node = row.node
         start, end = self.span(node)
         reads = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}

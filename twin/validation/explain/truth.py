@@ -13,7 +13,7 @@ import numpy as np
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL, Formula, arguments
-from twin.reference import Assembly, ReferenceModel, Run
+from twin.reference import Assembly, ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
 from twin.validation.explain.numeric import Matrix, Rebuilder
@@ -51,7 +51,7 @@ class Truth:
     kinds: Mapping[str, Kind]
     k: int
     Ts: Array
-    run: Run | None
+    run: SolvedSamples | None
     coordinates: tuple[tuple[str, str], ...]
     borrowed: Mapping[str, str]
     free: str = ""
@@ -109,7 +109,7 @@ def sample(
     seed: int = 7,
     progress: Callable[[float], None] = lambda f: None,
     regular: bool = False,
-) -> Run:
+) -> SolvedSamples:
     """Return states of the mechanism around its postures (without postures: around the rest poses).
 
     With `regular`, postures near a singularity, where several assembly modes meet, are skipped.
@@ -159,7 +159,9 @@ def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
         return out
 
 
-def gather(formula: Formula, run: Run, model: ReferenceModel, parameters: Mapping[str, float] | None = None) -> Truth:
+def gather(
+    formula: Formula, run: SolvedSamples, model: ReferenceModel, parameters: Mapping[str, float] | None = None
+) -> Truth:
     """Return the values of the formula's symbols at states of the mechanism."""
     rebuild = Rebuilder()
     k = len(run.x)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from twin.core.foreign.budget import BUDGETS
-from twin.exchange.format import Format, Holds, Places, Variant
+from twin.exchange.format import Format, FormatVariant, Holds, Places
 
 FORMAT = Format(
     name="glb",
     title="GLB",
     places=Places(export=30, use=10, audit=20),
     variants=(
-        Variant("glb", ".glb", "GLTF", BUDGETS["GLTF"], rank=30, trust=60),
-        Variant("gltf", ".gltf", "GLTF", BUDGETS["GLTF"], rank=30, trust=61),
+        FormatVariant("glb", ".glb", "GLTF", BUDGETS["GLTF"], rank=30, trust=60),
+        FormatVariant("gltf", ".gltf", "GLTF", BUDGETS["GLTF"], rank=30, trust=61),
     ),
     holds=Holds.LINKS | Holds.REST | Holds.ALL_MOTIONS,
     code="gltf",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from twin.core.foreign.budget import BUDGETS, MJCF_SUFFIXES
-from twin.exchange.format import Format, Holds, Places, Variant
+from twin.exchange.format import Format, FormatVariant, Holds, Places
 
 _HEAD = 4096
 """Number of bytes at the start of a file in which the root element is searched."""
@@ -24,7 +24,7 @@ FORMAT = Format(
     name="mjcf",
     title="MJCF",
     places=Places(export=60, use=60, audit=50, new=20),
-    variants=(Variant("mjcf", ".xml", "MJCF", BUDGETS["MJCF"], trust=20),),
+    variants=(FormatVariant("mjcf", ".xml", "MJCF", BUDGETS["MJCF"], trust=20),),
     recognise=is_mjcf,
     holds=Holds.MASSES | Holds.JOINT_TREE | Holds.UNNAMED_FIXED_JOINTS,
     code="mjcf",

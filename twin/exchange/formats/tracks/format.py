@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from twin.core.foreign.budget import BUDGETS
-from twin.exchange.format import Format, Holds, Places, Variant
+from twin.exchange.format import Format, FormatVariant, Holds, Places
 
 _SCHEMA = "twin-track"
 
@@ -52,8 +52,8 @@ FORMAT = Format(
     title="tracks",
     places=Places(export=50, use=50, audit=10),
     variants=(
-        Variant("tracks", ".json", "JSON", BUDGETS["JSON"], rank=10, trust=30),
-        Variant("csv", ".csv", "CSV", BUDGETS["CSV"], rank=40, trust=50),
+        FormatVariant("tracks", ".json", "JSON", BUDGETS["JSON"], rank=10, trust=30),
+        FormatVariant("csv", ".csv", "CSV", BUDGETS["CSV"], rank=40, trust=50),
     ),
     recognise=is_track,
     holds=Holds.LINKS | Holds.ONE_MOTION | Holds.COORDINATES,

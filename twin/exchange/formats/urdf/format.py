@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from twin.core.foreign.budget import BUDGETS
-from twin.exchange.format import Format, Holds, Places, Variant
+from twin.exchange.format import Format, FormatVariant, Holds, Places
 
 FORMAT = Format(
     name="urdf",
     title="URDF",
     places=Places(export=70, use=70, audit=60, new=10),
-    variants=(Variant("urdf", ".urdf", "XML", BUDGETS["XML"], trust=40),),
+    variants=(FormatVariant("urdf", ".urdf", "XML", BUDGETS["XML"], trust=40),),
     holds=Holds.MASSES | Holds.JOINT_TREE | Holds.TRANSMISSIONS,
     code="urdf",
     sources=(".urdf",),

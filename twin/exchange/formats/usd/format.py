@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from twin.core.foreign.budget import BUDGETS, STAGE_SUFFIXES
-from twin.exchange.format import Format, Holds, Places, Variant
+from twin.exchange.format import Format, FormatVariant, Holds, Places
 
 _SUBLAYER = re.compile(r"@([^@\0]+\.usd[ac]?)@")
 
@@ -37,9 +37,9 @@ FORMAT = Format(
     title="USD",
     places=Places(export=10, use=30, audit=30, new=40),
     variants=(
-        Variant("usda", ".usda", "USD", BUDGETS["USD"], rank=20, trust=10),
-        Variant("usd", ".usd", "USD", BUDGETS["USD"], rank=20, trust=11),
-        Variant("usdc", ".usdc", "USD", BUDGETS["USD"], rank=20, trust=12),
+        FormatVariant("usda", ".usda", "USD", BUDGETS["USD"], rank=20, trust=10),
+        FormatVariant("usd", ".usd", "USD", BUDGETS["USD"], rank=20, trust=11),
+        FormatVariant("usdc", ".usdc", "USD", BUDGETS["USD"], rank=20, trust=12),
     ),
     outermost=without_sublayers,
     holds=Holds.LINKS | Holds.REST | Holds.MASSES | Holds.ONE_MOTION | Holds.UNNAMED_MOTION,

@@ -15,8 +15,8 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba, surface_area
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.meshes import check_mesh, joined
-from twin.exchange.audit.motion import Content, Shape, check_poses
-from twin.exchange.audit.physics import Frame, Joint, Mass, Physics
+from twin.exchange.audit.motion import Content, LinkShape, check_poses
+from twin.exchange.audit.physics import FileFrame, FileJoint, FileMass, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.glb.audit.clips import Clips
@@ -183,9 +183,9 @@ def _base_color(pbr: JsonObject, name: str) -> Array:
     return numbers(pbr.get("baseColorFactor", (1, 1, 1, 1)), 4, name)
 
 
-def _physics(nodes: list[Node], world: list[Array]) -> Physics:
+def _physics(nodes: list[Node], world: list[Array]) -> FilePhysics:
     """Return the mechanism data of the nodes and their `extras`: masses, names of joints, poses of frames, meshes."""
-    physics = Physics(tuple(node.name for node in nodes if node.is_link))
+    physics = FilePhysics(tuple(node.name for node in nodes if node.is_link))
     shown = dict.fromkeys(physics.links, False)
     for node in nodes:
         extras = node.extras
@@ -196,24 +196,26 @@ def _physics(nodes: list[Node], world: list[Array]) -> Physics:
             if extras.get("whole") is False:
                 physics.partly |= {node.name}
             if isinstance(extras.get("mass"), int | float):
-                physics.masses[node.name] = Mass(float(extras["mass"]))
+                physics.masses[node.name] = FileMass(float(extras["mass"]))
             joints = extras.get("joints")
             if isinstance(joints, list):
                 for name in joints:
-                    physics.joints.append(Joint((str(name),), "", node.name))
+                    physics.joints.append(FileJoint((str(name),), "", node.name))
         elif isinstance(extras.get("frame"), str) and owner is not None:
             T_world_link, _ = poses.split(world[owner.index][0])
             T_world_frame, _ = poses.split(world[node.index][0])
-            physics.frames[extras["frame"]] = Frame(owner.name, poses.inverse(T_world_link) @ T_world_frame)
+            physics.frames[extras["frame"]] = FileFrame(owner.name, poses.inverse(T_world_link) @ T_world_frame)
     physics.shown = shown
     return physics
 
 
-def _shapes(file: Gltf, nodes: list[Node], world: list[Array]) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
+def _shapes(
+    file: Gltf, nodes: list[Node], world: list[Array]
+) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
     """Check every mesh once; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
     palette = Palette()
     known: dict[int, tuple[Array, Array]] = {}
-    parts: dict[str, list[Shape]] = {}
+    parts: dict[str, list[LinkShape]] = {}
     for node in nodes:
         if "mesh" not in node.spec:
             continue

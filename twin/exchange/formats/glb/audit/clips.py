@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import Clip, check_quaternions, check_times
+from twin.exchange.audit.motion import FileClip, check_quaternions, check_times
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf, is_index
@@ -113,7 +113,7 @@ class Clips:
         T, _ = poses.split(M)
         return poses.pose(poses.R_Z_UP_Y_UP) @ T
 
-    def read(self, shown: list[Node]) -> Iterator[Clip]:
+    def read(self, shown: list[Node]) -> Iterator[FileClip]:
         """Yield each clip of the file, with the poses of the nodes in `shown` at all key times of the clip."""
         for name, found in self._clips:
             usable = [channel for channel in found if len(channel.times)]
@@ -132,7 +132,7 @@ class Clips:
             self._report_jumps(name, usable)
             halfway = (times[1:] + times[:-1]) / 2
             middle = self._placed(usable, shown, halfway)
-            yield Clip(name, times, self._placed(usable, shown, times), middle=middle)
+            yield FileClip(name, times, self._placed(usable, shown, times), middle=middle)
 
     def _placed(self, channels: list[Channel], shown: list[Node], times: Array) -> dict[str, Array]:
         """Return {node: T_world_node (k, 4, 4)} of the nodes in `shown` at times (k,) in s, in a world with z up."""

@@ -12,11 +12,11 @@ import numpy as np
 
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
-from twin.exchange.audit.chain import Link, fit
+from twin.exchange.audit.chain import ChainStep, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.context import Context, played
 from twin.exchange.audit.meshes import check_mesh, joined
-from twin.exchange.audit.motion import Clip, Content, Shape
+from twin.exchange.audit.motion import Content, FileClip, LinkShape
 from twin.exchange.audit.physics import WORLD
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
@@ -68,7 +68,7 @@ class Mjcf:
         q = self.data.xquat[body]
         return poses.pose(poses.rotation(q[[1, 2, 3, 0]]), self.data.xpos[body].copy())
 
-    def play(self, clip: Clip) -> Clip:
+    def play(self, clip: FileClip) -> FileClip:
         """Return the clip of poses T_world_link (k, 4, 4) that MuJoCo computes from a track; report open loops."""
         m, d = self.model, self.data
         count = len(clip.times)
@@ -92,9 +92,9 @@ class Mjcf:
             text = f"clip '{clip.name}': equality '{where}' is open by {quantity(worst, 'm')}."
             self._ledger.wrong("mjcf.loop", text, where, size=um(worst, LOOP_TOL), when=when)
         T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
-        return Clip(clip.name, clip.times, {n: T[:, number[n]] for n in names})
+        return FileClip(clip.name, clip.times, {n: T[:, number[n]] for n in names})
 
-    def _set(self, body: int, clip: Clip, qpos: Array) -> None:
+    def _set(self, body: int, clip: FileClip, qpos: Array) -> None:
         """Set the coordinates of one body's joints at all keys, from the track's joint values or link poses."""
         m = self.model
         joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
@@ -123,26 +123,26 @@ class Mjcf:
             else:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
-    def _chain(self, body: int, joints: range, clip: Clip) -> Iterator[tuple[Link, Array | None, int]]:
+    def _chain(self, body: int, joints: range, clip: FileClip) -> Iterator[tuple[ChainStep, Array | None, int]]:
         """Yield (step, values, joint) for each step of the chain from a body's parent to the body.
 
         `values` (k,) are the joint values in m or rad, None if unknown. `joint` is MuJoCo's joint number, or -1 for a
         step without a joint.
         """
         m = self.model
-        yield Link(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body])), None, -1
+        yield ChainStep(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body])), None, -1
         for j in joints:
             there, axis = poses.pose(None, m.jnt_pos[j]), m.jnt_axis[j].copy()
             known = clip.joints.get(m.joint(j).name)
             if m.jnt_type[j] == BALL:
                 for i in range(3):
-                    yield Link(there if not i else np.eye(4), "turn", np.eye(3)[i]), None, j
+                    yield ChainStep(there if not i else np.eye(4), "turn", np.eye(3)[i]), None, j
             elif m.jnt_type[j] in (HINGE, SLIDE):
                 value = None if known is None else known - m.qpos0[m.jnt_qposadr[j]]
-                yield Link(there, "turn" if m.jnt_type[j] == HINGE else "slide", axis), value, j
-            yield Link(poses.inverse(there)), None, -1
+                yield ChainStep(there, "turn" if m.jnt_type[j] == HINGE else "slide", axis), value, j
+            yield ChainStep(poses.inverse(there)), None, -1
 
-    def _goal(self, body: int, clip: Clip) -> Array | None:
+    def _goal(self, body: int, clip: FileClip) -> Array | None:
         """Return T_parent_body (k, 4, 4) from the track: poses of `body` or of a body welded to it; None if unknown."""
         upper = self._known(self.model.body_parentid[body], clip)
         here = self._known(body, clip)
@@ -150,12 +150,12 @@ class Mjcf:
             here = self._welded(body, clip)
         return None if upper is None or here is None else poses.inverse(upper) @ here
 
-    def _known(self, body: int, clip: Clip) -> Array | None:
+    def _known(self, body: int, clip: FileClip) -> Array | None:
         if body == 0:
             return np.broadcast_to(np.eye(4), (len(clip.times), 4, 4))
         return clip.links.get(self.model.body(body).name)
 
-    def _welded(self, body: int, clip: Clip) -> Array | None:
+    def _welded(self, body: int, clip: FileClip) -> Array | None:
         m = self.model
         for e in range(m.neq):
             if m.eq_type[e] != mujoco.mjtEq.mjEQ_WELD or m.eq_objtype[e] != mujoco.mjtObj.mjOBJ_SITE:
@@ -234,7 +234,7 @@ def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
     return out.shares()
 
 
-def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, Shape]:
+def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape]:
     compiler = root.find("compiler")
     folder = "" if compiler is None else compiler.get("meshdir", compiler.get("assetdir", ""))
     assets = {}

@@ -9,7 +9,16 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import Drive, Frame, Joint, Line, Mass, Motor, Physics, felt
+from twin.exchange.audit.physics import (
+    FileDrive,
+    FileFrame,
+    FileJoint,
+    FileMass,
+    FileMotor,
+    FilePhysics,
+    JointLine,
+    felt,
+)
 from twin.exchange.audit.poses import Array
 
 MARK = "frame_"
@@ -33,14 +42,14 @@ _CONNECT, _WELD, _COUPLE, _TENDON = range(4)
 """Numbers of MuJoCo's equality constraints (enumeration mjtEq): connect, weld, joint, tendon."""
 
 
-def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
+def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysics:
     """Return the mechanism data of a compiled model.
 
     `bodies` maps link names to MuJoCo's body numbers; the world may be one of the links.
     """
     m = model
     gravity = np.zeros(3) if m.opt.disableflags & _NO_GRAVITY else np.array(m.opt.gravity)
-    out = Physics(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(m))
+    out = FilePhysics(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(m))
     out.floats = {name: float(m.body_gravcomp[i]) for name, i in bodies.items()}
     out.motors, out.all_motors = _motors(m), True
     names = [m.body(i).name for i in range(m.nbody)]
@@ -48,7 +57,7 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
         if i and (m.body_mass[i] or m.body_weldid[i]):  # a body fixed to the world needs no mass: 0 means "not stated"
             R = poses.rotation(m.body_iquat[i][[1, 2, 3, 0]])
             inertia = R @ np.diag(m.body_inertia[i]) @ R.T
-            out.masses[name] = Mass(float(m.body_mass[i]), m.body_ipos[i].copy(), inertia)
+            out.masses[name] = FileMass(float(m.body_mass[i]), m.body_ipos[i].copy(), inertia)
     drives = _drives(m, out.motors)
     for i in range(1, m.nbody):
         T = _pose(m.body_pos[i], m.body_quat[i])
@@ -59,8 +68,8 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
         if len(own) == 1 and m.jnt_type[own[0]] in (HINGE, SLIDE):  # a body is placed at `ref`, not at zero
             T = motions[0].moved(-float(m.qpos0[m.jnt_qposadr[own[0]]])) @ T
         parent = names[m.body_parentid[i]]
-        drive = single[0] if single else known[0] if len(known) == 1 else Drive()
-        out.joints.append(Joint(_named(m.joint(j).name for j in own), parent, names[i], T, motions, drive))
+        drive = single[0] if single else known[0] if len(known) == 1 else FileDrive()
+        out.joints.append(FileJoint(_named(m.joint(j).name for j in own), parent, names[i], T, motions, drive))
     held = [n for n, i in bodies.items() if i == 0 or (m.body_parentid[i] == 0 and not m.body_jntnum[i])]
     out.held = frozenset(held)
     out.joints += _ties(m, names)
@@ -70,10 +79,10 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> Physics:
         T = _pose(m.site_pos[s], m.site_quat[s])
         body = names[m.site_bodyid[s]]
         if site.name.startswith(POINT):
-            out.points[site.name.removeprefix(POINT)] = Frame(body, poses.pose(None, T[:3, 3]))
+            out.points[site.name.removeprefix(POINT)] = FileFrame(body, poses.pose(None, T[:3, 3]))
             out.marks |= {"point"}
             continue
-        out.frames[site.name.removeprefix(MARK)] = Frame(body, T)
+        out.frames[site.name.removeprefix(MARK)] = FileFrame(body, T)
         if site.name.startswith(MARK):
             out.marks |= {"frame"}
     out.opening = _opening(m)
@@ -120,12 +129,12 @@ def _pose(p: Array, wxyz: Array) -> Array:
     return poses.pose(poses.rotation(np.asarray(wxyz)[[1, 2, 3, 0]]), np.array(p))
 
 
-def _motions(m: mujoco.MjModel, j: int) -> list[Line]:
+def _motions(m: mujoco.MjModel, j: int) -> list[JointLine]:
     point, axis = m.jnt_pos[j].copy(), m.jnt_axis[j].copy()
     if m.jnt_type[j] in (SLIDE, HINGE):
-        return [Line("slide" if m.jnt_type[j] == SLIDE else "turn", point, axis)]
+        return [JointLine("slide" if m.jnt_type[j] == SLIDE else "turn", point, axis)]
     kinds = ("turn",) if m.jnt_type[j] == BALL else ("slide", "turn")
-    return [Line(kind, point, d) for kind in kinds for d in np.eye(3)]
+    return [JointLine(kind, point, d) for kind in kinds for d in np.eye(3)]
 
 
 def _texts(m: mujoco.MjModel) -> Iterator[tuple[str, str]]:
@@ -135,7 +144,7 @@ def _texts(m: mujoco.MjModel) -> Iterator[tuple[str, str]]:
         yield mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_TEXT, i) or "", data.decode("utf-8", "replace")
 
 
-def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
+def _motors(m: mujoco.MjModel) -> dict[str, FileMotor]:
     """Return {name: motor} for the actuators that pull fixed tendons. Actuator length = gear times tendon length."""
     out = {}
     kinds = dict(_texts(m))
@@ -149,7 +158,7 @@ def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
         ends = sorted(float(v) * gear for v in m.tendon_range[t]) if m.tendon_limited[t] else (-np.inf, np.inf)
         servo = int(m.actuator_biastype[a]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
         stiffness, damping = (-float(m.actuator_biasprm[a, k]) * servo for k in (1, 2))
-        out[name] = Motor(
+        out[name] = FileMotor(
             {m.joint(int(m.wrap_objid[w])).name: gear * float(m.wrap_prm[w]) for w in wraps},
             kinds.get(name),
             (ends[0], ends[1]),
@@ -162,7 +171,7 @@ def _motors(m: mujoco.MjModel) -> dict[str, Motor]:
     return out
 
 
-def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
+def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
     """Return the drive of each joint, from its actuator and its range."""
     acting = {
         int(m.actuator_trnid[a, 0]): a
@@ -179,24 +188,24 @@ def _drives(m: mujoco.MjModel, motors: dict[str, Motor]) -> list[Drive]:
         stiff, damped, dry, heavy = (float(np.max(v)) for v in own)  # stiffness and damping may be polynomials
         passive = (stiff, damped, dry, heavy)
         if m.jnt_type[j] not in (SLIDE, HINGE):
-            out.append(Drive())
+            out.append(FileDrive())
             continue
         if a is None:
             gains = felt(motors, m.joint(j).name)
             stiffness, damping = gains or (None, None)
-            drive = Drive((limits[0], limits[1]), gains is not None, stiffness, damping)
+            drive = FileDrive((limits[0], limits[1]), gains is not None, stiffness, damping)
             out.append(replace(drive, passive=passive, breaks=np.inf))
             continue
         gear = float(m.actuator_gear[a, 0])
         stiffness, damping = (-float(m.actuator_biasprm[a, k]) * gear**2 for k in (1, 2))
         bounds = m.actuator_forcerange[a] if m.actuator_forcelimited[a] else None
         effort = None if bounds is None else float(max(abs(bounds[0]), abs(bounds[1])) * abs(gear))
-        drive = Drive((limits[0], limits[1]), True, stiffness, damping, effort)
+        drive = FileDrive((limits[0], limits[1]), True, stiffness, damping, effort)
         out.append(replace(drive, passive=passive, law="force", breaks=np.inf))  # MuJoCo has no other law
     return out
 
 
-def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
+def _ties(m: mujoco.MjModel, names: list[str]) -> list[FileJoint]:
     """Return the loop closures as joints: a <connect> becomes a tie of two points, a <weld> a fixed joint."""
     out = []
     for e in range(m.neq):
@@ -214,9 +223,9 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[Joint]:
         (a, T_a), (b, T_b) = ends
         name = m.equality(e).name
         if kind == _CONNECT:
-            out.append(Joint(_named([name]), names[a], names[b], tied=((T_a[:3, 3], T_b[:3, 3]),)))
+            out.append(FileJoint(_named([name]), names[a], names[b], tied=((T_a[:3, 3], T_b[:3, 3]),)))
         else:
-            out.append(Joint(_named([name]), names[a], names[b], T_a @ poses.inverse(T_b)))
+            out.append(FileJoint(_named([name]), names[a], names[b], T_a @ poses.inverse(T_b)))
     return out
 
 

@@ -17,8 +17,8 @@ from twin.core.foreign.admit import admit
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.context import Context
-from twin.exchange.audit.motion import Clip, Content, check_poses, check_quaternions, check_rate, check_times
-from twin.exchange.audit.physics import TOOL, Drive, Frame, Joint, Physics
+from twin.exchange.audit.motion import Content, FileClip, check_poses, check_quaternions, check_rate, check_times
+from twin.exchange.audit.physics import TOOL, FileDrive, FileFrame, FileJoint, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
@@ -149,7 +149,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
         check_quaternions(ledger, seven[:, i, 3:], times, link, "tracks")
     T = {link: poses.from_seven(seven[:, i]) for i, link in enumerate(links)}
     q = {} if positions is None else {joint: positions[:, i] for i, joint in enumerate(joints)}
-    clip = Clip(name, times, T, q)
+    clip = FileClip(name, times, T, q)
     check_poses(ledger, clip, "tracks")
     out.clips.append(clip)
     _check_limits(data, joints, clip, ledger)
@@ -227,7 +227,7 @@ def _check_phases(data: JsonObject, times: Array, ledger: Ledger) -> None:
             ledger.wrong("tracks.phases", text, str(name), when=f"t = {start[i]:.4g} s")
 
 
-def _check_limits(data: JsonObject, joints: list[str], clip: Clip, ledger: Ledger) -> None:
+def _check_limits(data: JsonObject, joints: list[str], clip: FileClip, ledger: Ledger) -> None:
     low, high = _numbers(data, "joint_lower", ledger), _numbers(data, "joint_upper", ledger)
     kinds = data.get("joint_types", [])
     for key, value in (("joint_types", kinds), ("joint_lower", low), ("joint_upper", high)):
@@ -267,27 +267,27 @@ def _check_limits(data: JsonObject, joints: list[str], clip: Clip, ledger: Ledge
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)
 
 
-def _physics(data: JsonObject, links: list[str], joints: list[str]) -> Physics:
+def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysics:
     """Return the mechanism data of a track; missing entries are skipped, because the reader has reported them."""
-    out = Physics(tuple(links))
+    out = FilePhysics(tuple(links))
     kinds, active = data.get("joint_types", []), data.get("joint_active", [])
     low, high = data.get("joint_lower", []), data.get("joint_upper", [])
     for i, name in enumerate(joints):
         limits = None
         if i < min(len(low), len(high)):
             limits = (-np.inf if low[i] < -NO_LIMIT else low[i], np.inf if high[i] > NO_LIMIT else high[i])
-        drive = Drive(limits, bool(active[i]) if i < len(active) else None)
+        drive = FileDrive(limits, bool(active[i]) if i < len(active) else None)
         kind = str(kinds[i]) if i < len(kinds) else ""
-        out.joints.append(Joint((name,), "", "", drive=drive, kind_said=kind))
+        out.joints.append(FileJoint((name,), "", "", drive=drive, kind_said=kind))
     local = np.array(data.get("frames_local", []), float)
     names, on = data.get("frame_names", []), data.get("frame_links", [])
     if len(names) == len(on) and local.size == 7 * len(names):
         for name, link, row in zip(names, on, local.reshape(-1, 7), strict=True):
-            out.frames[str(name)] = Frame(str(link), poses.from_seven(row))
+            out.frames[str(name)] = FileFrame(str(link), poses.from_seven(row))
         out.marks = frozenset({"frame"} if names else ())
     tool = np.array(data.get("tool_frame", []), float)
     if tool.shape == (7,):
-        out.frames[TOOL] = Frame(str(data.get("tool_link", "")), poses.from_seven(tool))
+        out.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))
     return out
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import Clip
+from twin.exchange.audit.motion import FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
 
@@ -51,7 +51,7 @@ class _Stay:
         return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
 
 
-def check_rcm(data: JsonObject, clip: Clip, local: Array, ledger: Ledger) -> None:
+def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> None:
     """Report shaft axes that miss the RCM of their phase, and RCMs that are not the centre of rotation of the shaft.
 
     `local` (7 n,) contains the poses of the track's n named frames, each relative to the frame's link: x y z in m, then
@@ -94,7 +94,7 @@ def check_rcm(data: JsonObject, clip: Clip, local: Array, ledger: Ledger) -> Non
         ledger.row("distance of the shaft axis from the RCM", worst, "m", POSITION_TOL, where=where, when=when)
 
 
-def _stays(data: JsonObject, clip: Clip, local: Array, ledger: Ledger) -> list[_Stay] | None:
+def _stays(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> list[_Stay] | None:
     has, point, start, end = (
         np.array(data.get(k, []), float).ravel() for k in ("phase_has_rcm", "phase_rcm", "phase_start", "phase_end")
     )

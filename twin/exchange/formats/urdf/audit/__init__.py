@@ -18,12 +18,12 @@ from twin.core.foreign.admit import admit
 from twin.core.foreign.text import DoctypeError
 from twin.core.foreign.text import parse_xml as read_xml
 from twin.exchange.audit import poses
-from twin.exchange.audit.chain import Link, along, fit
+from twin.exchange.audit.chain import ChainStep, along, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.context import Context, played
 from twin.exchange.audit.meshes import check_mesh, joined, read_obj
-from twin.exchange.audit.motion import Clip, Content, Shape
-from twin.exchange.audit.physics import Drive, Joint, Line, Mass, Motor, Physics, unit
+from twin.exchange.audit.motion import Content, FileClip, LinkShape
+from twin.exchange.audit.physics import FileDrive, FileJoint, FileMass, FileMotor, FilePhysics, JointLine, unit
 from twin.exchange.audit.physics import along as lines_of
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
@@ -55,7 +55,7 @@ class UrdfJoint:
     name: str
     parent: str
     child: str
-    link: Link
+    link: ChainStep
     limits: tuple[float, float] | None
     effort: float | None
     speed: float | None
@@ -63,7 +63,7 @@ class UrdfJoint:
     damping: float = 0.0
     friction: float = 0.0
 
-    def values(self, clip: Clip) -> Array | None:
+    def values(self, clip: FileClip) -> Array | None:
         """Return the values (k,) in rad or m of the joint in a track; None if the track lacks the values.
 
         Values of a joint with `mimic` are computed from the leader's values.
@@ -166,7 +166,7 @@ class Urdf:
             link = out[-1].parent
         return out[::-1]
 
-    def play(self, clip: Clip) -> Clip:
+    def play(self, clip: FileClip) -> FileClip:
         """Return a clip of the link poses T_world_link (k, 4, 4), computed from the joint values of `clip`."""
         count = len(clip.times)
         placed: dict[str, Array] = {}
@@ -190,9 +190,9 @@ class Urdf:
             placed[name] = placed[upper] @ along([j.link for j in way], given, count)
         for pair in self.closures.pairs:
             self._close(pair, placed, clip)
-        return Clip(clip.name, clip.times, {n: T for n, T in placed.items() if n in clip.links})
+        return FileClip(clip.name, clip.times, {n: T for n, T in placed.items() if n in clip.links})
 
-    def _close(self, pair: tuple[str, str, str], placed: Mapping[str, Array], clip: Clip) -> None:
+    def _close(self, pair: tuple[str, str, str], placed: Mapping[str, Array], clip: FileClip) -> None:
         """Report a loop that is open at a key of a clip; `placed` contains the poses of links in this clip.
 
         Joint values that the clip lacks are those that close the loop best.
@@ -324,7 +324,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     damping, friction = (
         0.0 if dynamics is None else float(numbers(dynamics.get(k), 1, (0.0,))[0]) for k in ("damping", "friction")
     )
-    link = Link(T, KINDS[kind], a, name)
+    link = ChainStep(T, KINDS[kind], a, name)
     return UrdfJoint(name, ends[0], ends[1], link, limits, effort, speed, mimic, damping, friction)
 
 
@@ -335,7 +335,7 @@ def _origin(element: ET.Element | None) -> Array:
     return poses.pose(R, numbers(element.get("xyz"), 3, (0, 0, 0)))
 
 
-def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
+def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
     out = {}
     named = {m.get("name"): m.find("color") for m in root.findall("material")}
     palette = Palette()
@@ -400,7 +400,7 @@ def named_mesh(
     return checked[key]
 
 
-def _inertial(element: ET.Element) -> Mass | None:
+def _inertial(element: ET.Element) -> FileMass | None:
     """Return the mass properties of a <link>; None if it has no <inertial>."""
     here = element.find("inertial")
     if here is None:
@@ -410,7 +410,7 @@ def _inertial(element: ET.Element) -> Mass | None:
     xx, xy, xz, yy, yz, zz = (value[k] for k in _PARTS)
     own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     R = T[:3, :3]
-    return Mass(float(numbers(None if mass is None else mass.get("value"), 1, (0.0,))[0]), T[:3, 3], R @ own @ R.T)
+    return FileMass(float(numbers(None if mass is None else mass.get("value"), 1, (0.0,))[0]), T[:3, 3], R @ own @ R.T)
 
 
 _PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -429,25 +429,25 @@ def _moving(root: ET.Element) -> frozenset[str]:
 
 
 def _tree_physics(
-    links: Iterable[str], masses: dict[str, Mass], joints: Iterable[UrdfJoint], moving: Collection[str]
-) -> Physics:
-    out = Physics(tuple(links), masses)
+    links: Iterable[str], masses: dict[str, FileMass], joints: Iterable[UrdfJoint], moving: Collection[str]
+) -> FilePhysics:
+    out = FilePhysics(tuple(links), masses)
     for j in joints:
         T, axis = j.link.fixed, j.link.axis
-        motions: tuple[Line, ...] = ()
+        motions: tuple[JointLine, ...] = ()
         if j.link.kind == "free":
             motions = lines_of("free", T)
         elif j.link.kind != "fixed" and axis is not None:
-            motions = (Line(j.link.kind, T[:3, 3], unit(T[:3, :3] @ axis)),)
+            motions = (JointLine(j.link.kind, T[:3, 3], unit(T[:3, :3] @ axis)),)
         low, high = j.limits or (-np.inf, np.inf)
         if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
             low, high = -np.inf, np.inf
         effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
         driven = j.name in moving if moving else None
-        drive = Drive()
+        drive = FileDrive()
         if len(motions) == 1:
-            drive = Drive((low, high), driven, None, None, effort, speed, (0.0, j.damping, j.friction, 0.0))
-        out.joints.append(Joint((j.name,), j.parent, j.child, T, motions, drive))
+            drive = FileDrive((low, high), driven, None, None, effort, speed, (0.0, j.damping, j.friction, 0.0))
+        out.joints.append(FileJoint((j.name,), j.parent, j.child, T, motions, drive))
     return out
 
 
@@ -478,7 +478,7 @@ def _reductions(root: ET.Element, moving: Collection[str]) -> dict[str, float] |
     return out if moving else None
 
 
-def _motors(root: ET.Element) -> dict[str, Motor]:
+def _motors(root: ET.Element) -> dict[str, FileMotor]:
     """Return the motors of <transmission> elements with one joint.
 
     A motor with the same name as its joint is omitted, because it represents the joint's drive.
@@ -488,7 +488,7 @@ def _motors(root: ET.Element) -> dict[str, Motor]:
         joints, names = ([str(e.get("name")) for e in t.findall(k)] for k in ("joint", "actuator"))
         reductions = [float(numbers(r.text, 1, ())[0]) for r in t.iter("mechanicalReduction")]
         if len(joints) == len(names) == len(reductions) == 1 and names != joints:
-            out[names[0]] = Motor({joints[0]: reductions[0]})
+            out[names[0]] = FileMotor({joints[0]: reductions[0]})
     return out
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import Joint, along
+from twin.exchange.audit.physics import FileJoint, along
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
@@ -49,11 +49,11 @@ class Closures:
     home: Mapping[str, float] = field(default_factory=dict)
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
 
-    def joints(self) -> list[Joint]:
+    def joints(self) -> list[FileJoint]:
         """Return the loop closures as joints between their two links."""
         out = []
         for a, b, kind in self.pairs:
-            out.append(Joint((_named(a, b),), a, b, np.eye(4), along(kind, np.eye(4))))
+            out.append(FileJoint((_named(a, b),), a, b, np.eye(4), along(kind, np.eye(4))))
         return out
 
 

@@ -20,7 +20,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.meshes import check_mesh, joined
-from twin.exchange.audit.motion import Clip, Content, Shape, check_poses
+from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
@@ -46,7 +46,7 @@ def read_usd(path: Path, ledger: Ledger) -> Content:
 def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     prims = [p for p in stage.Traverse(Usd.TraverseInstanceProxies()) if p.IsA(UsdGeom.Xformable)]
     bodies = [p for p in prims if _is_body(p)]
-    world = World(stage)
+    world = StageWorld(stage)
     out = Content(ledger, path.suffix.lstrip(".").lower())
     out.declared = tuple(p.GetName() for p in bodies) or None
     codes_s, frames_s = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
@@ -67,7 +67,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     if len(codes):
         start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
         links = world.along(shown, codes)
-        clip = Clip(path.stem, (codes - start) / codes_s, links, joint_values(stage, codes, world.meters))
+        clip = FileClip(path.stem, (codes - start) / codes_s, links, joint_values(stage, codes, world.meters))
         check_poses(ledger, clip, "usd")
         out.clips.append(clip)
     _check_materials(prims, ledger)
@@ -81,7 +81,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     return out
 
 
-class World:
+class StageWorld:
     """Conversion of a stage's poses to a world frame in metres with z up."""
 
     def __init__(self, stage: Usd.Stage) -> None:
@@ -220,11 +220,11 @@ def _has_material(prim: Usd.Prim) -> bool:
 
 
 def _shapes(
-    prims: list[Usd.Prim], links: set | None, world: World, ledger: Ledger
-) -> tuple[dict[str, Shape], dict[str, dict[Rgba, float]]]:
+    prims: list[Usd.Prim], links: set | None, world: StageWorld, ledger: Ledger
+) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
     """Check all normals; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
     palette = Palette()
-    found: dict[str, list[Shape]] = {}
+    found: dict[str, list[LinkShape]] = {}
     for prim in prims:
         if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
             continue
@@ -316,7 +316,7 @@ def _normals(mesh: UsdGeom.Mesh, corners: Array, vertices: Array) -> Array | Non
 
 
 def _check_gaps(
-    stage: Usd.Stage, world: World, bodies: list[Usd.Prim], codes: Array, per_second: float, ledger: Ledger
+    stage: Usd.Stage, world: StageWorld, bodies: list[Usd.Prim], codes: Array, per_second: float, ledger: Ledger
 ) -> None:
     """Measure the gap between the two frames of every joint, at rest and along the motion."""
     times = [Usd.TimeCode.Default(), *(Usd.TimeCode(c) for c in codes.tolist())]

@@ -8,19 +8,19 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import Drive, Frame, Joint, Mass, Motor, Physics, along
+from twin.exchange.audit.physics import FileDrive, FileFrame, FileJoint, FileMass, FileMotor, FilePhysics, along
 from twin.exchange.audit.poses import Array
 from twin.exchange.formats.usd.audit.joints import AXES, SIX, is_locked, is_stated, joint_ends
 
 
-def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> Physics:
+def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> FilePhysics:
     """Return the mechanism data of a stage, in m, kg and rad.
 
     `bodies` are the rigid bodies of the stage; `meters` is the stage's unit of length in m, and `up` its up axis, "Y"
     or "Z".
     """
     names = {str(p.GetPath()): p.GetName() for p in bodies}
-    out = Physics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
+    out = FilePhysics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
     robot = stage.GetDefaultPrim()
     if robot:
         out.motors = _motors(robot)
@@ -68,7 +68,7 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     return out
 
 
-def _add_tool(physics: Physics, robot: Usd.Prim) -> None:
+def _add_tool(physics: FilePhysics, robot: Usd.Prim) -> None:
     """Add the tool and the trocars that the prim of the robot states."""
     physics.tool = str(robot.GetAttribute("twin:tool").Get() or "")
     trocars = {str(robot.GetAttribute("twin:trocar").Get() or "")}
@@ -78,7 +78,7 @@ def _add_tool(physics: Physics, robot: Usd.Prim) -> None:
 
 
 def _add_mark(
-    physics: Physics, prim: Usd.Prim, kind: str, bodies: set[str], cache: UsdGeom.XformCache, meters: float
+    physics: FilePhysics, prim: Usd.Prim, kind: str, bodies: set[str], cache: UsdGeom.XformCache, meters: float
 ) -> None:
     """Add a named frame or point, with its pose on the body above it. `bodies` are the prim paths of all bodies."""
     body = prim.GetParent()
@@ -92,9 +92,9 @@ def _add_mark(
     name = str(prim.GetAttribute("twin:name").Get() or prim.GetName())
     if kind == "point":
         T_body_point = poses.pose(None, T_body_mark[:3, 3])
-        physics.points[name] = Frame(body.GetName(), T_body_point)
+        physics.points[name] = FileFrame(body.GetName(), T_body_point)
     else:
-        physics.frames[name] = Frame(body.GetName(), T_body_mark)
+        physics.frames[name] = FileFrame(body.GetName(), T_body_mark)
 
 
 def _shows_all(body: Usd.Prim, bodies: set[str]) -> bool:
@@ -120,7 +120,7 @@ def _shows_all(body: Usd.Prim, bodies: set[str]) -> bool:
     return collides
 
 
-def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:
+def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> FileMass | None:
     """Return the mass of a body in kg, m and kg m2; None if the stage does not state both mass and inertia."""
     if not prim.HasAPI(UsdPhysics.MassAPI):
         return None
@@ -143,7 +143,7 @@ def _mass(prim: Usd.Prim, meters: float, kilograms: float) -> Mass | None:
     if center is not None and np.all(np.isfinite(center)):
         com = np.array(center, float)
     inertia = R @ np.diag(np.array(moments, float)) @ R.T
-    return Mass(float(mass) * kilograms, com * meters, inertia * kilograms * meters**2)
+    return FileMass(float(mass) * kilograms, com * meters, inertia * kilograms * meters**2)
 
 
 def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
@@ -163,7 +163,7 @@ def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
     return down * magnitude
 
 
-def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: float) -> Joint | None:
+def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: float) -> FileJoint | None:
     """Return a joint; None if both of its ends are on the same body."""
     (parent_paths, T_parent_joint), (child_paths, T_child_joint) = joint_ends(prim, meters)
     parent = _end_name(parent_paths, names)
@@ -174,7 +174,7 @@ def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: floa
     T_parent_child = T_parent_joint @ poses.inverse(T_child_joint)
     motions = along(kind, T_parent_joint, axis)
     drive = _drive(prim, kind, meters, kilograms)
-    return Joint((prim.GetName(),), parent, child, T_parent_child, motions, drive)
+    return FileJoint((prim.GetName(),), parent, child, T_parent_child, motions, drive)
 
 
 def _end_name(paths: Sequence[str], names: dict[str, str]) -> str:
@@ -205,9 +205,9 @@ def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
     return known.get(tuple(free), f"free along {', '.join(SIX[i] for i in free)}"), 2
 
 
-def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
+def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDrive:
     if kind not in ("revolute", "prismatic"):
-        return Drive()
+        return FileDrive()
     # `unit` is the stage's unit of the coordinate in rad or m, `effort_unit` that of the effort in N m or N.
     if kind == "revolute":
         token = "angular"
@@ -238,7 +238,7 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> Drive:
     marked = prim.GetAttribute("twin:active").Get()
     active = driven if marked is None else bool(marked)
     breaks = float(UsdPhysics.Joint(prim).GetBreakForceAttr().Get())
-    return Drive((lower, upper), active, stiffness, damping, effort, speed, law=law, breaks=breaks)
+    return FileDrive((lower, upper), active, stiffness, damping, effort, speed, law=law, breaks=breaks)
 
 
 def _scaled(value: float | None, unit: float, per: float) -> float | None:
@@ -248,7 +248,7 @@ def _scaled(value: float | None, unit: float, per: float) -> float | None:
     return float(value) * unit / per
 
 
-def _motors(root: Usd.Prim) -> dict[str, Motor]:
+def _motors(root: Usd.Prim) -> dict[str, FileMotor]:
     """Return {name: motor}, read from customData, because UsdPhysics cannot express transmissions."""
     ratios: dict[str, dict[str, float]] = {}  # {motor: {joint: motor coordinate / joint coordinate}}
     transmissions = root.GetCustomDataByKey("twin:transmissions") or {}
@@ -256,17 +256,17 @@ def _motors(root: Usd.Prim) -> dict[str, Motor]:
         joints = list(transmission["joints"])
         actuators = list(transmission["actuators"])
         matrix = np.array(transmission["matrix"], float).reshape(len(joints), len(actuators))
-        # The stage states joint coordinates by motor coordinates; `Motor` has the inverse.
+        # The stage states joint coordinates by motor coordinates; `FileMotor` has the inverse.
         for actuator, row in zip(actuators, np.linalg.inv(matrix), strict=True):
             ratios[actuator] = {}
             for joint, ratio in zip(joints, row, strict=True):
                 if ratio:
                     ratios[actuator][joint] = float(ratio)
-    motors: dict[str, Motor] = {}
+    motors: dict[str, FileMotor] = {}
     stated = root.GetCustomDataByKey("twin:actuators") or {}
     for name, values in stated.items():
         low, high = values.get("limits", (-np.inf, np.inf))
-        motors[name] = Motor(
+        motors[name] = FileMotor(
             ratios.get(name),
             str(values["kind"]),
             (float(low), float(high)),

@@ -19,15 +19,15 @@ _FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class LinearizedState:
     """Point, tool and Jacobians in one state with closed loops.
 
     Attributes:
-        q, u: active joints (n,); loop unknowns (m,) in the order of `Closed.states`.
+        q, u: active joints (n,); loop unknowns (m,) in the order of `ClosedStates.states`.
         p: position (3,) of the point in base, in m.
         J: (3, n) velocity of the point per rate of each active joint.
         answers: (steps, n) rates of the loop unknowns per rate of each active joint. A row is one coordinate of a step
-            of the unknowns, see `Equations`.
+            of the unknowns, see `LoopEquations`.
         loops: Jacobian of each loop with respect to its unknowns; with full rank, the loop determines these unknowns.
         tool: (6, n) tool twist per rate of each active joint, rotations times `LENGTH_SCALE`.
         slacks: (c,) slacks of the limits of passive joints, see `passive_limits`.
@@ -45,11 +45,11 @@ class Look:
     slopes: Array
 
 
-class Sight:
-    """Function object that computes a `Look`; loops and tool are compiled once, each body when first used.
+class Linearizer:
+    """Function object that computes a `LinearizedState`; loops and tool are compiled once, each body when first used.
 
     Attributes:
-        limits: the limits of passive joints, in the order of `Look.slacks`.
+        limits: the limits of passive joints, in the order of `LinearizedState.slacks`.
     """
 
     def __init__(self, solver: LoopSolver) -> None:
@@ -93,8 +93,8 @@ class Sight:
         self._common = self._compiled("loops", ca.vertcat(twist_and_loops, slack_rows))
         self._bodies: dict[str, Callable[..., Array]] = {}
 
-    def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> Look:
-        """Return the `Look` at q (n,) and loop unknowns u (m,), for a point (3,) in the body frame in m."""
+    def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> LinearizedState:
+        """Return the `LinearizedState` at q (n,) and loop unknowns u (m,), for a point (3,) in the body frame in m."""
         n = self._n
         m = self._m
         if body not in self._bodies:
@@ -107,7 +107,7 @@ class Sight:
         if m:
             answers[self._columns] = -_solved(loops_of_unknowns, loops[:, :n], self._square)
         limits = values[6 + m :]
-        return Look(
+        return LinearizedState(
             q=q,
             u=u,
             p=point[:, 0],
