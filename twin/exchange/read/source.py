@@ -92,9 +92,9 @@ class Names:
         """Return the identifiers."""
         return self._known.values()
 
-    def items(self) -> Iterable[tuple[str, str]]:
-        """Return the pairs (name in the file, identifier)."""
-        return self._known.items()
+    def known(self) -> Iterable[str]:
+        """Return the names in the file."""
+        return self._known
 
 
 def named_apart(

@@ -145,11 +145,12 @@ class _Sdf:
     def _frames(self, marks: dict[str, Element], body_names: Names) -> list[Frame]:
         """Return the frames of the model. Frames that only mark a merged model are hidden, so they are left out."""
         shown = [name for name, element in marks.items() if not element.get("hidden")]
+        names = Names("frame", shown, self.findings)
         frames: list[Frame] = []
-        for mark, name in Names("frame", shown, self.findings).items():
+        for mark in shown:
             link = self._attached(mark)
             T_link_mark = spatial.inverse(self._at(link)) @ self._at(mark)
-            frames.append(Frame(name, body_names[link], T_link_mark))
+            frames.append(Frame(names[mark], body_names[link], T_link_mark))
         return frames
 
     def _placed(self) -> Array:
