@@ -150,7 +150,7 @@ def _verdict(pair: Pair) -> str:
 
 def _item_text(item: Item) -> Iterator[str]:
     for tie in item.ties:
-        yield f"      or, which cannot be told apart: {tie}"
+        yield f"      or, equally well: {tie}"
     for edit in item.edits[:_SHOWN_EDITS]:
         yield f"      edit {edit.text()}"
 

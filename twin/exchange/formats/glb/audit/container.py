@@ -8,7 +8,7 @@ import json
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -27,7 +27,8 @@ MOST_NUMBERS = 50_000_000
 """Maximum number of numbers in one accessor."""
 
 
-class _Layout(NamedTuple):
+@dataclass(frozen=True)
+class _Layout:
     """Elements in a buffer view: `count` elements of `width` numbers of one type, named `name` in reports."""
 
     name: str
