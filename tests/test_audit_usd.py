@@ -318,3 +318,33 @@ def test_a_foreign_stage_is_audited_without_names_to_compare(tmp_path):
     assert not [f for f in report.findings if f.severity == "error"]
     assert not [f for f in report.findings if f.code == "stage.up_axis" and f.severity != "info"]
     assert audit(foreign(tmp_path / "y.usda", physics=True)).verdict == "disagree"  # a body without a mass
+
+
+def test_a_joint_without_bodies_is_no_malformed_file(tmp_path):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "x.usda"))
+    root = UsdGeom.Xform.Define(stage, "/robot")
+    stage.SetDefaultPrim(root.GetPrim())
+    for name in ("arm", "hand"):
+        UsdGeom.Xform.Define(stage, f"/robot/{name}")
+    joint = UsdPhysics.RevoluteJoint.Define(stage, "/robot/wrist")
+    joint.CreateBody0Rel().SetTargets(["/robot/arm"])
+    joint.CreateBody1Rel().SetTargets(["/robot/hand"])
+    stage.Save()
+    report = audit(tmp_path / "x.usda")
+    assert report.verdict == "disagree"
+    assert "JointNoEnabledRigidBody" in " ".join(finding.code for finding in report.findings)
+
+
+def test_a_mesh_of_lines_with_normals_is_no_malformed_file(tmp_path):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "x.usda"))
+    UsdGeom.SetStageMetersPerUnit(stage, 1)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    root = UsdGeom.Xform.Define(stage, "/robot")
+    stage.SetDefaultPrim(root.GetPrim())
+    mesh = UsdGeom.Mesh.Define(stage, "/robot/line")
+    mesh.CreatePointsAttr([(0, 0, 0), (1, 0, 0)])
+    mesh.CreateFaceVertexCountsAttr([2])
+    mesh.CreateFaceVertexIndicesAttr([0, 1])
+    mesh.CreateNormalsAttr([(0, 0, 1), (0, 0, 1)])
+    stage.Save()
+    assert not [f for f in audit(tmp_path / "x.usda").findings if f.severity == "error"]

@@ -6,7 +6,7 @@ import base64
 import binascii
 import json
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -151,7 +151,7 @@ class Gltf:
         kind = np.dtype(_TYPES[indices["componentType"]])
         column = self._view(indices, _Layout(name, count, 1, kind))
         rows = column[:, 0].astype(int)
-        values = self._view(replacements, layout._replace(count=count))
+        values = self._view(replacements, replace(layout, count=count))
         last = int(rows.max(initial=-1))
         if last >= layout.count:
             text = f"{name}: sparse index {last}, but the accessor has {layout.count} elements"

@@ -8,6 +8,8 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +82,7 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
         raise ReadError(
             f"the file lacks the line '# schema: {SCHEMA}', the line with the column names, or the lines of numbers"
         )
-    header, body = rows[0], rows[1:]
+    header, *body = rows
     try:
         numbers = np.array(body, float)
     except ValueError as error:
@@ -91,20 +93,47 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
             f"the line of column names has {len(header)} columns, the first '{header[0]}'; the lines of numbers have "
             f"{numbers.shape[1]} columns. The counts must be equal, and the first column must be time_s"
         )
-    links, joints, kinds = (_list(data, key) for key in ("links", "joints", "joint_types"))
-    units = ["rad" if k == "revolute" else "m" for k in kinds]
-    expected = ["time_s", *(f"{j}_{u}" for j, u in zip(joints, units, strict=False))]
-    expected += [f"{n}_{c}" for n in links for c in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
-    if header != expected:
-        odd = next((f"'{a}' instead of '{b}'" for a, b in zip(header, expected, strict=False) if a != b), "")
-        found = odd or f"{len(header)} columns instead of {len(expected)}"
-        text = f"columns do not match links and joints: found {found}."
-        ledger.wrong("tracks.columns", text, odd)
-        if len(header) != len(expected):
-            raise ReadError(text)
+    links = _list(data, "links")
+    joints = _list(data, "joints")
+    kinds = _list(data, "joint_types")
+    _check_columns(header, _columns(links, joints, kinds), ledger)
     n = 1 + len(joints)
-    data |= {"times": numbers[:, 0], "positions": numbers[:, 1:n].ravel(), "poses": numbers[:, n:].ravel()}
+    data["times"] = numbers[:, 0]
+    data["positions"] = numbers[:, 1:n].ravel()
+    data["poses"] = numbers[:, n:].ravel()
     return _content(data, "csv", ledger)
+
+
+def _columns(links: list[str], joints: list[str], kinds: list[str]) -> list[str]:
+    """Return the names of the columns of a CSV track with these links and joints."""
+    columns = ["time_s"]
+    for joint, kind in zip(joints, kinds, strict=False):
+        unit = "rad" if kind == "revolute" else "m"
+        columns.append(f"{joint}_{unit}")
+    for link in links:
+        for component in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"):
+            columns.append(f"{link}_{component}")
+    return columns
+
+
+def _check_columns(header: list[str], expected: list[str], ledger: Ledger) -> None:
+    """Report a line of column names that does not match links and joints.
+
+    Raises:
+        ReadError: the count of columns is wrong.
+    """
+    if header == expected:
+        return
+    difference = ""
+    for name, expected_name in zip(header, expected, strict=False):  # their counts are compared below
+        if name != expected_name:
+            difference = f"'{name}' instead of '{expected_name}'"
+            break
+    found = difference or f"{len(header)} columns instead of {len(expected)}"
+    text = f"columns do not match links and joints: found {found}."
+    ledger.wrong("tracks.columns", text, difference)
+    if len(header) != len(expected):
+        raise ReadError(text)
 
 
 def _parsed(value: str) -> Any:
@@ -115,24 +144,21 @@ def _parsed(value: str) -> Any:
 
 
 def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
-    links, joints = _list(data, "links"), _list(data, "joints")
+    links = _list(data, "links")
+    joints = _list(data, "joints")
     name = str(data.get("protocol", ""))
-    out = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
-    out.facts = {"units": data.get("length_unit", "?"), "up_axis": "Z", "handedness": "right", "protocol": name}
-    out.physics = _physics(data, links, joints)
-    out.extra["data"] = {k: v for k, v in data.items() if k not in ("poses", "positions", "times")}
+    content = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
+    units = data.get("length_unit", "?")
+    content.facts = {"units": units, "up_axis": "Z", "handedness": "right", "protocol": name}
+    content.physics = _physics(data, links, joints)
+    content.extra["data"] = {key: value for key, value in data.items() if key not in ("poses", "positions", "times")}
     _check_words(data, ledger)
-    moved, known = data.get("moved_frame"), data.get("frame_names")
-    if moved and isinstance(known, list) and moved not in known:
-        text = f"moved_frame is '{moved}', but no frame has this name (known: {', '.join(map(str, known))})."
-        ledger.wrong("tracks.frame", text, "moved_frame")
-    for key, names in (("links", links), ("joints", joints)):
-        if twice := {n for n in names if names.count(n) > 1}:
-            text = f"{key} contains '{min(twice)}' more than once."
-            ledger.wrong("tracks.duplicate_name", text, min(twice))
+    _check_moved_frame(data, ledger)
+    _check_twice("links", links, ledger)
+    _check_twice("joints", joints, ledger)
     times = _numbers(data, "times", ledger)
-    shapes = {"poses": (len(times), len(links), 7), "positions": (len(times), len(joints))}
-    rows = {key: _shaped(data, key, shape, ledger) for key, shape in shapes.items()}
+    seven = _shaped(data, "poses", (len(times), len(links), 7), ledger)
+    positions = _shaped(data, "positions", (len(times), len(joints)), ledger)
     frames = data.get("frames", len(times))
     if frames != len(times):
         text = f"entry 'frames' is {frames}, but 'times' has {len(times)} entries."
@@ -141,22 +167,41 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     if usable and isinstance(data.get("rate"), int | float):
         check_rate(ledger, times, float(data["rate"]), name)
     _check_phases(data, times, ledger)
-    seven, positions = rows["poses"], rows["positions"]
     if not usable or seven is None:
         ledger.row("arrays and times", 1.0, "found", 0.0)
-        return out
+        return content
     for i, link in enumerate(links):
         check_quaternions(ledger, seven[:, i, 3:], times, link, "tracks")
-    T = {link: poses.from_seven(seven[:, i]) for i, link in enumerate(links)}
-    q = {} if positions is None else {joint: positions[:, i] for i, joint in enumerate(joints)}
-    clip = FileClip(name, times, T, q)
+    T_world_link = {link: poses.from_seven(seven[:, i]) for i, link in enumerate(links)}
+    q = {}
+    if positions is not None:
+        q = {joint: positions[:, i] for i, joint in enumerate(joints)}
+    clip = FileClip(name, times, T_world_link, q)
     check_poses(ledger, clip, "tracks")
-    out.clips.append(clip)
+    content.clips.append(clip)
     _check_limits(data, joints, clip, ledger)
-    for key, name in (("lower", "joint_lower"), ("upper", "joint_upper")):
-        out.extra[key] = dict(zip(joints, _numbers(data, name, ledger).tolist(), strict=False))
+    lower = _numbers(data, "joint_lower", ledger).tolist()
+    upper = _numbers(data, "joint_upper", ledger).tolist()
+    content.extra["lower"] = dict(zip(joints, lower, strict=False))
+    content.extra["upper"] = dict(zip(joints, upper, strict=False))
     check_rcm(data, clip, _numbers(data, "frames_local", ledger), ledger)
-    return out
+    return content
+
+
+def _check_moved_frame(data: JsonObject, ledger: Ledger) -> None:
+    moved = data.get("moved_frame")
+    known = data.get("frame_names")
+    if moved and isinstance(known, list) and moved not in known:
+        text = f"moved_frame is '{moved}', but no frame has this name (known: {', '.join(map(str, known))})."
+        ledger.wrong("tracks.frame", text, "moved_frame")
+
+
+def _check_twice(key: str, names: list[str], ledger: Ledger) -> None:
+    """Report the alphabetically first name that is more than once in a list."""
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        first = min(repeated)
+        ledger.wrong("tracks.duplicate_name", f"{key} contains '{first}' more than once.", first)
 
 
 def _check_words(data: JsonObject, ledger: Ledger) -> None:
@@ -177,123 +222,145 @@ def _list(data: JsonObject, key: str) -> list[str]:
 
 def _numbers(data: JsonObject, key: str, ledger: Ledger) -> Array:
     value = data.get(key)
+    if value is None:
+        value = []
     try:
-        out = np.array(value if value is not None else [], float)
+        numbers = np.array(value, float)
     except (TypeError, ValueError) as error:
         raise ReadError(f"'{key}' is not a flat list of numbers") from error
-    if out.ndim != 1:
+    if numbers.ndim != 1:
         raise ReadError(f"'{key}' is not a flat list: Unity's parser (JsonUtility) reads no nested lists")
-    if not np.all(np.isfinite(out)):
+    if not np.all(np.isfinite(numbers)):
         ledger.wrong("tracks.finite", f"{key} contains numbers that are not finite.", key)
-    return out
+    return numbers
 
 
 def _shaped(data: JsonObject, key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
     """Return the flat list `data[key]` as an array of the given shape; None, with a finding, if its length is wrong."""
     flat = _numbers(data, key, ledger)
-    if flat.size != int(np.prod(shape)):
-        text = f"{key} has {flat.size} numbers, not {' x '.join(map(str, shape))} = {int(np.prod(shape))}."
-        ledger.wrong(
-            "tracks.shape",
-            text,
-            key,
-            size=Measured(flat.size, float(np.prod(shape))),
-            suggestion="write all components of the first link or joint at the first time, then of the next link or "
-            "joint, then of the next time",
-        )
-        return None
-    return flat.reshape(shape)
+    count = math.prod(shape)
+    if flat.size == count:
+        return flat.reshape(shape)
+    text = f"{key} has {flat.size} numbers, not {' x '.join(map(str, shape))} = {count}."
+    advice = (
+        "write all components of the first link or joint at the first time, then of the next link or joint, then of "
+        "the next time"
+    )
+    ledger.wrong("tracks.shape", text, key, size=Measured(flat.size, float(count)), suggestion=advice)
+    return None
 
 
 def _check_phases(data: JsonObject, times: Array, ledger: Ledger) -> None:
     names = data.get("phases", [])
-    start, end = _numbers(data, "phase_start", ledger), _numbers(data, "phase_end", ledger)
+    start = _numbers(data, "phase_start", ledger)
+    end = _numbers(data, "phase_end", ledger)
     if not (len(names) == len(start) == len(end)):
         text = f"{len(names)} phases have {len(start)} starts and {len(end)} ends."
         ledger.wrong("tracks.shape", text, "phases")
         return
     last = float(times[-1]) if len(times) else 0.0
-    slack = 1e-6
+    slack = 1e-6  # times of phases and keys may be rounded differently
     for i, name in enumerate(names):
-        wrong = ""
+        fault = ""
         if not start[i] <= end[i]:
-            wrong = f"ends at {end[i]:.6g} s, before it starts at {start[i]:.6g} s"
+            fault = f"ends at {end[i]:.6g} s, before it starts at {start[i]:.6g} s"
         elif i and start[i] < end[i - 1] - slack:
-            wrong = f"starts at {start[i]:.6g} s, before phase '{names[i - 1]}' ends at {end[i - 1]:.6g} s"
+            fault = f"starts at {start[i]:.6g} s, before phase '{names[i - 1]}' ends at {end[i - 1]:.6g} s"
         elif start[i] < -slack or end[i] > last + slack:
-            wrong = f"lasts from {start[i]:.6g} to {end[i]:.6g} s, but the motion lasts from 0 to {last:.6g} s"
-        if wrong:
-            text = f"phase '{name}' {wrong}."
-            ledger.wrong("tracks.phases", text, str(name), when=f"t = {start[i]:.4g} s")
+            fault = f"lasts from {start[i]:.6g} to {end[i]:.6g} s, but the motion lasts from 0 to {last:.6g} s"
+        if fault:
+            ledger.wrong("tracks.phases", f"phase '{name}' {fault}.", str(name), when=f"t = {start[i]:.4g} s")
 
 
 def _check_limits(data: JsonObject, joints: list[str], clip: FileClip, ledger: Ledger) -> None:
-    low, high = _numbers(data, "joint_lower", ledger), _numbers(data, "joint_upper", ledger)
+    low = _numbers(data, "joint_lower", ledger)
+    high = _numbers(data, "joint_upper", ledger)
     kinds = data.get("joint_types", [])
     for key, value in (("joint_types", kinds), ("joint_lower", low), ("joint_upper", high)):
         if len(value) != len(joints):
             text = f"{key} has {len(value)} entries for {len(joints)} joints."
             ledger.wrong("tracks.shape", text, key)
             return
-    worst, where, when = 0.0, "", ""
+    worst = 0.0
+    where = ""
+    when = ""
     for i, joint in enumerate(joints):
         q = clip.joints.get(joint)
-        if q is None:
+        if q is None:  # the list of positions has a wrong length, which has been reported
             continue
-        angle = kinds[i] == "revolute"
         if not low[i] <= high[i]:
             text = f"joint '{joint}': lower limit {low[i]:g} is above upper limit {high[i]:g}."
             ledger.wrong("tracks.limits", text, joint, suggestion="exchange the limits")
             continue
-        breach = np.maximum(np.maximum(low[i] - q, q - high[i]), 0)
-        k = int(np.argmax(breach))
-        if breach[k] > worst:
-            worst, where, when = float(breach[k]), joint, f"t = {clip.times[k]:.4g} s"
-        if breach[k] > LIMIT_TOL:
-            scale, unit = (180 / np.pi, "deg") if angle else (1e3, "mm")
-            inside = angle and np.all((np.radians(q) >= low[i]) & (np.radians(q) <= high[i]))
-            text = (
-                f"joint '{joint}' is at {q[k] * scale:.5g} {unit}, {breach[k] * scale:.4g} {unit} beyond its "
-                f"limits{'; as a value in degrees, it would be within the limits' if inside else ''}."
-            )
-            ledger.wrong(
-                "tracks.limits",
-                text,
-                joint,
-                size=Measured(breach[k] * scale, LIMIT_TOL * scale, unit),
-                when=f"t = {clip.times[k]:.4g} s",
-                suggestion="write angles in radians and lengths in metres",
-            )
+        violations = np.maximum(np.maximum(low[i] - q, q - high[i]), 0)
+        k = int(np.argmax(violations))
+        violation = float(violations[k])
+        moment = f"t = {clip.times[k]:.4g} s"
+        if violation > worst:
+            worst = violation
+            where = joint
+            when = moment
+        if violation > LIMIT_TOL:
+            _report_violation(joint, kinds[i] == "revolute", q, (low[i], high[i]), k, moment, ledger)
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)
+
+
+def _report_violation(
+    joint: str, is_angle: bool, q: Array, limits: tuple[float, float], k: int, moment: str, ledger: Ledger
+) -> None:
+    """Report that the values q (n,) of a joint in rad or m exceed its limits, most at key k."""
+    low, high = limits
+    violation = float(max(low - q[k], q[k] - high))
+    scale = 1e3
+    unit = "mm"
+    hint = ""
+    if is_angle:
+        scale = 180 / np.pi
+        unit = "deg"
+        radians = np.radians(q)
+        # The most frequent mistake: the whole motion fits if its numbers are degrees.
+        if np.all((radians >= low) & (radians <= high)):
+            hint = "; as a value in degrees, it would be within the limits"
+    text = f"joint '{joint}' is at {q[k] * scale:.5g} {unit}, {violation * scale:.4g} {unit} beyond its limits{hint}."
+    size = Measured(violation * scale, LIMIT_TOL * scale, unit)
+    advice = "write angles in radians and lengths in metres"
+    ledger.wrong("tracks.limits", text, joint, size=size, when=moment, suggestion=advice)
 
 
 def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysics:
     """Return the mechanism data of a track; missing entries are skipped, because the reader has reported them."""
-    out = FilePhysics(tuple(links))
-    kinds, active = data.get("joint_types", []), data.get("joint_active", [])
-    low, high = data.get("joint_lower", []), data.get("joint_upper", [])
+    physics = FilePhysics(tuple(links))
+    kinds = data.get("joint_types", [])
+    active = data.get("joint_active", [])
+    lower = data.get("joint_lower", [])
+    upper = data.get("joint_upper", [])
     for i, name in enumerate(joints):
         limits = None
-        if i < min(len(low), len(high)):
-            limits = (-np.inf if low[i] < -NO_LIMIT else low[i], np.inf if high[i] > NO_LIMIT else high[i])
-        drive = FileDrive(limits, bool(active[i]) if i < len(active) else None)
+        if i < min(len(lower), len(upper)):
+            low = -np.inf if lower[i] < -NO_LIMIT else lower[i]
+            high = np.inf if upper[i] > NO_LIMIT else upper[i]
+            limits = (low, high)
+        driven = bool(active[i]) if i < len(active) else None
         kind = str(kinds[i]) if i < len(kinds) else ""
-        out.joints.append(FileJoint((name,), "", "", drive=drive, kind_said=kind))
-    local = np.array(data.get("frames_local", []), float)
-    names, on = data.get("frame_names", []), data.get("frame_links", [])
-    if len(names) == len(on) and local.size == 7 * len(names):
-        for name, link, row in zip(names, on, local.reshape(-1, 7), strict=True):
-            out.frames[str(name)] = FileFrame(str(link), poses.from_seven(row))
-        out.marks = frozenset({"frame"} if names else ())
+        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), kind_said=kind))
+    names = data.get("frame_names", [])
+    owners = data.get("frame_links", [])
+    sevens = np.array(data.get("frames_local", []), float)
+    if len(names) == len(owners) and sevens.size == 7 * len(names):
+        for name, link, seven in zip(names, owners, sevens.reshape(-1, 7), strict=True):
+            physics.frames[str(name)] = FileFrame(str(link), poses.from_seven(seven))
+        if names:
+            physics.marks = frozenset({"frame"})
     tool = np.array(data.get("tool_frame", []), float)
     if tool.shape == (7,):
-        out.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))
-    return out
+        physics.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))
+    return physics
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
     """Return the content of a track, JSON or CSV, and report its faults."""
-    ledger.tool, ledger.version = "twin.exchange.audit tracks", "1"
+    ledger.tool = "twin.exchange.audit tracks"
+    ledger.version = "1"
     admit(path)
     if path.suffix.lower() == ".csv":
         return read_csv(path, ledger)

@@ -7,7 +7,7 @@ point.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,7 +48,10 @@ class _Stay:
 
     def missed(self, point: Array) -> dict[str, Array]:
         """Return {frame: distances (k,) in m between a point and the shaft axis at the k keys}."""
-        return {n: np.linalg.norm(np.cross(d, point - p), axis=1) for n, (p, d) in self.lines.items()}
+        distances = {}
+        for frame, (points, directions) in self.lines.items():
+            distances[frame] = np.linalg.norm(np.cross(directions, point - points), axis=1)
+        return distances
 
 
 def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> None:
@@ -60,47 +63,76 @@ def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) ->
     stays = _stays(data, clip, local, ledger)
     if stays is None:
         return
-    centres = [c for s in stays if (c := _centre(s)) is not None]
-    worst, where, when = 0.0, "", ""
+    centers = []
     for stay in stays:
+        center = _center(stay)
+        if center is not None:
+            centers.append(center)
+    worst = 0.0
+    where = ""
+    when = ""
+    for stay in stays:
+        # The frame on the shaft is not stated: it is the one whose axis stays nearest to the RCM.
         distances = stay.missed(stay.point)
-        name = min(distances, key=lambda n: float(distances[n].max()))
-        k = int(np.argmax(distances[name]))
-        missed, at = float(distances[name][k]), f"t = {stay.times[k]:.4g} s"
-        centre = next((c for c in centres if _through(stay, c)), None)
-        beside = 0.0 if centre is None else float(np.linalg.norm(centre - stay.point))
-        if centre is not None and beside > BESIDE and missed > POSITION_TOL:
-            text = (
-                f"phase '{stay.name}': the shaft rotates about ({', '.join(f'{c:.5g}' for c in centre)}) m, "
-                f"{quantity(beside, 'm')} from the stated RCM."
-            )
-            ledger.wrong("tracks.rcm", text, stay.name, size=um(beside, BESIDE), when=at)
-            continue
-        if stay.enforced is False:
+        frame = min(distances, key=lambda n: float(distances[n].max()))
+        k = int(np.argmax(distances[frame]))
+        missed = float(distances[frame][k])
+        moment = f"t = {stay.times[k]:.4g} s"
+        if _is_beside(stay, missed, centers, moment, ledger) or stay.enforced is False:
             continue
         if missed > SHAFT and stay.enforced is None:
             text = (
-                f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {missed * 1e3:.4g} mm; the "
+                f"phase '{stay.name}': the shaft (axis of '{frame}') misses the RCM by {missed * 1e3:.4g} mm; the "
                 "file does not state whether the RCM is enforced or only monitored."
             )
-            ledger.add("tracks.rcm_watched", "info", text, stay.name, size=Measured(missed * 1e3, unit="mm"), when=at)
+            size = Measured(missed * 1e3, unit="mm")
+            ledger.add("tracks.rcm_watched", "info", text, stay.name, size=size, when=moment)
             continue
         if missed >= worst:
-            worst, where, when = missed, name, at
+            worst = missed
+            where = frame
+            when = moment
         if missed > POSITION_TOL:
-            text = f"phase '{stay.name}': the shaft (axis of '{name}') misses the RCM by {quantity(missed, 'm')}."
-            ledger.wrong("tracks.rcm", text, name, size=um(missed, POSITION_TOL), when=at)
+            text = f"phase '{stay.name}': the shaft (axis of '{frame}') misses the RCM by {quantity(missed, 'm')}."
+            ledger.wrong("tracks.rcm", text, frame, size=um(missed, POSITION_TOL), when=moment)
     if where:
         ledger.row("distance of the shaft axis from the RCM", worst, "m", POSITION_TOL, where=where, when=when)
 
 
+def _is_beside(stay: _Stay, missed: float, centers: Sequence[Array], moment: str, ledger: Ledger) -> bool:
+    """Return whether all shaft axes of a phase meet in another point than the stated RCM; report it.
+
+    `missed` is the largest distance in m of the shaft axis from the RCM, `centers` are the points in which the axes of
+    phases meet. A phase whose axes are parallel has no such point of its own, but may keep that of another phase.
+    """
+    for center in centers:
+        if not _passes(stay, center):
+            continue
+        distance = float(np.linalg.norm(center - stay.point))
+        if not (distance > BESIDE and missed > POSITION_TOL):
+            return False
+        coordinates = ", ".join(f"{c:.5g}" for c in center)
+        text = (
+            f"phase '{stay.name}': the shaft rotates about ({coordinates}) m, "
+            f"{quantity(distance, 'm')} from the stated RCM."
+        )
+        ledger.wrong("tracks.rcm", text, stay.name, size=um(distance, BESIDE), when=moment)
+        return True
+    return False
+
+
 def _stays(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> list[_Stay] | None:
-    has, point, start, end = (
-        np.array(data.get(k, []), float).ravel() for k in ("phase_has_rcm", "phase_rcm", "phase_start", "phase_end")
-    )
-    names, on, phases = data.get("frame_names", []), data.get("frame_links", []), data.get("phases", [])
-    fits = len(local) == 7 * len(names) and len(on) == len(names) and len(point) == 3 * len(has)
-    if not fits or len(has) > min(len(start), len(end), len(phases)):
+    """Return the phases with an RCM and a shaft axis; None, with a finding, if the data do not fit together."""
+    has_rcm = _array(data, "phase_has_rcm")
+    points = _array(data, "phase_rcm")
+    start = _array(data, "phase_start")
+    end = _array(data, "phase_end")
+    names = data.get("frame_names", [])
+    links = data.get("frame_links", [])
+    phases = data.get("phases", [])
+    frames_fit = len(local) == 7 * len(names) and len(links) == len(names)
+    phases_fit = len(points) == 3 * len(has_rcm) and len(has_rcm) <= min(len(start), len(end), len(phases))
+    if not frames_fit or not phases_fit:
         text = (
             "the lengths of frame_names, frame_links and frames_local, or of phases, phase_start, phase_end, "
             "phase_has_rcm and phase_rcm do not match."
@@ -108,54 +140,71 @@ def _stays(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> li
         ledger.wrong("tracks.shape", text, "frames_local")
         return None
     enforced = data.get("phase_rcm_enforced")  # tracks of earlier versions lack this entry
-    if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has)):
-        text = f"phase_rcm_enforced is not a list with an entry for each of the {len(has)} phases."
+    if enforced is not None and not (isinstance(enforced, list) and len(enforced) == len(has_rcm)):
+        text = f"phase_rcm_enforced is not a list with an entry for each of the {len(has_rcm)} phases."
         ledger.wrong("tracks.shape", text, "phase_rcm_enforced")
         return None
-    tool, stated = data.get("tool_link"), data.get("rcm")
-    moved, along = data.get("moved_frame"), data.get("shaft_axis", [0.0, 0.0, 1.0])  # absent in earlier versions
-    if not _is_unit(along):
-        text = f"shaft_axis is {along!r}, not a unit vector of three numbers."
+    shaft_axis = data.get("shaft_axis", _Z)  # tracks of earlier versions lack this entry
+    if not _is_unit(shaft_axis):
+        text = f"shaft_axis is {shaft_axis!r}, not a unit vector of three numbers."
         ledger.wrong("tracks.shape", text, "shaft_axis")
         return None
-    out = []
-    for i in np.flatnonzero(has).tolist():
+    tool = data.get("tool_link")
+    moved = data.get("moved_frame")
+    points = points.reshape(-1, 3)
+    with_rcm = np.flatnonzero(has_rcm).tolist()
+    stays = []
+    for i in with_rcm:
         inside = (clip.times >= start[i] - 1e-9) & (clip.times <= end[i] + 1e-9)
         lines = {}
-        for name, link, seven in zip(names, on, local.reshape(-1, 7), strict=True):
+        for name, link, seven in zip(names, links, local.reshape(-1, 7), strict=True):
             if link == tool and link in clip.links and inside.any():
                 T = clip.links[link][inside] @ poses.from_seven(seven)
-                axis = along if name == moved else [0.0, 0.0, 1.0]
+                axis = shaft_axis if name == moved else _Z
                 lines[str(name)] = (T[:, :3, 3], T[:, :3, :3] @ axis)
         if lines:
             must = None if enforced is None else bool(enforced[i])
-            out.append(_Stay(str(phases[i]), point[3 * i : 3 * i + 3], must, clip.times[inside], lines))
-    if isinstance(stated, list) and len(stated) == 3 and has.any():
-        first = point[3 * int(np.flatnonzero(has)[0]) :][:3]
-        off = float(np.linalg.norm(np.subtract(stated, first)))
-        if off > POSITION_TOL:
-            text = f"entry 'rcm' is {quantity(off, 'm')} from the RCM of the first phase that has an RCM."
-            ledger.wrong("tracks.rcm", text, "rcm", size=um(off))
-    return out
+            stays.append(_Stay(str(phases[i]), points[i], must, clip.times[inside], lines))
+    stated = data.get("rcm")
+    if isinstance(stated, list) and len(stated) == 3 and with_rcm:
+        distance = float(np.linalg.norm(np.subtract(stated, points[with_rcm[0]])))
+        if distance > POSITION_TOL:
+            text = f"entry 'rcm' is {quantity(distance, 'm')} from the RCM of the first phase that has an RCM."
+            ledger.wrong("tracks.rcm", text, "rcm", size=um(distance))
+    return stays
+
+
+_Z = [0.0, 0.0, 1.0]
+"""Shaft axis in the frames of the tool link, unless the track states that of its moved frame."""
+
+
+def _array(data: JsonObject, key: str) -> Array:
+    return np.array(data.get(key, []), float).ravel()
 
 
 def _is_unit(value: Any) -> bool:
-    numbers = isinstance(value, list) and len(value) == 3 and all(isinstance(x, int | float) for x in value)
-    return numbers and abs(float(np.linalg.norm(value)) - 1) < 1e-6
+    if not isinstance(value, list) or len(value) != 3:
+        return False
+    if not all(isinstance(x, int | float) for x in value):
+        return False
+    return abs(float(np.linalg.norm(value)) - 1) < 1e-6
 
 
-def _centre(stay: _Stay) -> Array | None:
+def _center(stay: _Stay) -> Array | None:
     """Return the intersection (3,) in m of the shaft axes; None if the axes do not meet or are nearly parallel."""
-    for p, d in stay.lines.values():
-        P = np.eye(3) - d[:, :, None] * d[:, None, :]
-        A, b = P.mean(axis=0), np.einsum("kij,kj->i", P, p) / len(p)
+    for points, directions in stay.lines.values():
+        # The point nearest to all lines solves A x = b, with the projectors onto the planes normal to the lines.
+        projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+        A = projectors.mean(axis=0)
+        b = np.einsum("kij,kj->i", projectors, points) / len(points)
         if np.linalg.eigvalsh(A)[0] < SPREAD:
             continue
-        centre = np.linalg.solve(A, b)
-        if np.linalg.norm(np.cross(d, centre - p), axis=1).max() < POSITION_TOL:
-            return centre
+        center = np.linalg.solve(A, b)
+        if np.linalg.norm(np.cross(directions, center - points), axis=1).max() < POSITION_TOL:
+            return center
     return None
 
 
-def _through(stay: _Stay, point: Array) -> bool:
-    return any(off.max() < POSITION_TOL for off in stay.missed(point).values())
+def _passes(stay: _Stay, point: Array) -> bool:
+    """Return whether the axis of a frame passes through a point during the whole phase."""
+    return any(distances.max() < POSITION_TOL for distances in stay.missed(point).values())

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
@@ -37,7 +37,8 @@ def write_tracks(
     """
     folder.mkdir(parents=True, exist_ok=True)
     data = track(mechanism, clip, drawn, assumed)
-    as_json, as_csv = folder / f"{clip.name}.json", folder / f"{clip.name}.csv"
+    as_json = folder / f"{clip.name}.json"
+    as_csv = folder / f"{clip.name}.csv"
     as_json.write_text(_json(data), encoding="utf-8")
     as_csv.write_text(_csv(data), encoding="utf-8")
     return as_json, as_csv
@@ -63,14 +64,45 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
 
     For the arguments see `write_tracks`.
     """
-    joints = [j for j in mechanism.joints if j.name in clip.joints]
+    joints = [joint for joint in mechanism.joints if joint.name in clip.joints]
     turns = tree_coordinates(drawn or mechanism, clip.links)
-    limits = [*(j.limits or (-NO_LIMIT, NO_LIMIT) for j in joints), *[(-NO_LIMIT, NO_LIMIT)] * len(turns)]
-    tool = mechanism.frame(mechanism.tool)
-    trocar = next(iter(mechanism.trocar_places.values()), None)
-    rcm = clip.rcm if clip.rcm is not None else trocar
+    names: list[str] = []
+    kinds: list[str] = []
+    active: list[int] = []
+    lower: list[float] = []
+    upper: list[float] = []
+    positions: list[Array] = []
+    for joint in joints:
+        names.append(joint.name)
+        kinds.append(joint.type)
+        active.append(int(joint.active))
+        low, high = joint.limits or (-NO_LIMIT, NO_LIMIT)
+        lower.append(low)
+        upper.append(high)
+        positions.append(clip.joints[joint.name])
+    for turn in turns:
+        names.append(turn.name)
+        kinds.append(turn.type)
+        active.append(0)
+        lower.append(-NO_LIMIT)
+        upper.append(NO_LIMIT)
+        positions.append(turn.values)
     phase_rcm = clip.phase_rcm or (None,) * len(clip.phases)
     enforced = clip.phase_rcm_enforced or (False,) * len(clip.phases)
+    has_rcm: list[int] = []
+    must_pass: list[int] = []
+    places: list[Array] = []
+    for point, is_enforced in zip(phase_rcm, enforced, strict=True):
+        has_rcm.append(int(point is not None))
+        must_pass.append(int(point is not None and is_enforced))
+        places.append(np.zeros(3) if point is None else point)
+    tool = mechanism.frame(mechanism.tool)
+    rcm = clip.rcm
+    if rcm is None:
+        rcm = next(iter(mechanism.trocar_places.values()), None)
+    sevens = [_seven(T_world_link) for T_world_link in clip.links.values()]
+    start = np.array([t0 for _, t0, _ in clip.phases], float)
+    end = np.array([t1 for _, _, t1 in clip.phases], float)
     return {
         "schema": "twin-track",
         "version": 1,
@@ -86,26 +118,26 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
         "frames": len(clip.times),
         "times": _plain(np.round(clip.times, 9)),
         "links": list(clip.links),
-        "poses": _flat(np.stack([_seven(Ts) for Ts in clip.links.values()], axis=1)),
-        "joints": [*(j.name for j in joints), *(t.name for t in turns)],
-        "joint_types": [*(j.type for j in joints), *(t.type for t in turns)],
-        "joint_active": [*(int(j.active) for j in joints), *[0] * len(turns)],
-        "joint_lower": _flat([low for low, _ in limits]),
-        "joint_upper": _flat([high for _, high in limits]),
-        "positions": _flat([*(clip.joints[j.name] for j in joints), *(t.values for t in turns)], transpose=True),
+        "poses": _flat(np.stack(sevens, axis=1)),
+        "joints": names,
+        "joint_types": kinds,
+        "joint_active": active,
+        "joint_lower": _flat(lower),
+        "joint_upper": _flat(upper),
+        "positions": _flat(np.array(positions, float).T),
         "phases": [name for name, _, _ in clip.phases],
-        "phase_start": _plain(np.round([t0 for _, t0, _ in clip.phases], 9)),
-        "phase_end": _plain(np.round([t1 for _, _, t1 in clip.phases], 9)),
-        "phase_has_rcm": [int(p is not None) for p in phase_rcm],
-        "phase_rcm_enforced": [int(p is not None and must) for p, must in zip(phase_rcm, enforced, strict=True)],
-        "phase_rcm": _flat([np.zeros(3) if p is None else p for p in phase_rcm]),
+        "phase_start": _plain(start.round(9)),
+        "phase_end": _plain(end.round(9)),
+        "phase_has_rcm": has_rcm,
+        "phase_rcm_enforced": must_pass,
+        "phase_rcm": _flat(places),
         "tool_link": tool.body,
         "tool_frame": _flat(_seven(tool.T_body_frame[None])),
         "moved_frame": clip.frame or mechanism.tool,
         "shaft_axis": _flat(clip.shaft_axis),
-        "frame_names": [f.name for f in mechanism.frames],
-        "frame_links": [f.body for f in mechanism.frames],
-        "frames_local": _flat([_seven(f.T_body_frame[None])[0] for f in mechanism.frames]),
+        "frame_names": [frame.name for frame in mechanism.frames],
+        "frame_links": [frame.body for frame in mechanism.frames],
+        "frames_local": _flat([_seven(frame.T_body_frame[None]) for frame in mechanism.frames]),
         "rcm": [] if rcm is None else _flat(rcm),
         **clip.between.numbers(),
         "assumed": [*assumed, *clip.assumed],
@@ -117,22 +149,22 @@ def _seven(Ts: Array) -> Array:
     return np.concatenate([Ts[:, :3, 3], quaternions_xyzw(Ts)], axis=1)
 
 
-def _flat(values: Any, transpose: bool = False) -> list[float]:
-    array = np.asarray(values, float)
-    return _plain(np.round((array.T if transpose else array).ravel(), _DIGITS))
+def _flat(values: ArrayLike) -> list[float]:
+    return _plain(np.asarray(values, float).ravel().round(_DIGITS))
 
 
-def _plain(values: Any) -> list[float]:
+def _plain(values: Array) -> list[float]:
     """Return numbers for JSON. Whole numbers become integers, which are shorter: poses contain many zeros and ones."""
-    return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in (values + 0.0).tolist()]
+    numbers = (values + 0.0).tolist()  # adding 0.0 removes negative zeros
+    return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in numbers]
 
 
 def _json(data: JsonObject) -> str:
     """Return JSON text with one line for each entry, so that a reader can find the short entries at the start."""
-    lines = (
-        f"{json.dumps(k)}:{json.dumps(v, separators=(',', ':'), ensure_ascii=False, allow_nan=False)}"
-        for k, v in data.items()
-    )
+    lines = []
+    for name, value in data.items():
+        text = json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        lines.append(f"{json.dumps(name)}:{text}")
     return "{" + ",\n".join(lines) + "}\n"
 
 
@@ -141,26 +173,38 @@ _COLUMNS = ("times", "poses", "positions")
 
 
 def _csv(data: JsonObject) -> str:
-    head = [
-        f"# {k}: {v if isinstance(v, str) else json.dumps(v, separators=(',', ':'), ensure_ascii=False)}"
-        for k, v in data.items()
-        if k not in _COLUMNS
-    ]
-    kinds = zip(data["joints"], data["joint_types"], strict=True)
-    names = ["time_s", *(f"{n}_{'rad' if kind == 'revolute' else 'm'}" for n, kind in kinds)]
-    names += [f"{link}_{part}" for link in data["links"] for part in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
-    n, m = len(data["joints"]), 7 * len(data["links"])
-    rows = (
-        ",".join(map(_text, [t, *data["positions"][i * n : (i + 1) * n], *data["poses"][i * m : (i + 1) * m]]))
-        for i, t in enumerate(data["times"])
-    )
-    return "\n".join([*head, ",".join(names), *rows]) + "\n"
+    lines = []
+    for name, value in data.items():
+        if name in _COLUMNS:
+            continue
+        if not isinstance(value, str):
+            value = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
+        lines.append(f"# {name}: {value}")
+    columns = ["time_s"]
+    for joint, kind in zip(data["joints"], data["joint_types"], strict=True):
+        unit = "rad" if kind == "revolute" else "m"
+        columns.append(f"{joint}_{unit}")
+    for link in data["links"]:
+        for component in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"):
+            columns.append(f"{link}_{component}")
+    lines.append(",".join(columns))
+    n = len(data["joints"])
+    m = 7 * len(data["links"])
+    for i, t in enumerate(data["times"]):
+        positions = data["positions"][i * n : (i + 1) * n]
+        poses = data["poses"][i * m : (i + 1) * m]
+        lines.append(",".join(map(_text, [t, *positions, *poses])))
+    return "\n".join(lines) + "\n"
 
 
 def _text(value: float) -> str:
     """Return a number as text without a leading zero, which makes files smaller: most numbers are below one."""
     text = repr(value)
-    return text[1:] if text.startswith("0.") else f"-{text[2:]}" if text.startswith("-0.") else text
+    if text.startswith("0."):
+        return text[1:]
+    if text.startswith("-0."):
+        return f"-{text[2:]}"
+    return text
 
 
 def write(order: Order, folder: Path) -> list[Finding]:

@@ -34,20 +34,23 @@ def tree_coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> list[C
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
     """
-    joints = [j for j in spanning(mechanism).tree if j.type in ("spherical", "cylindrical")]
+    joints = [joint for joint in spanning(mechanism).tree if joint.type in ("spherical", "cylindrical")]
     if not joints:
         return []
+    # Solving for home takes long, and most robots have no such joint.
     from twin.reference import ReferenceModel
 
     home = ReferenceModel(mechanism).home().link_poses
-    out = []
+    coordinates = []
     for joint in joints:
         T = joint.relative(links[joint.parent], links[joint.child])
         if joint.type == "cylindrical":
-            out.append(Coordinate(f"{joint.name}_slide", "prismatic", T[:, 2, 3]))
-            out.append(Coordinate(joint.name, "revolute", np.unwrap(spatial.angle_about_z(T))))
+            coordinates.append(Coordinate(f"{joint.name}_slide", "prismatic", T[:, 2, 3]))
+            coordinates.append(Coordinate(joint.name, "revolute", np.unwrap(spatial.angle_about_z(T))))
             continue
-        R = joint.relative(home[joint.parent], home[joint.child])[:3, :3].T @ T[:, :3, :3]
-        turns = spatial.euler_angles(R, "xyz").T
-        out += [Coordinate(f"{joint.name}_{a}", "revolute", np.unwrap(v)) for a, v in zip("xyz", turns, strict=True)]
-    return out
+        R_home = joint.relative(home[joint.parent], home[joint.child])[:3, :3]
+        angles = spatial.euler_angles(R_home.T @ T[:, :3, :3], "xyz")
+        for i, axis in enumerate("xyz"):
+            # Without unwrapping, a player would turn the joint back by a whole turn between two keys.
+            coordinates.append(Coordinate(f"{joint.name}_{axis}", "revolute", np.unwrap(angles[:, i])))
+    return coordinates

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size
+from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
 from twin.exchange.audit.context import Context
@@ -44,41 +46,57 @@ def read_usd(path: Path, ledger: Ledger) -> Content:
 
 
 def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
-    prims = [p for p in stage.Traverse(Usd.TraverseInstanceProxies()) if p.IsA(UsdGeom.Xformable)]
-    bodies = [p for p in prims if _is_body(p)]
+    prims = [prim for prim in stage.Traverse(Usd.TraverseInstanceProxies()) if prim.IsA(UsdGeom.Xformable)]
+    bodies = [prim for prim in prims if _is_body(prim)]
+    body_paths = {prim.GetPath() for prim in bodies}
     world = StageWorld(stage)
-    out = Content(ledger, path.suffix.lstrip(".").lower())
-    out.declared = tuple(p.GetName() for p in bodies) or None
-    codes_s, frames_s = stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()
-    out.facts = {
-        "units": f"{world.meters:g} m" + ("" if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else " (not authored)"),
-        "up_axis": world.up + ("" if stage.HasAuthoredMetadata("upAxis") else " (not authored)"),
-        "handedness": "right (USD)",
-        "time_codes_per_second": codes_s,
-        "frames_per_second": frames_s,
-    }
-    out.extra["physics"] = bool(bodies)
-    shown: dict[str, Usd.Prim] = {}
+    content = Content(ledger, path.suffix.lstrip(".").lower())
+    content.declared = tuple(prim.GetName() for prim in bodies) or None
+    content.facts = _conventions(stage, world)
+    content.extra["physics"] = bool(bodies)
     # If several prims have the same name, use the prim that moves.
+    shown: dict[str, Usd.Prim] = {}
     for prim in bodies or sorted(prims, key=lambda p: not _sampled(p)):
         shown.setdefault(prim.GetName(), prim)
-    out.rest = {name: world.poses(prim, [Usd.TimeCode.Default()])[0] for name, prim in shown.items()}
-    codes = np.unique([c for p in shown.values() for c in _codes(p)])
+    for name, prim in shown.items():
+        content.rest[name] = world.poses(prim, [Usd.TimeCode.Default()])[0]
+    codes = _all_codes(shown.values())
+    per_second = stage.GetTimeCodesPerSecond()
     if len(codes):
         start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
         links = world.along(shown, codes)
-        clip = FileClip(path.stem, (codes - start) / codes_s, links, joint_values(stage, codes, world.meters))
+        joints = joint_values(stage, codes, world.meters)
+        clip = FileClip(path.stem, (codes - start) / per_second, links, joints)
         check_poses(ledger, clip, "usd")
-        out.clips.append(clip)
+        content.clips.append(clip)
     _check_materials(prims, ledger)
     if bodies:
-        _check_stray(prims, {p.GetPath() for p in bodies}, ledger)
-    out.shapes, out.colors = _shapes(prims, {p.GetPath() for p in shown.values()} if bodies else None, world, ledger)
-    if bodies:
-        out.physics = stage_physics(stage, bodies, world.meters, world.up)
-    out.extra["assumed"] = _assumed(stage)
-    _check_gaps(stage, world, bodies, codes, codes_s, ledger)
-    return out
+        _check_stray(prims, body_paths, ledger)
+        shown_paths = {prim.GetPath() for prim in shown.values()}
+        content.shapes, content.colors = _shapes(prims, shown_paths, world, ledger)
+        content.physics = stage_physics(stage, bodies, world.meters, world.up)
+    else:
+        content.shapes, content.colors = _shapes(prims, None, world, ledger)
+    content.extra["assumed"] = _assumed(stage)
+    _check_gaps(stage, world, bodies, codes, ledger)
+    return content
+
+
+def _conventions(stage: Usd.Stage, world: StageWorld) -> JsonObject:
+    """Return units, axes and rates of a stage, and whether the stage states them, for the report."""
+    units = f"{world.meters:g} m"
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        units += " (not authored)"
+    up_axis = world.up
+    if not stage.HasAuthoredMetadata("upAxis"):
+        up_axis += " (not authored)"
+    return {
+        "units": units,
+        "up_axis": up_axis,
+        "handedness": "right (USD)",
+        "time_codes_per_second": stage.GetTimeCodesPerSecond(),
+        "frames_per_second": stage.GetFramesPerSecond(),
+    }
 
 
 class StageWorld:
@@ -111,13 +129,16 @@ class StageWorld:
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
         """Return {name in `prims`: T_world_prim (k, 4, 4)} at k time codes, in metres with z up."""
-        times = [Usd.TimeCode(c) for c in codes.tolist()]
-        moving = {n: p for n, p in prims.items() if _codes(p)}
+        times = [Usd.TimeCode(code) for code in codes.tolist()]
+        moving = {name: prim for name, prim in prims.items() if _codes(prim)}
         moved = dict(zip(moving, self.placed(self.maps(list(moving.values()), times)), strict=True))
-        shape = (len(codes), 4, 4)
-        still = (n for n in prims if n not in moving)
-        moved |= {n: np.broadcast_to(self.poses(prims[n], times[:1]), shape) for n in still}
-        return {name: moved[name] for name in prims}
+        placed = {}
+        for name, prim in prims.items():
+            if name in moved:
+                placed[name] = moved[name]
+            else:
+                placed[name] = np.broadcast_to(self.poses(prim, times[:1]), (len(codes), 4, 4))
+        return placed
 
 
 _SAID = re.compile(r" at line \d+ in file \S+ : '([^\n]*?)'?$", re.MULTILINE)
@@ -148,16 +169,17 @@ def _evaluating() -> Iterator[None]:
 def _reason(error: Exception) -> str:
     """Return the first reason in the message of a USD error, without the location in USD's source code."""
     text = str(error)
-    if found := _SAID.search(text):
+    found = _SAID.search(text)
+    if found:
         return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", found[1].strip())[:200]
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1][:200] if lines else "unknown format"
+    lines = text.strip().splitlines()
+    return lines[-1].strip()[:200] if lines else "unknown format"
 
 
 def _is_body(prim: Usd.Prim) -> bool:
-    return prim.HasAPI(UsdPhysics.RigidBodyAPI) and (
-        UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get() is not False
-    )
+    if not prim.HasAPI(UsdPhysics.RigidBodyAPI):
+        return False
+    return UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get() is not False
 
 
 def _sampled(prim: Usd.Prim) -> bool:
@@ -166,19 +188,33 @@ def _sampled(prim: Usd.Prim) -> bool:
 
 def _codes(prim: Usd.Prim) -> list[float]:
     """Return the time codes at which a prim or one of its ancestors has samples."""
-    out: set[float] = set()
+    codes: set[float] = set()
     while prim and not prim.IsPseudoRoot():
         if prim.IsA(UsdGeom.Xformable):
-            out.update(UsdGeom.Xformable(prim).GetTimeSamples())
+            codes.update(UsdGeom.Xformable(prim).GetTimeSamples())
         prim = prim.GetParent()
-    return sorted(out)
+    return sorted(codes)
+
+
+def _all_codes(prims: Iterable[Usd.Prim]) -> Array:
+    """Return the time codes (k,) at which one of the prims or of their ancestors has samples."""
+    codes: set[float] = set()
+    for prim in prims:
+        codes.update(_codes(prim))
+    return np.array(sorted(codes))
 
 
 def _assumed(stage: Usd.Stage) -> dict[str, str]:
     """Return {name: reason} for the assumed numbers of a stage."""
     root = stage.GetDefaultPrim()
-    told = root.GetCustomDataByKey("twin:parameters") if root else None
-    return {n: str(p.get("note", "")) for n, p in (told or {}).items() if p.get("provenance") == "ASSUMED"}
+    if not root:
+        return {}
+    parameters = root.GetCustomDataByKey("twin:parameters") or {}
+    reasons = {}
+    for name, parameter in parameters.items():
+        if parameter.get("provenance") == "ASSUMED":
+            reasons[name] = str(parameter.get("note", ""))
+    return reasons
 
 
 def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
@@ -191,17 +227,16 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
             text = f"{path} binds a material without MaterialBindingAPI: strict readers show it grey."
             ledger.wrong("usd.material_api", text, path, suggestion="apply MaterialBindingAPI")
         for target in binding.GetTargets():
-            there = prim.GetStage().GetPrimAtPath(target)
-            if not there or not there.IsA(UsdShade.Material):
+            material = prim.GetStage().GetPrimAtPath(target)
+            if not material or not material.IsA(UsdShade.Material):
                 text = f"{path} binds {target}, which is not a material."
                 ledger.wrong("usd.material", text, path, suggestion="bind an existing material")
 
 
 def _check_stray(prims: list[Usd.Prim], bodies: Set[Sdf.Path], ledger: Ledger) -> None:
     """Report visible shapes that belong to no link, and shapes without a material if others have one."""
-    shapes = [p for p in prims if p.IsA(UsdGeom.Gprim)]
-    shown = [p for p in shapes if UsdGeom.Imageable(p).ComputePurpose() in ("default", "render")]
-    colored = {p.GetPath() for p in shown if _has_material(p)}
+    shown = [prim for prim in prims if prim.IsA(UsdGeom.Gprim) and _is_for_display(prim)]
+    colored = {prim.GetPath() for prim in shown if _has_material(prim)}
     for prim in shown:
         path = str(prim.GetPath())
         if bodies.isdisjoint(prim.GetPath().GetAncestorsRange()):
@@ -212,6 +247,11 @@ def _check_stray(prims: list[Usd.Prim], bodies: Set[Sdf.Path], ledger: Ledger) -
             ledger.add("usd.no_material", "warning", text, path, suggestion="bind the material again")
 
 
+def _is_for_display(prim: Usd.Prim) -> bool:
+    """Return whether viewers show a prim; they hide proxies and guides, such as colliders."""
+    return UsdGeom.Imageable(prim).ComputePurpose() in ("default", "render")
+
+
 def _has_material(prim: Usd.Prim) -> bool:
     """Return whether a material is bound to a shape, or to some of its faces."""
     if UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]:
@@ -220,115 +260,177 @@ def _has_material(prim: Usd.Prim) -> bool:
 
 
 def _shapes(
-    prims: list[Usd.Prim], links: set | None, world: StageWorld, ledger: Ledger
+    prims: list[Usd.Prim], links: Set[Sdf.Path] | None, world: StageWorld, ledger: Ledger
 ) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
-    """Check all normals; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
+    """Check all normals; return ({link: shape in the link's frame}, {link: {colour: fraction of area}}).
+
+    `links` are the paths of the links; None: the stage has no links, and the parent of each mesh takes their place.
+    """
     palette = Palette()
-    found: dict[str, list[LinkShape]] = {}
+    parts: dict[str, list[LinkShape]] = {}
     for prim in prims:
-        if not prim.IsA(UsdGeom.Mesh) or UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
+        if not prim.IsA(UsdGeom.Mesh) or not _is_for_display(prim):
             continue
         if UsdGeom.Imageable(prim).ComputeVisibility() == UsdGeom.Tokens.invisible:
             continue
-        vertices, triangles, normals = _corners(UsdGeom.Mesh(prim))
-        if not len(triangles):
+        mesh = _corners(UsdGeom.Mesh(prim))
+        if mesh is None:
             continue
-        owner = prim if links is not None else prim.GetParent()
-        while owner and links is not None and owner.GetPath() not in links:
-            owner = owner.GetParent()
-        here = Ledger("")
-        path = str(prim.GetPath())
-        if owner and not owner.IsPseudoRoot():
-            M, N = world.maps([owner, prim], [Usd.TimeCode.Default()])[:, 0]
-            T, _ = poses.split(M)
-            relative = poses.inverse(T) @ N
-            vertices = (vertices @ relative[:3, :3].T + relative[:3, 3]) * world.meters
+        vertices, triangles, normals = mesh
+        owner = _owner(prim, links)
+        if owner is not None:
+            T_stage_owner, T_stage_prim = world.maps([owner, prim], [Usd.TimeCode.Default()])[:, 0]
+            rigid, _ = poses.split(T_stage_owner)
+            M = poses.inverse(rigid) @ T_stage_prim
+            vertices = (vertices @ M[:3, :3].T + M[:3, 3]) * world.meters
             if normals is not None:
-                turned = normals @ np.linalg.inv(relative[:3, :3])
-                size = np.linalg.norm(turned, axis=1, keepdims=True)
-                normals = turned / np.where(size > 0, size, 1.0) * np.linalg.norm(normals, axis=1, keepdims=True)
-        shape = check_mesh(here, path, vertices, triangles, normals, "usd")
-        for f in here.found:  # winding and indices are checked by the stage checker
-            if f.code not in ("usd.winding", "usd.index"):
-                ledger.add(f.code, f.severity, f.message, path, size=Measured(f.size, f.limit))
-        if shape is not None and owner and not owner.IsPseudoRoot():
-            found.setdefault(owner.GetName(), []).append(shape)
-            if (rgba := _mesh_color(prim)) is not None:
-                palette.add(owner.GetName(), rgba, shape.area)
-    out = {name: joined(shapes) for name, shapes in found.items()}
-    return {name: shape for name, shape in out.items() if shape is not None}, palette.shares()
+                normals = _transformed_normals(normals, M)
+        path = str(prim.GetPath())
+        found = Ledger("")
+        shape = check_mesh(found, path, vertices, triangles, normals, "usd")
+        for finding in found.found:  # winding and indices are checked by the stage checker
+            if finding.code not in ("usd.winding", "usd.index"):
+                size = Measured(finding.size, finding.limit)
+                ledger.add(finding.code, finding.severity, finding.message, path, size=size)
+        if shape is None or owner is None:
+            continue
+        parts.setdefault(owner.GetName(), []).append(shape)
+        rgba = _mesh_color(prim)
+        if rgba is not None:
+            palette.add(owner.GetName(), rgba, shape.area)
+    shapes = {}
+    for link, meshes in parts.items():
+        shape = joined(meshes)
+        if shape is not None:
+            shapes[link] = shape
+    return shapes, palette.shares()
+
+
+def _owner(mesh: Usd.Prim, links: Set[Sdf.Path] | None) -> Usd.Prim | None:
+    """Return the link of a mesh: the mesh itself or a prim above it, see `_shapes`; None if it has none."""
+    if links is None:
+        owner = mesh.GetParent()
+    else:
+        owner = mesh
+        while owner and owner.GetPath() not in links:
+            owner = owner.GetParent()
+    return owner if owner and not owner.IsPseudoRoot() else None
+
+
+def _transformed_normals(normals: Array, M: Array) -> Array:
+    """Return normals (n, 3) of a mesh that is transformed by M (4, 4). Their lengths stay: wrong ones must be found.
+
+    Normals are transformed by the inverse transpose, because a scale that differs by axis tilts them the other way.
+    """
+    turned = normals @ np.linalg.inv(M[:3, :3])
+    size = np.linalg.norm(turned, axis=1, keepdims=True)
+    return turned / np.where(size > 0, size, 1.0) * np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _mesh_color(prim: Usd.Prim) -> Rgba | None:
     """Return the linear colour of a mesh; None if it has no colour, several colours, or a texture."""
     if UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)):
         return None
-    material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
-    shader = material.ComputeSurfaceSource()[0] if material else None
-    if shader:
-        color, opacity = (shader.GetInput(n) for n in ("diffuseColor", "opacity"))
-        value = color.Get() if color and not color.HasConnectedSource() else None
-        if value is not None:
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+    if material:
+        shader, *_ = material.ComputeSurfaceSource()
+        color = _constant(shader, "diffuseColor")
+        if color is not None:
+            opacity = shader.GetInput("opacity")
             alpha = opacity.Get() if opacity else None
-            return _rgba(value, 1.0 if alpha is None else float(alpha))
-    shown = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
-    return _rgba(shown[0], 1.0) if shown is not None and len(shown) == 1 else None
+            return _rgba(color, 1.0 if alpha is None else float(alpha))
+    displayed = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
+    if displayed is None or len(displayed) != 1:
+        return None
+    return _rgba(displayed[0], 1.0)
 
 
-def _rgba(color, alpha: float) -> Rgba:
+def _constant(shader: UsdShade.Shader, name: str) -> Any:
+    """Return the value of an input of a shader; None if there is none, or if it comes from a texture."""
+    shader_input = shader.GetInput(name) if shader else None
+    if not shader_input or shader_input.HasConnectedSource():
+        return None
+    return shader_input.Get()
+
+
+def _rgba(color: Iterable[float], alpha: float) -> Rgba:
     r, g, b = map(float, color)
     return r, g, b, alpha
 
 
-def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None]:
-    """Return (points (n, 3), triangles (m, 3), corner normals (3 m, 3) or None); polygons are split into triangles."""
-    nothing = np.zeros((0, 3)), np.zeros((0, 3), int), None
+def _corners(mesh: UsdGeom.Mesh) -> tuple[Array, Array, Array | None] | None:
+    """Return (points (n, 3), triangles (m, 3), corner normals (3 m, 3) or None); polygons are split into triangles.
+
+    Return None if the mesh has no triangles, or if its arrays do not fit together.
+    """
     points = np.array(mesh.GetPointsAttr().Get() or [], float).reshape(-1, 3)
     counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [], int)
     indices = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], int)
     if not len(counts) or counts.sum() != len(indices) or counts.min() < 0 or not len(points):
-        return nothing
-    if np.all(counts == 3):
+        return None
+    if np.all(counts == 3):  # almost all meshes, without the slow loop
         corners = np.arange(len(indices)).reshape(-1, 3)
     else:
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        fans = [
-            [f, f + i, f + i + 1] for f, n in zip(first.tolist(), counts.tolist(), strict=True) for i in range(1, n - 1)
-        ]
-        corners = np.array(fans, int).reshape(-1, 3)
+        corners = _fans(counts)
+    if not len(corners):
+        return None
     if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
         corners = corners[:, [0, 2, 1]]
     triangles = indices[corners]
     return points, triangles, _normals(mesh, corners.ravel(), triangles.ravel())
 
 
+def _fans(counts: Array) -> Array:
+    """Return the triangles (m, 3) of polygons with counts (k,) of corners; the corners are numbered through."""
+    fans = []
+    first = 0
+    for count in counts.tolist():
+        for i in range(1, count - 1):
+            fans.append([first, first + i, first + i + 1])
+        first += count
+    return np.array(fans, int).reshape(-1, 3)
+
+
 def _normals(mesh: UsdGeom.Mesh, corners: Array, vertices: Array) -> Array | None:
+    """Return the normals (n, 3) at the corners (n,) of a mesh, which use the points `vertices` (n,); None without."""
+    # The primvar takes precedence over the attribute of the same name.
     primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("normals")
     if primvar and primvar.HasValue():
-        values, kind = primvar.ComputeFlattened(), primvar.GetInterpolation()
+        values = primvar.ComputeFlattened()
+        kind = primvar.GetInterpolation()
     else:
-        values, kind = mesh.GetNormalsAttr().Get(), mesh.GetNormalsInterpolation()
-    values = np.array(values if values is not None else [], float).reshape(-1, 3)
-    index = {"faceVarying": corners, "vertex": vertices, "varying": vertices}.get(str(kind))
-    if index is None or not len(values) or index.min() < 0 or index.max() >= len(values):
+        values = mesh.GetNormalsAttr().Get()
+        kind = mesh.GetNormalsInterpolation()
+    if values is None or not len(values):
         return None
-    return values[index]
+    normals = np.array(values, float).reshape(-1, 3)
+    index = {"faceVarying": corners, "vertex": vertices, "varying": vertices}.get(str(kind))
+    if index is None or index.min() < 0 or index.max() >= len(normals):
+        return None
+    return normals[index]
 
 
-def _check_gaps(
-    stage: Usd.Stage, world: StageWorld, bodies: list[Usd.Prim], codes: Array, per_second: float, ledger: Ledger
-) -> None:
+def _check_gaps(stage: Usd.Stage, world: StageWorld, bodies: list[Usd.Prim], codes: Array, ledger: Ledger) -> None:
     """Measure the gap between the two frames of every joint, at rest and along the motion."""
-    times = [Usd.TimeCode.Default(), *(Usd.TimeCode(c) for c in codes.tolist())]
-    placed = dict(zip((str(p.GetPath()) for p in bodies), world.placed(world.maps(bodies, times)), strict=True))
-    worst, where, when = 0.0, "", ""
+    if not bodies:
+        return
+    moments = ["at rest"]
+    times = [Usd.TimeCode.Default()]
+    for code in codes.tolist():
+        moments.append(f"t = {code / stage.GetTimeCodesPerSecond():.4g} s")
+        times.append(Usd.TimeCode(code))
+    paths = [str(body.GetPath()) for body in bodies]
+    placed = dict(zip(paths, world.placed(world.maps(bodies, times)), strict=True))
+    worst = 0.0
+    where = ""
+    when = ""
     for path, gap in joint_gaps(stage, placed, world):
         k = int(np.argmax(gap))
         if gap[k] > worst:
-            worst, where = float(gap[k]), path
-            when = "at rest" if not k else f"t = {codes[k - 1] / per_second:.4g} s"
-    if placed:
-        ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
+            worst = float(gap[k])
+            where = path
+            when = moments[k]
+    ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
     if worst > GAP_TOL:
         text = f"joint {where}: the joint frames on the two bodies are {quantity(worst, 'm')} apart."
         ledger.wrong("usd.joint_gap", text, where, size=um(worst, GAP_TOL), when=when)
@@ -340,14 +442,16 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content:
     Raises:
         ReadError: the header is wrong, or OpenUSD cannot read the stage.
     """
-    ledger.tool, ledger.version = "twin.exchange.audit on usd-core", version()
+    ledger.tool = "twin.exchange.audit on usd-core"
+    ledger.version = version()
     check_size(path, "USD")
     return read_layer(path, ledger, context)
 
 
 def read_layer(path: Path, ledger: Ledger, context: Context) -> Content:
     """Return the content of a stage or archive whose size has been checked; see `read`."""
-    if broken := trouble(path.read_bytes()):
+    broken = trouble(path.read_bytes())
+    if broken:
         raise ReadError(broken, "usd.header")
     if path not in context.admitted:
         admit(path)

@@ -24,32 +24,35 @@ def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
     except StageError as error:
         ledger.add("usd.unreadable", "error", f"{error}.")
         return
-    archive = path.suffix.lower() == ".usdz"
-    kept = [f for f in found if _counts(f, physics)]
-    for f in [*kept, *public]:
-        text = f.message if f in public or f.message.endswith(".") else f"{f.message}."
-        ledger.add(
-            f.code,
-            "info" if _is_choice(f) else f.severity,
-            text,
-            f.where,
-            size=Measured(f.size, f.limit, f.unit),
-            when=f.when,
-            suggestion=f.suggestion,
-        )
-    grave = [f for f in kept if f.severity != "info" and not _is_choice(f)]
-    ledger.row("stage checks", float(len(grave)), "found", 0.0)
-    public = [f for f in public if f.severity != "info"]
-    own, ledger.tool, ledger.version = (ledger.tool, ledger.version), "UsdValidation", version()
-    ledger.row("public validators", float(len(public)), "found", 0.0)
-    ledger.tool, ledger.version = own
-    if archive:
+    kept = [finding for finding in found if _applies(finding, physics)]
+    for finding in kept:
+        text = finding.message if finding.message.endswith(".") else f"{finding.message}."
+        _add(ledger, finding, text)
+    for finding in public:
+        _add(ledger, finding, finding.message)
+    faults = [finding for finding in kept if finding.severity != "info" and not _is_choice(finding)]
+    ledger.row("stage checks", float(len(faults)), "found", 0.0)
+    public_faults = [finding for finding in public if finding.severity != "info"]
+    # The other checks of the file are by the reader, whose name the ledger has.
+    reader = (ledger.tool, ledger.version)
+    ledger.tool = "UsdValidation"
+    ledger.version = version()
+    ledger.row("public validators", float(len(public_faults)), "found", 0.0)
+    ledger.tool, ledger.version = reader
+    if path.suffix.lower() == ".usdz":
         _check_quick_look(path, ledger)
+
+
+def _add(ledger: Ledger, finding: Finding, text: str) -> None:
+    severity = "info" if _is_choice(finding) else finding.severity
+    size = Measured(finding.size, finding.limit, finding.unit)
+    ledger.add(finding.code, severity, text, finding.where, size=size, when=finding.when, suggestion=finding.suggestion)
 
 
 def version() -> str:
     """Return the version of OpenUSD as the Python package usd-core states it, such as 26.11."""
-    return ".".join(str(n) for n in Usd.GetVersion()[1:])
+    _, *numbers = Usd.GetVersion()  # the first number is always 0
+    return ".".join(map(str, numbers))
 
 
 def _bare(path: Path) -> list[Finding]:
@@ -59,20 +62,24 @@ def _bare(path: Path) -> list[Finding]:
     return [*found, *check_transforms(scene), *check_meshes(scene)]
 
 
-def _counts(f: Finding, physics: bool) -> bool:
+def _applies(finding: Finding, physics: bool) -> bool:
     """Return whether a finding applies to the stage.
 
     If the stage has no physics, findings about units of mass and warnings about the up axis do not apply: the up axis
     may be y, as AR Quick Look requires.
     """
-    plain = f.code == "stage.kilograms_per_unit" or (f.code == "stage.up_axis" and f.severity == "warning")
-    return physics or not plain
+    if physics:
+        return True
+    if finding.code == "stage.up_axis":
+        return finding.severity != "warning"
+    return finding.code != "stage.kilograms_per_unit"
 
 
-def _is_choice(f: Finding) -> bool:
+def _is_choice(finding: Finding) -> bool:
     """Return whether the author may have intended the reported value; the finding then becomes a note."""
-    authored = f.severity == "warning"  # a missing value has the severity "disagreement"
-    return f.code == "stage.empty" or (f.code in ("stage.up_axis", "stage.meters_per_unit") and authored)
+    if finding.code in ("stage.up_axis", "stage.meters_per_unit"):
+        return finding.severity == "warning"  # a missing value has the severity "disagreement"
+    return finding.code == "stage.empty"
 
 
 _AR_TYPES = {
@@ -90,11 +97,12 @@ def _check_quick_look(path: Path, ledger: Ledger) -> None:
         text = "AR Quick Look expects y up and shows this robot rotated by 90 degrees."
         ledger.add("usd.ar_up_axis", "warning", text, suggestion="rotate the root prim, and author upAxis Y")
     for prim in stage.Traverse():
-        where, kind = str(prim.GetPath()), str(prim.GetTypeName())
+        where = str(prim.GetPath())
+        kind = str(prim.GetTypeName())
         if prim.IsA(UsdPhysics.Joint) or prim.HasAPI(UsdPhysics.RigidBodyAPI):
             text = f"{where} is a physics prim, which AR Quick Look and its checker reject."
             ledger.add("usd.ar_physics", "warning", text, where, suggestion="remove physics from the .usdz")
-            return
+            return  # one finding is enough, because a robot has many such prims
         if kind not in _AR_TYPES and not kind.startswith("RealityKit"):
             text = f"{where} is a {kind}, which AR Quick Look does not support."
             ledger.add("usd.ar_type", "warning", text, where, suggestion="remove the prim from the .usdz")

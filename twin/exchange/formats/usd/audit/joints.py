@@ -29,17 +29,19 @@ class _World(Protocol):
 def joint_gaps(stage: Usd.Stage, placed: Mapping[str, Array], world: _World) -> Iterator[tuple[str, Array]]:
     """Yield (path, gap) of each joint; gap (k,) is the distance in m between the two frames in the locked directions.
 
-    `placed` maps prim paths to T_world_body (k, 4, 4).
+    `placed` maps prim paths to T_world_body (k, 4, 4), at least of one body.
     """
-    count = len(next(iter(placed.values()))) if placed else 0
+    count = len(next(iter(placed.values())))
     for prim in stage.Traverse():
         if not prim.IsA(UsdPhysics.Joint) or not is_stated(prim):
             continue
-        ends = [_frame(stage, *end, placed, world, count) for end in joint_ends(prim, world.meters)]
-        if ends[0] is None or ends[1] is None:
+        (targets_0, local_0), (targets_1, local_1) = joint_ends(prim, world.meters)
+        T_world_0 = _frame(stage, targets_0, local_0, placed, world, count)
+        T_world_1 = _frame(stage, targets_1, local_1, placed, world, count)
+        if T_world_0 is None or T_world_1 is None:
             continue  # the stage checker reports a missing target
-        apart = (poses.inverse(ends[0]) @ ends[1])[:, :3, 3]
-        yield str(prim.GetPath()), np.linalg.norm(apart[:, _locked(prim)], axis=1)
+        T_0_1 = poses.inverse(T_world_0) @ T_world_1
+        yield str(prim.GetPath()), np.linalg.norm(T_0_1[:, _locked(prim), 3], axis=1)
 
 
 def is_stated(prim: Usd.Prim) -> bool:
@@ -47,7 +49,8 @@ def is_stated(prim: Usd.Prim) -> bool:
 
     A free joint is disabled, because it constrains nothing.
     """
-    return UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False or bool(prim.GetAttribute("twin:free").Get())
+    enabled = UsdPhysics.Joint(prim).GetJointEnabledAttr().Get() is not False
+    return enabled or bool(prim.GetAttribute("twin:free").Get())
 
 
 def joint_ends(prim: Usd.Prim, meters: float) -> list[tuple[list[str], Array]]:
@@ -55,16 +58,22 @@ def joint_ends(prim: Usd.Prim, meters: float) -> list[tuple[list[str], Array]]:
 
     The pose is relative to the target prim, in m.
     """
-    joint, out = UsdPhysics.Joint(prim), []
-    for rel, pos, rot in (
+    joint = UsdPhysics.Joint(prim)
+    ends = []
+    for targets, position, rotation in (
         (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
         (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
     ):
-        p, q = pos.Get(), rot.Get()
-        R = np.eye(3) if q is None else poses.rotation([*q.GetImaginary(), q.GetReal()])
-        T = poses.pose(R, np.array(p if p is not None else (0, 0, 0), float) * meters)
-        out.append(([str(t) for t in rel.GetForwardedTargets()] if rel else [], T))
-    return out
+        T = np.eye(4)
+        p = position.Get()
+        if p is not None:
+            T[:3, 3] = np.array(p, float) * meters
+        q = rotation.Get()
+        if q is not None:
+            T[:3, :3] = poses.rotation([*q.GetImaginary(), q.GetReal()])
+        paths = [str(path) for path in targets.GetForwardedTargets()] if targets else []
+        ends.append((paths, T))
+    return ends
 
 
 def _frame(
@@ -83,11 +92,13 @@ def _frame(
     above = prim
     while above and str(above.GetPath()) not in placed:
         above = above.GetParent()
-    still = world.poses(prim, [Usd.TimeCode.Default()])[0] @ local
+    rest = [Usd.TimeCode.Default()]
+    T_world_joint = world.poses(prim, rest)[0] @ local
     if not above:
-        return np.broadcast_to(still, (count, 4, 4))
-    T = placed[str(above.GetPath())]
-    return T @ (poses.inverse(world.poses(above, [Usd.TimeCode.Default()])[0]) @ still)
+        return np.broadcast_to(T_world_joint, (count, 4, 4))
+    # The target is no body itself, but moves with the body above it.
+    T_body_joint = poses.inverse(world.poses(above, rest)[0]) @ T_world_joint
+    return placed[str(above.GetPath())] @ T_body_joint
 
 
 def _locked(prim: Usd.Prim) -> list[int]:
@@ -115,16 +126,25 @@ def is_locked(prim: Usd.Prim, name: str) -> bool:
 
 def joint_values(stage: Usd.Stage, codes: Array, meters: float) -> dict[str, Array]:
     """Return {joint name: sampled joint values (k,) in rad or m}; joints without samples are omitted."""
-    out = {}
+    times = [Usd.TimeCode(code) for code in codes.tolist()]
+    values = {}
     for prim in stage.Traverse():
         if not prim.IsA(UsdPhysics.Joint):
             continue
         for attribute in prim.GetAuthoredAttributes():
-            parts = attribute.GetName().split(":")
-            if len(parts) != 4 or parts[0] != "state" or parts[2:] != ["physics", "position"]:
+            direction = _state_direction(attribute.GetName())
+            if not direction or not attribute.GetNumTimeSamples():
                 continue
-            if attribute.GetNumTimeSamples():
-                unit = np.pi / 180 if parts[1] in ("angular", "rotX", "rotY", "rotZ") else meters
-                query = Usd.AttributeQuery(attribute)
-                out[prim.GetName()] = np.array([float(query.Get(Usd.TimeCode(c))) for c in codes.tolist()]) * unit
-    return out
+            unit = np.pi / 180 if direction in ("angular", "rotX", "rotY", "rotZ") else meters
+            query = Usd.AttributeQuery(attribute)
+            samples = [float(query.Get(time)) for time in times]
+            values[prim.GetName()] = np.array(samples) * unit
+    return values
+
+
+def _state_direction(name: str) -> str:
+    """Return the direction of an attribute "state:<direction>:physics:position"; "" for another attribute."""
+    parts = name.split(":")
+    if len(parts) != 4 or parts[0] != "state" or parts[2:] != ["physics", "position"]:
+        return ""
+    return parts[1]

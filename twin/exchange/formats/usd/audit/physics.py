@@ -196,13 +196,15 @@ def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
         if prim.IsA(schema):
             axis = prim.GetAttribute("physics:axis").Get() if kind != "fixed" else "Z"
             return kind, AXES.get(str(axis), 0)
-    free = [i for i, name in enumerate(SIX) if not is_locked(prim, name)]
+    free = tuple(i for i, name in enumerate(SIX) if not is_locked(prim, name))
     if len(free) == 2 and free[1] == free[0] + 3:
         return "cylindrical", free[0]
-    known = {(): "fixed", (0, 1, 2, 3, 4, 5): "free", (3, 4, 5): "spherical"}
     if len(free) == 1:
-        return ("prismatic" if free[0] < 3 else "revolute"), free[0] % 3
-    return known.get(tuple(free), f"free along {', '.join(SIX[i] for i in free)}"), 2
+        kind = "prismatic" if free[0] < 3 else "revolute"
+        return kind, free[0] % 3
+    known = {(): "fixed", (0, 1, 2, 3, 4, 5): "free", (3, 4, 5): "spherical"}
+    directions = ", ".join(SIX[i] for i in free)
+    return known.get(free, f"free along {directions}"), 2
 
 
 def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDrive:
@@ -281,28 +283,40 @@ def _motors(root: Usd.Prim) -> dict[str, FileMotor]:
 
 def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, float], float]]:
     """Return the couplings stated as PhysX tendons, or as PhysX mimic joints (q + gearing * leader + offset = 0)."""
-    out: dict[str, tuple[dict[str, float], float]] = {}
+    couplings: dict[str, tuple[dict[str, float], float]] = {}
     for prim in stage.Traverse():
-        for name in map(
-            str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()
-        ):  # including schemas unknown to this OpenUSD
-            if name.startswith("PhysxMimicJointAPI:"):
-                place = f"physxMimicJoint:{name.split(':', 1)[1]}"
-                leader = prim.GetRelationship(f"{place}:referenceJoint")
-                leaders = leader.GetTargets() if leader else ()
-                said = (prim.GetAttribute(f"{place}:{n}").Get() for n in ("gearing", "offset"))
-                gearing, offset = (d if v is None else float(v) for v, d in zip(said, (1.0, 0.0), strict=True))
-                ratios = {prim.GetName(): 1.0, **{p.name: gearing for p in leaders}}
-                out[f"{prim.GetName()} {name}"] = ratios, -offset * _unit(prim, meters)
-            if name.startswith(("PhysxTendonAxisRootAPI:", "PhysxTendonAxisAPI:")):
-                tendon = name.split(":", 1)[1]
-                gearing = prim.GetAttribute(f"physxTendon:{tendon}:gearing").Get()
-                ratios, total = out.get(tendon, ({}, 0.0))
-                rest = prim.GetAttribute(f"physxTendon:{tendon}:restLength").Get()
-                unit = _unit(prim, meters)
+        # The applied schemas of the type info contain also those that this OpenUSD does not know.
+        for schema in map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()):
+            kind, colon, instance = schema.partition(":")
+            if not colon:
+                continue
+            if kind == "PhysxMimicJointAPI":
+                couplings[f"{prim.GetName()} {schema}"] = _mimic(prim, instance, meters)
+            elif kind in ("PhysxTendonAxisRootAPI", "PhysxTendonAxisAPI"):
+                ratios, constant = couplings.get(instance, ({}, 0.0))
+                gearing = prim.GetAttribute(f"physxTendon:{instance}:gearing").Get()
                 ratios[prim.GetName()] = float(gearing[0]) if gearing else 0.0
-                out[tendon] = (ratios, total if rest is None else float(rest) * unit)
-    return out
+                # Only the root of a tendon states its length.
+                length = prim.GetAttribute(f"physxTendon:{instance}:restLength").Get()
+                if length is not None:
+                    constant = float(length) * _unit(prim, meters)
+                couplings[instance] = (ratios, constant)
+    return couplings
+
+
+def _mimic(prim: Usd.Prim, instance: str, meters: float) -> tuple[dict[str, float], float]:
+    """Return the coupling ({joint: ratio}, constant) of a joint that follows other joints."""
+    place = f"physxMimicJoint:{instance}"
+    ratios = {prim.GetName(): 1.0}
+    gearing = prim.GetAttribute(f"{place}:gearing").Get()
+    leaders = prim.GetRelationship(f"{place}:referenceJoint")
+    if leaders:
+        for path in leaders.GetTargets():
+            ratios[path.name] = 1.0 if gearing is None else float(gearing)
+    offset = prim.GetAttribute(f"{place}:offset").Get()
+    if offset is None:
+        offset = 0.0
+    return ratios, -float(offset) * _unit(prim, meters)
 
 
 def _unit(joint: Usd.Prim, meters: float) -> float:
