@@ -5,6 +5,7 @@ Each convention is tried as a whole, because no edit of a single row has the sam
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -483,7 +484,7 @@ def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | Non
 
     None if the function does not compute such a row.
     """
-    if function.__code__.co_argcount != 4:
+    if inspect.unwrap(function).__code__.co_argcount != 4:  # type: ignore[attr-defined]
         return None
     probe = (0.3, 0.7, 1.1, 0.45)
     try:

@@ -11,25 +11,24 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain, combinations, islice, product
+from itertools import combinations, islice, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import residuals
+from twin.formula.scalar import Scalar
+from twin.validation.explain.batch import Batch, Choice, Cut, evaluated
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Expression, Site
 from twin.validation.explain.judge import Judge, worst
+from twin.validation.explain.numeric import unguarded
 from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.shifts import DIFFERENCE, FEWEST, Shift, shifted, solution
+from twin.validation.explain.shifts import FEWEST, Shift, shifted
 from twin.validation.explain.source import Edit
-
-_NAMES = ("_required_one_", "_required_two_")
-"""Names of the functions in the edited text that change the values of expressions."""
 
 _FULL_TURNS = (0.5, -0.5, 1.0)
 """Shifts, in units of pi, of an angle whose constant is wrong; Gauss-Newton does not reach them from zero."""
@@ -40,324 +39,396 @@ _MULTIPLES = (0.0, -2.0, -1.0, 1.0, -0.5, -0.75, 3.0)
 _FEW = 4
 """Number of poses at which such shifts are tried."""
 
+_CHOICES = len(_MULTIPLES) + len(_FULL_TURNS)
+
+_PAIRS = 12
+"""Number of pairs of expressions for which such shifts are tried by one evaluation."""
+
+_POSE = 12
+"""Number of entries of a row with which one pose decides whether shifts are good."""
+
 _NEAR = 0.1
 """Largest part of the residuals that may be left after such shifts, for Gauss-Newton to start there."""
 
 _MOST_TEXTS = 6
 """Maximum number of edits of each of two expressions that are combined."""
 
-
-@dataclass(frozen=True)
-class _Cut:
-    """A largest scalar expression of a statement.
-
-    `slopes`: derivatives (k, entries) of the residuals of each row that it moves.
-    """
-
-    site: Site
-    node: ast.expr
-    slopes: dict[Key, Array]
-
-    @property
-    def function(self) -> tuple[str, str]:
-        """File and function of the expression."""
-        return str(self.site.source.path), self.site.source.name
-
-    @property
-    def place(self) -> tuple[Path, int, int]:
-        """File, first byte and end of the expression."""
-        return (self.site.source.path, *self.site.source.span(self.node))
+_AT_ONCE = 256
+"""Number of choices of expressions of which the solutions are found together."""
 
 
 class Double:
     """Search for two edits in the statements of one equation, or of one function that it calls."""
 
-    def __init__(
-        self, judge: Judge, step: Step, sites: Sequence[Site], rows: Sequence[Key], deadline: Deadline
-    ) -> None:
-        """Set up the search for the wrong rows `rows`; `sites` are the statements on which they depend."""
-        self.judge = judge
+    def __init__(self, coarse: Batch, full: Batch, step: Step, sites: Sequence[Site], failing: Sequence[Key]) -> None:
+        """Set up the search.
+
+        Args:
+            coarse: few poses, which reject most expressions.
+            full: all poses.
+            step: the equation.
+            sites: the statements on which the wrong rows depend.
+            failing: the wrong rows.
+        """
+        self.coarse = coarse
+        self.full = full
         self.step = step
         self.sites = sites
-        self.rows = rows
-        self.deadline = deadline
-        """Limit of the search; it may be set for each of the methods."""
+        self.failing = list(failing)
         self.unsure: list[tuple[Path, int, int]] = []
-        """Places of expressions whose values differ from call to call, so that they are no unknowns."""
-        self._k = judge.truth.k
-        self._base = {p.key: r for p, r in judge.residuals.items()}
-        # Rows that agree must still agree, so they also determine the values.
-        self._binding = [k for k, r in self._base.items() if k in rows or worst(r) <= 1]
+        """Places of expressions whose values may differ from call to call, so that one value of them proves nothing."""
+        self._cuts: list[Cut] | None = None
 
-    def in_one(self) -> Iterator[tuple[Edit, Edit]]:
+    @property
+    def judge(self) -> Judge:
+        """Judge at all poses, at which `if_else(condition, value, nan)` is `value`."""
+        return self.full.copies(1)
+
+    def in_one(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits that both are in one expression."""
-        for cut in self.cuts:
-            if self.deadline.passed:
-                return
-            shifts = self._solved((), (cut,))
-            if shifts is None:
-                continue
-            (shift,) = shifts
-            expression = Expression(cut.site, cut.node, shift, self.deadline)
+        choices = [(cut,) for cut in self.cuts(rows, deadline)]
+        for (cut,), (shift,) in self._solutions((), choices, rows, deadline):
+            expression = Expression(cut.site, cut.node, shift, deadline)
             yield from expression.two((shift.value + shift.shift)[:, 0])
 
-    def in_two(self) -> Iterator[tuple[Edit, Edit]]:
+    def in_two(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
         pairs = []
-        for a, b in combinations(self.cuts, 2):
-            if self.deadline.passed:
-                return
+        for a, b in combinations(self.cuts(rows, deadline), 2):
             if a.function == b.function:
-                pairs.append((self._unexplained(a, b), len(pairs), a, b))
+                pairs.append((self._unexplained(a, b, rows), len(pairs), a, b))
+        ordered = [(a, b) for _, _, a, b in sorted(pairs, key=lambda pair: pair[:2])]
         solved = []
-        ordered = [pair[2:] for pair in sorted(pairs, key=lambda pair: pair[:2])]
-        trials = [(a, b, None) for a, b in ordered]
-        for a, b, start in chain(trials, self._guesses(ordered)):
-            if self.deadline.passed:
-                return
-            shifts = self._solved((), (a, b), start)
-            if shifts is None:
-                continue
-            known = [list(self._texts(a, shifts[0])), list(self._texts(b, shifts[1]))]
-            solved.append((a, b, shifts, known))
-            yield from product(known[0], known[1])
+        for guessed in (False, True):
+            starts = self._guesses(ordered, rows, deadline) if guessed else None
+            choices = ordered if starts is None else list(starts)
+            for (a, b), shifts in self._solutions((), choices, rows, deadline, starts):
+                known = [list(self._texts(a, shifts[0], deadline)), list(self._texts(b, shifts[1], deadline))]
+                solved.append((a, b, shifts, known))
+                yield from product(known[0], known[1])
         # Short formulas take longer than edits that are tried anyway, so that they come last.
         for a, b, shifts, known in solved:
             if all(known):
                 continue
             for i, cut in enumerate((a, b)):
                 if all(known[:i]) and not known[i]:
-                    known[i] = list(self._composed(cut, shifts[i]))
+                    known[i] = list(self._composed(cut, shifts[i], deadline))
             yield from product(known[0], known[1])
 
-    def beside(self, firsts: Sequence[Edit], composed: bool = False) -> Iterator[tuple[Edit, Edit]]:
+    def beside(
+        self, firsts: Sequence[Edit], rows: Sequence[Key], deadline: Deadline, composed: bool = False
+    ) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of one of the edits `firsts` and an edit of an expression that it does not touch.
 
         `composed`: whether the second edit may be a short formula.
         """
+        cuts = self.cuts(rows, deadline)
         for first in firsts:
-            for cut in self.cuts:
-                if self.deadline.passed:
-                    return
-                start, end = cut.site.source.span(cut.node)
-                place = (str(first.path), first.function)
-                if place != cut.function or not (first.end < start or end < first.start):
-                    continue
-                shifts = self._solved((first,), (cut,))
-                if shifts is None:
-                    continue
-                seconds = list(self._texts(cut, shifts[0]))
+            if deadline.passed:
+                return
+            choices = []
+            for cut in cuts:
+                _, start, end = cut.place
+                if (first.path, first.function) == cut.function and (first.end < start or end < first.start):
+                    choices.append((cut,))
+            for (cut,), (shift,) in self._solutions((first,), choices, rows, deadline):
+                seconds = list(self._texts(cut, shift, deadline))
                 if composed and not seconds:
-                    seconds = list(self._composed(cut, shifts[0]))
+                    seconds = list(self._composed(cut, shift, deadline))
                 for second in seconds:
                     yield first, second
 
-    def outside(self, edit: Edit) -> bool:
+    def outside(self, edit: Edit, deadline: Deadline) -> bool:
         """Return whether an edit is in no scalar expression, so that only `beside` finds a pair with it."""
-        for cut in self.cuts:
-            start, end = cut.site.source.span(cut.node)
-            if start <= edit.start and edit.end <= end and edit.path == cut.site.source.path:
+        for cut in self.cuts(self.failing, deadline):
+            path, start, end = cut.place
+            if start <= edit.start and edit.end <= end and edit.path == path:
                 return False
         return True
 
-    def refuted(self) -> list[tuple[Path, int, int]]:
-        """Return the places of expressions with no value of which a wrong row agrees.
+    def refuted(self, rows: Sequence[Key], deadline: Deadline) -> list[tuple[Path, int, int]]:
+        """Return the places of expressions with no value of which one of the wrong rows `rows` agrees.
 
         No single edit inside them can repair a row. Only rows with several entries can show this.
         """
-        out = []
-        for cut in self.cuts:
-            rows = [k for k in self.rows if k in cut.slopes]
-            if not any(self._can_repair(cut, k) for k in rows):
-                out.append(cut.place)
-        return out
-
-    def _can_repair(self, cut: _Cut, row: Key) -> bool:
-        r = self._base[row]
-        if r.shape[1] == 1 or np.isfinite(r).all(axis=1).sum() < FEWEST:
-            return True
-        binding = self._binding
-        self._binding = [row]
-        try:
-            for turn in (0.0, *_FULL_TURNS):
-                start = np.full((self._k, 1), turn * np.pi)
-                if self._solved((), (cut,), start) is not None:
-                    return True
-            return self.deadline.passed
-        finally:
-            self._binding = binding
+        base = self.full.residuals
+        trials: list[Choice] = []
+        able: set[Cut] = set()
+        cuts = self.cuts(rows, deadline)
+        for cut in cuts:
+            for row in rows:
+                if row not in cut.slopes:
+                    continue
+                r = base[row]
+                if cut.several or r.shape[1] == 1 or np.isfinite(r).all(axis=1).sum() < FEWEST:
+                    able.add(cut)
+                for turn in (0.0, *_FULL_TURNS):
+                    trials.append(Choice((cut,), (row,), np.full((len(self.coarse.poses), 1), turn * np.pi)))
+        trials = [trial for trial in trials if trial.cuts[0] not in able]
+        for i, _ in self.coarse.solved(self.step.equation.name, (), trials, deadline):
+            able.add(trials[i].cuts[0])
+        if deadline.passed:  # expressions may be undecided
+            return []
+        return [cut.place for cut in cuts if cut not in able]
 
     # -- expressions ------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def cuts(self) -> list[_Cut]:
-        """The largest scalar expressions of the statements whose values move the rows."""
+    def cuts(self, rows: Sequence[Key], deadline: Deadline) -> list[Cut]:
+        """Return the largest scalar expressions of the statements whose values move the rows."""
+        if self._cuts is None:
+            found = self._largest_scalars(deadline)
+            if found is None:  # the time is over; a later call has more
+                return []
+            self._cuts = found
         out = []
-        for site in self.sites:
-            todo: list[ast.AST] = [site.statement.node]
-            while todo and not self.deadline.passed:
-                node = todo.pop(0)
+        for cut in self._cuts:
+            if any(row in cut.slopes for row in rows):
+                out.append(cut)
+        return out
+
+    def _largest_scalars(self, deadline: Deadline) -> list[Cut] | None:
+        todo: list[tuple[Site, ast.AST]] = [(site, site.statement.node) for site in self.sites]
+        cuts: list[Cut] = []
+        while todo:
+            if deadline.passed:
+                return None
+            tried: list[tuple[Site, ast.expr]] = []
+            below: list[tuple[Site, ast.AST]] = []
+            for site, node in todo:
                 if _may_be_scalar(node, site.parents):
                     assert isinstance(node, ast.expr)
-                    slopes = self._slopes(site, node)
-                    if slopes is not None:
-                        moving = any(k in slopes for k in self.rows)
-                        if moving:
-                            out.append(_Cut(site, node, slopes))
-                        continue
-                if not isinstance(node, ast.Subscript):  # the names in an index are no scalars of the row
-                    todo += ast.iter_child_nodes(node)
+                    tried.append((site, node))
+                elif not isinstance(node, ast.Subscript):  # the names in an index are no scalars of the row
+                    below += [(site, child) for child in ast.iter_child_nodes(node)]
+            for (site, node), probe in zip(tried, self._probed(tried), strict=True):
+                cut = Cut(site, node, {})
+                if probe is not None and (probe.mixed or probe.several):
+                    self.unsure.append(cut.place)
+                if probe is not None and probe.scalar and not probe.mixed:
+                    cuts.append(Cut(site, node, {}, probe.value[:, 0], probe.several))
+                elif not isinstance(node, ast.Subscript):
+                    below += [(site, child) for child in ast.iter_child_nodes(node)]
+            todo = below
+        slopes = self.full.slopes(self.step.equation.name, cuts)
+        out = []
+        for cut, moved in zip(cuts, slopes, strict=True):
+            if moved:
+                out.append(Cut(cut.site, cut.node, moved, cut.value, cut.several))
+        return sorted(out, key=lambda cut: cut.place)
+
+    def _probed(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe | None]:
+        """Return the probes of expressions; None if the text with a probe cannot be evaluated, or is not."""
+        together: dict[tuple[Path, str], list[int]] = {}
+        for i, (site, _) in enumerate(nodes):
+            together.setdefault((site.source.path, site.source.name), []).append(i)
+        out: list[_Probe | None] = [None] * len(nodes)
+        for numbers in together.values():
+            parts = [numbers]
+            if not self._probe([nodes[i] for i in numbers]):
+                parts = [[i] for i in numbers]
+            for part in parts:
+                probes = self._probe([nodes[i] for i in part])
+                for i, probe in zip(part, probes, strict=False):
+                    if probe.called:
+                        out[i] = probe
         return out
 
-    def _slopes(self, site: Site, node: ast.expr) -> dict[Key, Array] | None:
-        """Return the derivatives of the rows that an expression moves; None if it is not one scalar."""
-        shift = Shift(self._k)
-        change = [shifted(site.source, site.statement, node, _NAMES[0])]
-        base = self._residuals(change, [shift])
-        if base is None:
-            return None
-        if shift.mixed:
-            self.unsure.append((site.source.path, *site.source.span(node)))
-            return None
-        shift.shift = np.full_like(shift.shift, DIFFERENCE)
-        moved = self._residuals(change, [shift])
-        if moved is None:
-            return None
-        out = {}
-        for k in self._binding:
-            if k in moved and k in base and not np.array_equal(base[k], moved[k], equal_nan=True):
-                out[k] = (moved[k] - base[k]) / DIFFERENCE
-        return out
+    def _probe(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe]:
+        """Return the probes of expressions of one function, all at once; an empty list if they have no values."""
+        probes = [_Probe(self.judge.truth.k) for _ in nodes]
+        change = []
+        extra = {}
+        for i, (site, node) in enumerate(nodes):
+            name = f"_required_{i}_"
+            change.append(shifted(site.source, site.statement, node, name, scope=False))
+            extra[name] = probes[i]
+        with unguarded():
+            found = evaluated(self.judge, self.step.equation.name, change, extra)
+        if found is None:
+            return []
+        return probes
 
-    def _unexplained(self, a: _Cut, b: _Cut) -> float:
+    def _unexplained(self, a: Cut, b: Cut, rows: Sequence[Key]) -> float:
         """Return the part of the residuals that small changes of two expressions cannot remove, on average."""
-        keys = [k for k in self.rows if k in a.slopes or k in b.slopes]
-        zeros = {k: np.zeros_like(self._base[k]) for k in keys}
-        r = np.hstack([self._base[k] for k in keys])
+        base = self.full.residuals
+        keys = [k for k in rows if k in a.slopes or k in b.slopes]
+        zeros = {k: np.zeros_like(base[k]) for k in keys}
+        r = np.hstack([base[k] for k in keys])
         J = np.stack([np.hstack([c.slopes.get(k, zeros[k]) for k in keys]) for c in (a, b)], axis=2)
         good = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(r).all(axis=1)
         good &= (r != 0).any(axis=1)  # a pose at which the rows agree says nothing
         if not good.any():
             return 1.0
-        r, J = r[good], J[good]
+        r = r[good]
+        J = J[good]
         rest = r - (J @ (np.linalg.pinv(J) @ r[:, :, None]))[:, :, 0]
         return float(np.mean(np.sum(rest**2, axis=1) / np.sum(r**2, axis=1)))
 
     # -- values -------------------------------------------------------------------------------------------------------
 
-    def _solved(self, fixed: Sequence[Edit], cuts: Sequence[_Cut], start: Array | None = None) -> list[Shift] | None:
-        """Return shifts of expressions with which, after the edits `fixed`, the rows agree; None without a solution.
+    def _binding(self, cuts: Sequence[Cut], rows: Sequence[Key]) -> tuple[Key, ...]:
+        """Return the rows that determine the values of expressions: rows that agree must still agree."""
+        out = []
+        for key, r in self.full.residuals.items():
+            moved = any(key in cut.slopes for cut in cuts)
+            if moved and (key in rows or worst(r) <= 1):
+                out.append(key)
+        return tuple(out)
 
-        `start` are the first shifts (k, expressions); None: zero.
+    def _solutions(
+        self,
+        fixed: Sequence[Edit],
+        choices: Sequence[tuple[Cut, ...]],
+        rows: Sequence[Key],
+        deadline: Deadline,
+        starts: dict[tuple[Cut, ...], Array] | None = None,
+    ) -> Iterator[tuple[tuple[Cut, ...], list[Shift]]]:
+        """Yield expressions and their shifts with which, after the edits `fixed`, the rows agree.
+
+        `starts` are the first shifts (k, expressions); None: zero.
         """
-        shifts = [Shift(self._k) for _ in cuts]
-        change = list(fixed)
-        for cut, name in zip(cuts, _NAMES, strict=False):
-            change.append(shifted(cut.site.source, cut.site.statement, cut.node, name))
-        moved = set().union(*(cut.slopes for cut in cuts))
-        rows = [k for k in self._binding if k in moved]
+        equation = self.step.equation.name
+        for first in range(0, len(choices), _AT_ONCE):
+            tried = []
+            for cuts in choices[first : first + _AT_ONCE]:
+                start = None if starts is None else starts[cuts][self.coarse.poses]
+                tried.append(Choice(cuts, self._binding(cuts, rows), start))
+            likely = []
+            for i, _ in self.coarse.solved(equation, fixed, tried, deadline):
+                start = None if starts is None else starts[tried[i].cuts]
+                likely.append(Choice(tried[i].cuts, tried[i].rows, start))
+            for i, values in self.full.solved(equation, fixed, likely, deadline):
+                shifts = self._at(fixed, likely[i], values)
+                if shifts is not None:
+                    yield likely[i].cuts, shifts
 
-        def residual(values: Array) -> Array | None:
-            for i, shift in enumerate(shifts):
-                shift.shift = values[:, i : i + 1]
-            found = self._residuals(change, shifts)
-            if found is None or any(k not in found for k in rows) or any(shift.mixed for shift in shifts):
-                return None
-            return np.hstack([found[k] for k in rows])
-
-        def scale() -> Array:
-            return np.hstack([shift.value for shift in shifts])
-
-        first = np.zeros((self._k, len(cuts))) if start is None else start
-        solved = solution(residual, first, scale, self.deadline)
-        if solved is None:
+    def _at(self, fixed: Sequence[Edit], choice: Choice, values: Array) -> list[Shift] | None:
+        """Return the shifts of expressions, with the names in their scope, for given values (k, expressions)."""
+        shifts = []
+        for u in range(len(choice.cuts)):
+            shift = Shift(len(values))
+            shift.shift = values[:, u : u + 1]
+            shifts.append(shift)
+        found = self._residuals(choice.cuts, shifts, fixed)
+        if found is None or any(row not in found for row in choice.rows):
             return None
+        r = np.hstack([found[row] for row in choice.rows])
         for shift in shifts:
-            shift.known = solved[1]
+            shift.known = np.isfinite(r).all(axis=1)
         return shifts
 
-    def _guesses(self, pairs: Sequence[tuple[_Cut, _Cut]]) -> Iterator[tuple[_Cut, _Cut, Array]]:
-        """Yield pairs of expressions with shifts (k, 2) near which the rows may agree.
+    def _guesses(
+        self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[Key], deadline: Deadline
+    ) -> dict[tuple[Cut, ...], Array]:
+        """Return pairs of expressions with shifts (k, 2) near which the rows may agree.
 
-        All combinations of some shifts are tried at a few poses, by one evaluation.
+        All combinations of some shifts are tried at few poses, for several pairs by one evaluation.
         """
-        count = (len(_MULTIPLES) + len(_FULL_TURNS)) ** 2
-        places = np.linspace(0, self._k - 1, _FEW).astype(int)
-        coarse: Double | None = None
-        for a, b in pairs:
-            if self.deadline.passed:
-                return
-            if coarse is None:
-                judge = self.judge.on(self.judge.truth.repeated([int(i) for i in places], count))
-                step = judge.step(self.step.equation.name)
-                coarse = Double(judge, step, self.sites, self.rows, self.deadline)
-            guess = coarse._guess(a, b)
-            if guess is not None:
-                values = []
-                for cut, i in zip((a, b), guess, strict=True):
-                    values.append(_shifts(self._value(cut))[i])
-                yield a, b, np.stack(values, axis=1)
+        out: dict[tuple[Cut, ...], Array] = {}
+        for part in _together(pairs):
+            if deadline.passed:
+                break
+            for (a, b), guess in zip(part, self._guess(part, rows), strict=True):
+                if guess is not None:
+                    i, j = divmod(guess, _CHOICES)
+                    out[a, b] = np.stack([_shifts(a.value)[i], _shifts(b.value)[j]], axis=1)
+        return out
 
-    def _guess(self, a: _Cut, b: _Cut) -> tuple[int, int] | None:
-        """Return the indices of the two shifts of `_shifts` after which least of the residuals is left, if little."""
-        choices = len(_MULTIPLES) + len(_FULL_TURNS)
-        shifts = [Shift(self._k), Shift(self._k)]
-        change = []
-        for cut, name in zip((a, b), _NAMES, strict=True):
-            change.append(shifted(cut.site.source, cut.site.statement, cut.node, name))
-        base = self._residuals(change, shifts)
-        if base is None:
-            return None
-        for axis, shift in enumerate(shifts):
-            every = _shifts(shift.value[:_FEW, 0])  # (choices, poses)
-            shape = (choices, 1, _FEW) if axis == 0 else (1, choices, _FEW)
-            mixed = np.broadcast_to(every.reshape(shape), (choices, choices, _FEW))
-            shift.shift = mixed.reshape(-1, 1)
-        found = self._residuals(change, shifts)
-        rows = [k for k in self._binding if k in base and (k in a.slopes or k in b.slopes)]
-        if found is None or any(k not in found for k in rows):
-            return None
-        before = np.hstack([base[k] for k in rows])[:_FEW]
-        after = np.hstack([found[k] for k in rows])
-        left = np.sum(after**2, axis=1).reshape(choices, choices, _FEW).sum(axis=2)
-        left = np.where(np.isfinite(left), left, np.inf)
-        best = int(np.argmin(left))
-        least = float(left.flat[best])
-        if best == 0 or not least <= _NEAR * float(np.sum(before**2)):
-            return None
-        return best // choices, best % choices
+    def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[Key]) -> list[int | None]:
+        """Return the index of the shifts of `_shifts` after which least of the residuals is left, if little."""
+        places, grid = self._at_few
+        before = {p.key: r for p, r in grid.residuals.items()}
+        few = len(places)
+        each = _CHOICES**2 * few
+        shifts: dict[Cut, Shift] = {}
+        for n, pair in enumerate(pairs):
+            for axis, cut in enumerate(pair):
+                shift = shifts.setdefault(cut, Shift(grid.truth.k))
+                shape = (1, _CHOICES, few)
+                if axis == 0:
+                    shape = (_CHOICES, 1, few)
+                every = _shifts(cut.value[places]).reshape(shape)
+                mixed = np.broadcast_to(every, (_CHOICES, _CHOICES, few))
+                shift.shift[n * each : (n + 1) * each, 0] = mixed.ravel()
+        after = self._residuals(list(shifts), list(shifts.values()), (), grid)
+        out: list[int | None] = []
+        for n, pair in enumerate(pairs):
+            size = 0.0
+            left = np.zeros(each)
+            for row in self._binding(pair, rows):
+                size += float(np.sum(before[row][:few] ** 2))
+                moved = before if after is None or row not in after else after
+                left = left + np.sum(moved[row][n * each : (n + 1) * each] ** 2, axis=1)
+            left = left.reshape(-1, few).sum(axis=1)
+            left = np.where(np.isfinite(left), left, np.inf)
+            best = int(np.argmin(left))
+            near = best != 0 and bool(left[best] <= _NEAR * size)
+            out.append(best if near else None)
+        return out
 
-    def _value(self, cut: _Cut) -> Array:
-        """Return the values (k,) of an expression."""
-        shift = Shift(self._k)
-        self._residuals([shifted(cut.site.source, cut.site.statement, cut.node, _NAMES[0])], [shift])
-        return shift.value[:, 0]
+    @cached_property
+    def _at_few(self) -> tuple[NDArray[np.intp], Judge]:
+        """Few poses, and a judge of all combinations of shifts there, for several pairs of expressions."""
+        entries = [r.shape[1] for key, r in self.full.residuals.items() if key in self.failing]
+        few = 1 if max(entries) >= _POSE else _FEW
+        places = np.linspace(0, self.judge.truth.k - 1, few + 2).astype(int)[1:-1]
+        with unguarded():
+            judge = self.judge.on(self.judge.truth.repeated([int(i) for i in places], _CHOICES**2 * _PAIRS))
+        return places, judge
 
-    def _texts(self, cut: _Cut, shift: Shift) -> Iterator[Edit]:
+    def _texts(self, cut: Cut, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield single edits of an expression that shift its values."""
-        expression = Expression(cut.site, cut.node, shift, self.deadline)
+        expression = Expression(cut.site, cut.node, shift, deadline)
         return islice(expression.one((shift.value + shift.shift)[:, 0]), _MOST_TEXTS)
 
-    def _composed(self, cut: _Cut, shift: Shift) -> Iterator[Edit]:
+    def _composed(self, cut: Cut, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield edits of an expression that shift its values by a term or factor."""
-        expression = Expression(cut.site, cut.node, shift, self.deadline)
+        expression = Expression(cut.site, cut.node, shift, deadline)
         return islice(expression.composed((shift.value + shift.shift)[:, 0]), _MOST_TEXTS)
 
-    def _residuals(self, change: Sequence[Edit], shifts: Sequence[Shift]) -> dict[Key, Array] | None:
-        """Return the residuals of the rows after edits with shifted expressions."""
-        extra: dict[str, Any] = dict(zip(_NAMES, shifts, strict=False))
-        for shift in shifts:
-            shift.begin()
-        foreign = change[0].function != self.step.source.name
-        called = [h.function.__globals__ for h in self.judge.helpers(self.step)] if foreign else []
-        for scope in called:
-            scope.update(extra)
-        try:
-            return residuals(self.judge, self.step.equation.name, change, extra)
-        finally:
-            for scope in called:
-                for name in extra:
-                    scope.pop(name, None)
+    def _residuals(
+        self, cuts: Sequence[Cut], shifts: Sequence[Shift], fixed: Sequence[Edit] = (), judge: Judge | None = None
+    ) -> dict[Key, Array] | None:
+        """Return the residuals of the rows with shifted expressions, after the edits `fixed`."""
+        change = list(fixed)
+        extra: dict[str, Any] = {}
+        for i, cut in enumerate(cuts):
+            name = f"_required_{i}_"
+            change.append(shifted(cut.site.source, cut.site.statement, cut.node, name))
+            extra[name] = shifts[i]
+            shifts[i].begin()
+        with unguarded():
+            return evaluated(judge or self.judge, self.step.equation.name, change, extra)
+
+
+class _Probe(Shift):
+    """A function that returns its argument, and stores whether it is one scalar at each pose."""
+
+    def __init__(self, k: int) -> None:
+        super().__init__(k)
+        self.scalar = True
+        self.called = False
+
+    def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
+        self.called = True
+        x = value.x if isinstance(value, Scalar) else value
+        numbers = np.asarray(x) if isinstance(x, int | float | np.ndarray | np.floating) else np.zeros(0)
+        if numbers.dtype.kind not in "if" or numbers.shape not in ((), (len(self.shift),)):
+            self.scalar = False
+            return value
+        super().__call__(value)
+        return value
+
+
+def _together(pairs: Sequence[tuple[Cut, Cut]]) -> Iterator[list[tuple[Cut, Cut]]]:
+    """Yield the pairs in parts of one function each, which one evaluation can have."""
+    by_function: dict[tuple[Path, str], list[tuple[Cut, Cut]]] = {}
+    for pair in pairs:
+        part = by_function.setdefault(pair[0].function, [])
+        part.append(pair)
+        if len(part) == _PAIRS:
+            yield by_function.pop(pair[0].function)
+    yield from by_function.values()
 
 
 def _shifts(values: Array) -> Array:

@@ -25,6 +25,7 @@ from twin.formula.scalar import Value
 from twin.validation.explain import numeric, plain
 from twin.validation.explain.numeric import Matrix, Rebuilder, to_array
 from twin.validation.explain.rows import Helper, Place, Step, Tolerance
+from twin.validation.explain.shifts import Shift
 from twin.validation.explain.source import OUT, Edit, Source, Statement
 from twin.validation.explain.swivel import fitted
 from twin.validation.explain.truth import Truth
@@ -289,11 +290,13 @@ class Judge:
 
     # -- trials of edits ----------------------------------------------------------------------------------------
 
-    def trial(self, step: Step, edits: list[Edit], extra: Mapping[str, Value] | None = None) -> Residuals:
+    def trial(
+        self, step: Step, edits: list[Edit], extra: Mapping[str, Value] | None = None, angle: Array | None = None
+    ) -> Residuals:
         """Return the residuals of the rows that the edits change; call this method with NumPy's warnings disabled.
 
         The edits change statements of the step or of one helper function. `extra` contains the values of the names that
-        the edits define.
+        the edits define. `angle` are the values (k,) of a free swivel angle; None: it is fitted to the edited rows.
 
         Raises:
             Exception: any exception of the edited code, including SyntaxError.
@@ -312,8 +315,13 @@ class Judge:
             replaced = self._patch(step, foreign)
         free = step.free
         try:
-            if free:
+            if free and angle is not None:
+                step.free = {self.truth.free: angle}
+            elif free:
                 self._place(step, own, extra)
+                for value in extra.values():
+                    if isinstance(value, Shift):  # the values while the swivel was fitted are not those of the row
+                        value.begin()
             found = self._retry(step, own, extra, bool(foreign) or bool(free))
             if foreign:
                 found |= self._from_before(step, foreign)
@@ -355,7 +363,8 @@ class Judge:
         exec(helper.source.whole(edits), scope)
         made = scope[helper.source.name]
         # The edited text ran in a copy of the globals; the function must see the real ones, where searches put names.
-        edited = FunctionType(made.__code__, own_globals, made.__name__, helper.function.__defaults__)
+        defaults = inspect.unwrap(helper.function).__defaults__  # type: ignore[attr-defined]
+        edited = FunctionType(made.__code__, own_globals, made.__name__, defaults)
         scopes = [own_globals]
         for other in self.steps:
             scopes.append(other.scope)
@@ -504,9 +513,15 @@ def worst(r: Array) -> float:
     return float("inf") if math.isnan(largest) else largest
 
 
-def evaluate(judge: Judge, step: Step, edits: list[Edit], extra: Mapping[str, Value] | None = None) -> Residuals | None:
+def evaluate(
+    judge: Judge,
+    step: Step,
+    edits: list[Edit],
+    extra: Mapping[str, Value] | None = None,
+    angle: Array | None = None,
+) -> Residuals | None:
     """Return the residuals of `Judge.trial`, or None if the edited text cannot be run."""
     try:
-        return judge.trial(step, edits, extra)
+        return judge.trial(step, edits, extra, angle)
     except Exception:
         return None

@@ -7,8 +7,12 @@ rebuilt in the same way.
 
 from __future__ import annotations
 
+import contextlib
+import inspect
+import math
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +134,25 @@ def _cross(a: Any, b: Any) -> Matrix:
     return Matrix(np.cross(u, v)[:, :, None])
 
 
+_UNGUARDED: ContextVar[bool] = ContextVar("unguarded", default=False)
+
+
+@contextlib.contextmanager
+def unguarded() -> Iterator[None]:
+    """Evaluate `if_else(condition, value, nan)` as `value` in this block.
+
+    Equations with an error may have no value at all otherwise, and no value says how far an expression is from right.
+    """
+    token = _UNGUARDED.set(True)
+    try:
+        yield
+    finally:
+        _UNGUARDED.reset(token)
+
+
 def _if_else(condition: Any, yes: Any, no: Any, *_: Any) -> Any:
+    if isinstance(no, float) and math.isnan(no) and _UNGUARDED.get():
+        return yes
     if isinstance(yes, Matrix) or isinstance(no, Matrix):
         return Matrix(np.where(_as(condition).a.astype(bool), _as(yes).a, _as(no).a))
     return np.where(condition, yes, no)
@@ -237,6 +259,75 @@ _FAST = {"rotation_x": turn(0), "rotation_y": turn(1), "rotation_z": turn(2), "p
 """Functions of `symbolic` that have their own NumPy version."""
 
 
+_SHORT = 2048
+"""Maximum number of entries of an argument of a call whose result is kept."""
+
+_MOST_KEPT = 2_000_000
+"""Maximum number of entries of the results that are kept of one function."""
+
+
+def _remembering(f: types.FunctionType) -> types.FunctionType:
+    """Return a function that keeps its results if they are matrices, unless it calls functions that can be edited.
+
+    While edits are tried, a row of a table is evaluated thousands of times with the same values.
+    """
+    results: dict[Any, Matrix] = {}
+    state: dict[str, int] = {"entries": 0}
+    # The new function has the globals of `f`, in which edits replace functions; what it needs itself is in its closure.
+    is_leaf = _is_leaf
+    key_of = _key
+    kept = Matrix
+    most = _MOST_KEPT
+
+    def remembered(*args: Any, **named: Any) -> Any:
+        if "leaf" not in state:
+            state["leaf"] = is_leaf(f)
+        key = None
+        if state["leaf"] and not named:
+            key = key_of(args)
+        if key is None:
+            return f(*args, **named)
+        if key in results:
+            return results[key]
+        out = f(*args)
+        if isinstance(out, kept):  # operators never change a matrix, but may change an array or a list
+            state["entries"] += out.a.size
+            if state["entries"] > most:
+                results.clear()
+                state["entries"] = out.a.size
+            results[key] = out
+        return out
+
+    out = types.FunctionType(remembered.__code__, f.__globals__, f.__name__, None, remembered.__closure__)
+    out.__wrapped__ = f  # type: ignore[attr-defined]
+    return out
+
+
+def _is_leaf(f: types.FunctionType) -> bool:
+    """Return whether a function calls no function of a formula."""
+    for name in f.__code__.co_names:
+        called = f.__globals__.get(name)
+        if isinstance(called, types.FunctionType) and of_formula(called):
+            return False
+    return True
+
+
+def _key(args: tuple[Any, ...]) -> tuple[Any, ...] | None:
+    """Return a key that is equal only for equal arguments; None if an argument is long, or is no number or matrix."""
+    out: list[Any] = [_UNGUARDED.get()]
+    for x in args:
+        a = x.a if isinstance(x, Matrix) else x
+        if isinstance(a, float):
+            out.append(a.hex())  # 0.0 and -0.0 are equal, but not their arc tangents
+        elif isinstance(a, int):
+            out.append(a)
+        elif isinstance(a, np.ndarray) and a.dtype == np.float64 and a.size <= _SHORT:
+            out.append((type(x), a.shape, a.tobytes()))
+        else:
+            return None
+    return tuple(out)
+
+
 class Rebuilder:
     """Rebuilds functions for arrays; each function is rebuilt only once per instance."""
 
@@ -259,6 +350,9 @@ class Rebuilder:
             out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, cells)
             self._done[id(f)] = out
         out.__kwdefaults__ = f.__kwdefaults__
+        if not f.__closure__ and not f.__kwdefaults__ and of_formula(f):
+            out = _remembering(out)
+            self._done[id(f)] = out
         return out
 
     def scope(self, f: types.FunctionType) -> dict[str, Any]:
@@ -319,7 +413,7 @@ def _ours(f: types.FunctionType) -> bool:
 
 def of_formula(f: types.FunctionType) -> bool:
     """Return whether a function that a formula calls is in a formula file, not in the library."""
-    path = Path(f.__code__.co_filename).resolve()
+    path = Path(inspect.unwrap(f).__code__.co_filename).resolve()  # type: ignore[attr-defined]
     return not path.is_relative_to(_TWIN) or path.is_relative_to(_TWIN / "robots")
 
 

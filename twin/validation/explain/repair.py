@@ -17,6 +17,7 @@ from twin.core.atomic import Scratch
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.robots import load_formula
+from twin.validation.explain.batch import Batch
 from twin.validation.explain.candidate import REST, TOKENS, Candidate, Found, aliases, residuals
 from twin.validation.explain.canonical import canonical
 from twin.validation.explain.deadline import Deadline
@@ -77,6 +78,9 @@ _DOUBLE_PART = 0.7
 
 _REFUTE_PART = 0.25
 """Maximum part of the remaining time to find expressions in which no single edit can repair a row."""
+
+_COARSE = 6
+"""Number of poses at which most expressions are rejected."""
 
 _LATE = 3
 """Maximum number of repairs that are confirmed, if the time is over."""
@@ -243,16 +247,15 @@ class Search:
             inside |= start <= edit.start and edit.end <= end and path == edit.path
         return inside
 
-    def _refute(self, rows: Sequence[Key]) -> None:
-        """Find the expressions in which no single edit can repair one of the failing rows `rows`."""
+    def _refute(self) -> None:
+        """Find the expressions in which no single edit can repair a failing row, also one with another repair."""
         until = self.deadline.within(_REFUTE_PART * self.deadline.left)
         refuted: set[tuple[Path, int, int]] = set()
         open_: set[tuple[Path, int, int]] = set()
-        for step, sites in self._sites_of(rows):
-            double = Double(self.judge, step, sites, rows, until)
-            closed = double.refuted()
+        for double in self._doubles:
+            closed = double.refuted(self.failing, until)
             refuted |= set(closed)
-            open_ |= {cut.place for cut in double.cuts} - set(closed)
+            open_ |= {cut.place for cut in double.cuts(self.failing, until)} - set(closed)
             open_ |= set(double.unsure)
             if until.passed:  # other equations might use the same expressions; these edits are tried after the pairs
                 break
@@ -403,7 +406,7 @@ class Search:
                 groups, left = self._covered(singles)
                 by_required = not left
                 if left:
-                    self._refute(left)
+                    self._refute()
         self._until = self.deadline
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
@@ -657,20 +660,21 @@ class Search:
         firsts.sort(key=lambda e: (e.kind not in _FORMS, e.kind not in TOKENS))  # few replacements come first
         searches = []
         for rows in dict.fromkeys((tuple(self.failing), (k,))):
-            for step, sites in self._sites_of(rows):
-                searches.append(Double(self.judge, step, sites, rows, until))
-        stages: list[Callable[[Double], Iterator[tuple[Edit, Edit]]]] = [
-            lambda double: double.beside([c.edits[0] for c in shared], composed=True),
-            lambda double: double.in_one(),
-            lambda double: double.in_two(),
-            lambda double: double.beside([e for e in firsts if double.outside(e)]),
-            lambda double: double.beside([e for e in firsts if not double.outside(e)]),
+            for double in self._doubles:
+                searches.append((double, rows))
+        known = [c.edits[0] for c in shared]
+        stages: list[Callable[[Double, Sequence[Key], Deadline], Iterator[tuple[Edit, Edit]]]] = [
+            lambda double, rows, end: double.beside(known, rows, end, composed=True),
+            lambda double, rows, end: double.in_one(rows, end),
+            lambda double, rows, end: double.in_two(rows, end),
+            lambda double, rows, end: double.beside([e for e in firsts if double.outside(e, end)], rows, end),
+            lambda double, rows, end: double.beside([e for e in firsts if not double.outside(e, end)], rows, end),
         ]
         for n, stage in enumerate(stages):
-            for m, double in enumerate(searches):
+            for m, (double, rows) in enumerate(searches):
                 remaining = (len(stages) - n) * len(searches) - m
-                double.deadline = until.within(2 * until.left / (remaining + 1))
-                for first, second in stage(double):
+                end = until.within(2 * until.left / (remaining + 1))
+                for first, second in stage(double, rows, end):
                     candidate = self._pair(double, first, second)
                     if candidate is not None:
                         out.append(candidate)
@@ -684,10 +688,22 @@ class Search:
         others = [s for s in self.judge.steps if s is not double.step and not s.missing and self._calls(s, source)]
         return self._everywhere([double.step, *others], [first, second])
 
-    def _sites_of(self, rows: Sequence[Key]) -> list[tuple[Step, list[Site]]]:
+    @cached_property
+    def _doubles(self) -> list[Double]:
+        """The searches for two edits, one for each equation on which failing rows depend."""
+        k = self.judge.truth.k
+        few = np.linspace(0, k - 1, min(_COARSE, k)).astype(int)
+        coarse = Batch(self.judge, [int(i) for i in few], _COARSE // 2)
+        full = Batch(self.judge, range(k))
+        out = []
+        for step, sites in self._sites():
+            out.append(Double(coarse, full, step, sites, self.failing))
+        return out
+
+    def _sites(self) -> list[tuple[Step, list[Site]]]:
         """Return, for each equation on which rows depend, its statements and those of the functions that it calls."""
         out: dict[str, tuple[Step, list[Site]]] = {}
-        for step, statement in self.own_sites(rows):
+        for step, statement in self.own_sites():
             choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
             sites = out.setdefault(step.equation.name, (step, []))[1]
             sites.append(Site(step.source, statement, choice))

@@ -25,16 +25,16 @@ STEPS = 12
 DIFFERENCE = 1e-6
 """Difference with which derivatives are computed."""
 
-_TIGHT = 1e-3
+TIGHT = 1e-3
 """Residual at which Gauss-Newton ends, in units of the tolerance."""
 
-_STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0)
+STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0)
 """Further shifts from which Gauss-Newton starts where a row has no value, as multiples of the expression's value."""
 
 FEWEST = 6
 """Minimum number of poses at which a row must have a value."""
 
-_SINGULAR = 1e-9
+SINGULAR = 1e-9
 """Smallest ratio of singular values with which the rows determine all unknowns."""
 
 
@@ -42,7 +42,8 @@ class Shift:
     """A function that returns its first argument plus `shift`, and stores this argument and the scope.
 
     `known` (k,): the poses at which the row has a value. Values and shifts are (k, entries); `entries` is 0 for a
-    scalar, which is stored as one entry. `mixed`: whether the calls since `begin` had different arguments.
+    scalar, which is stored as one entry. `differs` (k,): where the calls since `begin` had different arguments;
+    `several`: whether there was more than one call.
     """
 
     def __init__(self, k: int, entries: int = 0) -> None:
@@ -51,15 +52,22 @@ class Shift:
         self.value: Array = self.shift
         self.known: NDArray[np.bool_] = np.ones(k, bool)
         self.scope: dict[str, Any] = {}
-        self.mixed = False
+        self.differs: NDArray[np.bool_] = np.zeros(k, bool)
+        self.several = False
         self._called = False
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the calls since `begin` had different arguments."""
+        return bool(self.differs.any())
 
     def begin(self) -> None:
         """Forget the calls of earlier evaluations."""
-        self.mixed = False
+        self.differs = np.zeros(len(self.shift), bool)
+        self.several = False
         self._called = False
 
-    def __call__(self, value: Any, scope: dict[str, Any]) -> Any:
+    def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
         """Return the shifted value; raise TypeError if the value has another form than the shift.
 
         A scalar is also shifted as a column: an edit may have removed a factor that is a vector.
@@ -71,21 +79,27 @@ class Shift:
         if not (scalar or column):
             raise TypeError("not a scalar, and not a vector of this length")
         values = np.broadcast_to(to_array(x, k), self.shift.shape)
-        self.mixed |= self._called and not np.array_equal(values, self.value, equal_nan=True)
+        if self._called:
+            same = (values == self.value) | (np.isnan(values) & np.isnan(self.value))
+            self.differs = self.differs | ~same.all(axis=1)
+            self.several = True
         self._called = True
         self.value = values
-        self.scope = dict(scope)
+        if scope is not None:
+            self.scope = scope
         out = self.value + self.shift
         if self.entries:
             return Matrix(out[:, :, None])
         return type(value)(out[:, 0]) if isinstance(value, Scalar) else out[:, 0]
 
 
-def shifted(source: Source, statement: Statement, node: ast.expr, name: str) -> Edit:
-    """Return the edit that passes an expression through the function `name`, a `Shift`."""
+def shifted(source: Source, statement: Statement, node: ast.expr, name: str, scope: bool = True) -> Edit:
+    """Return the edit that passes an expression through the function `name`, a `Shift`; `scope`: also all names."""
     start, end = source.span(node)
     text = source.text(start, end)
-    new = f"{name}({text}, {{**globals(), **locals()}})"
+    new = f"{name}({text})"
+    if scope:
+        new = f"{name}({text}, {{**globals(), **locals()}})"
     line = source.line_of(start)
     return Edit(source.path, line, start, end, text, new, "required", statement.index, source.name)
 
@@ -108,12 +122,12 @@ def solution(
     r = residual(values)
     if r is None:
         return None
-    for factor in _STARTS if not np.isfinite(r).all() else ():  # where the wrong row has no value
+    for factor in STARTS if not np.isfinite(r).all() else ():  # where the wrong row has no value
         tried = factor * scale()
         there = residual(tried)
         if there is None:
             return None
-        better = (_cost(there) < _cost(r))[:, None]
+        better = (cost(there) < cost(r))[:, None]
         values, r = np.where(better, tried, values), np.where(better, there, r)
     known = np.asarray(np.isfinite(r).all(axis=1))
     if known.sum() < FEWEST:
@@ -121,7 +135,7 @@ def solution(
     for _ in range(STEPS):
         if deadline.passed:
             return None
-        if np.abs(r[known]).max() <= _TIGHT:
+        if np.abs(r[known]).max() <= TIGHT:
             break
         step = _step(residual, values, r, known)
         if step is None:
@@ -130,7 +144,7 @@ def solution(
         for _ in range(4):  # half the step where the residual grows
             if new is None:
                 return None
-            worse = known & ~(_cost(new) <= _cost(r))
+            worse = known & ~(cost(new) <= cost(r))
             if not worse.any():
                 break
             step = np.where(worse[:, None], step / 2, step)
@@ -159,13 +173,13 @@ def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, kn
         return None
     if J.shape[2] > 1:
         singular = np.linalg.svd(J, compute_uv=False)
-        if J.shape[1] < J.shape[2] or (singular[:, -1] <= _SINGULAR * singular[:, 0]).any():
+        if J.shape[1] < J.shape[2] or (singular[:, -1] <= SINGULAR * singular[:, 0]).any():
             return None
     step = np.zeros_like(values)
     step[known] = -(np.linalg.pinv(J) @ r[known][:, :, None])[:, :, 0]
     return step if np.isfinite(step).all() else None
 
 
-def _cost(r: Array) -> Array:
+def cost(r: Array) -> Array:
     """Return the sum of squares of residuals (k, entries) at each pose; infinite without a value."""
     return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)
