@@ -223,7 +223,7 @@ class _Newton:
         if r is None:
             return []
         values, r = self._with_values(values, r)
-        known = np.isfinite(r).all(axis=2)
+        known = np.asarray(np.isfinite(r).all(axis=2))
         enough = known.sum(axis=1) >= self.batch.fewest
         values, r, known = self._only(enough, values, r, known)
         out: list[tuple[int, Array]] = []
@@ -309,8 +309,8 @@ class _Newton:
             new = self._residuals(values + step)
             if new is None:
                 return None
-        limits = np.maximum(0.9 * _largest(r, known), 1.0)
-        nearer = _largest(new, known) <= limits
+        # Poses converge after different numbers of steps, so that the mean decides, not the largest residual.
+        nearer = (_mean(new, known) <= 0.9 * _mean(r, known)) | (_largest(new, known) <= 1.0)
         return self._only(nearer, values + step, new, known)
 
     def _counts(self) -> NDArray[np.bool_]:
@@ -371,6 +371,12 @@ def _largest(r: Array, known: NDArray[np.bool_]) -> Array:
     size = np.abs(r).max(axis=2, initial=0.0)
     size = np.where(known, size, 0.0)
     return np.nan_to_num(size.max(axis=1, initial=0.0), nan=np.inf)
+
+
+def _mean(r: Array, known: NDArray[np.bool_]) -> Array:
+    """Return the mean residual of each choice at its poses with residuals; infinite without a value."""
+    size = np.sqrt(np.where(known, np.sum(r**2, axis=2), 0.0))
+    return np.nan_to_num(size.mean(axis=1), nan=np.inf)
 
 
 def _costs(r: Array) -> Array:
