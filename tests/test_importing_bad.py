@@ -34,6 +34,19 @@ BAD = {
     "error_placement_frame.sdf": "model 'in': placement_frame is not supported: expand the model (gz sdf -p)",
     "error_two_models.sdf": "2 models with joints: arm, b. Choose one with --root NAME.",
     "error_unknown_link.sdf": "joint 'q', child: there is no link 'uper'",
+    "error_argument_undefined.xacro": "xacro:4: the argument 'side' has no value and no default. Give it: --arg side:=",
+    "error_expression.xacro": "xacro:8: invalid syntax (<expression>, line 1) when evaluating expression '0.1 * / 3'",
+    "error_include_itself.xacro": "the file includes itself: error_include_itself.xacro -> error_include_itself.xacro",
+    "error_include_missing.xacro": "nowhere.xacro cannot be read (No such file or directory). Correct the path, or add",
+    "error_include_not_xml.xacro": "xacro: error_not_xml.urdf:8: the file is not XML: no element found: line 8",
+    "error_macro_loop.xacro": "xacro:6: macro 'hinge' calls itself without end: more than 150 macros call each other",
+    "error_macro_undefined.xacro": "xacro:8: unknown macro name: xacro:hinge. Define the macro, or include the file",
+    "error_nan.xacro": 'xacro:8: <origin> has xyz="0 0 nan", but must be finite. Correct the expression.',
+    "error_package_missing.xacro": "xacro:7: package 'nowhere' was not found: it is in no folder of --packages, ROS",
+    "error_parameter_missing.xacro": "xacro:8: Undefined parameters [name]. Correct the parameters of the macro",
+    "error_property_circle.xacro": "xacro:8: circular variable definition: height -> height",
+    "error_property_undefined.xacro": "xacro:8: name 'heigth' is not defined when evaluating expression 'heigth'. Def",
+    "error_unsafe_name.xacro": "xacro:8: Use of invalid name(s): __import__ when evaluating expression '__import__('o",
     "error_cut_off.step": "is truncated: END-ISO-10303-21 is missing. Export or copy it again.",
     "error_no_solids.step": "states no length unit; a STEP file without a unit cannot be scaled. Export it again in",
     "error_no_unit.step": "states no length unit; a STEP file without a unit cannot be scaled. Export it again in",
@@ -152,7 +165,11 @@ def test_a_parser_that_crashes_or_hangs_is_an_error_that_names_the_file(tmp_path
 def test_the_guard_lets_good_files_pass(kind, tmp_path):
     step = DATA.parent / "cad/crank.step"
     good = {"MJCF": DATA / "good.xml", "USD": DATA / "models/fourbar.usda", "STEP": step, "fine STEP": step}
+    good["xacro"] = DATA / "good.urdf"
     arguments = (str(tmp_path / "x.glb"), "1.0", "0.5") if good[kind] == step else ()
+    if kind == "xacro":
+        (tmp_path / "request.json").write_text('{"arguments": {}, "packages": []}')
+        arguments = (str(tmp_path / "request.json"), str(tmp_path / "answer.json"))
     assert guard.run(good[kind], kind, *arguments) == 0
 
 

@@ -16,9 +16,9 @@ import pytest
 import twin
 from twin.cli import main
 from twin.core.errors import CodeRefusedError, TwinError
+from twin.core.foreign.consent import NO_CODE
 from twin.core.jobs import Call, _answer
 from twin.core.processes import Apart, isolated
-from twin.robots import NO_CODE
 from twin.ui.session.timeline import prepare
 
 TWIN = Path(twin.__file__).parent

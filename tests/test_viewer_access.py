@@ -26,7 +26,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import twin
 from twin.cli.terminal import Terminal
 from twin.core.errors import TwinError
-from twin.robots import NO_CODE
+from twin.core.foreign.consent import NO_CODE
 from twin.simulation.machine import server as machines
 from twin.ui.access import limits
 from twin.ui.access.rules import AccessRules

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from twin.exchange.audit import AuditReport, DrawnStates
     from twin.exchange.write.bundle import Bundle
     from twin.exchange.write.clip import ClipAccuracy
+    from twin.exchange.xacro import Settings
     from twin.model.mechanism import Mechanism
     from twin.planning.trajectory import Trajectory
 
@@ -121,7 +122,12 @@ def export(
     return write_bundle(ordered, folder, kinds, audit, progress)
 
 
-def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: Progress = silent) -> AuditReport:
+def audit(
+    path: str | Path,
+    robot: Robot | str | Path | None = None,
+    progress: Progress = silent,
+    xacro: Settings | None = None,
+) -> AuditReport:
     """Compare exported files of a moving robot with each other; the readers share no code with the writers.
 
     Args:
@@ -130,6 +136,7 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
             without motion with its poses at joint states drawn from its whole range, and links, joints and masses with
             its mechanism.
         progress: see `Progress`.
+        xacro: arguments and package folders for the xacros among the files.
 
     Raises:
         TwinError: the file does not exist, or there are clips, but none has the name of a protocol of the robot.
@@ -143,7 +150,7 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
 
     path = Path(path)
     if robot is None:
-        return audit_(path, progress=progress)
+        return audit_(path, progress=progress, xacro=xacro)
     if (path / SCENE).is_file():
         raise TwinError(
             f"{path} is an exported scene: omit the robot, or give the folder of one of the scene's robots instead"
@@ -151,8 +158,8 @@ def audit(path: str | Path, robot: Robot | str | Path | None = None, progress: P
     if not isinstance(robot, Robot):
         robot = load(robot)
     expected = robot.weighed().mechanism
-    truth = _truth(robot, path, progress)
-    return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress)
+    truth = _truth(robot, path, progress, xacro)
+    return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress, xacro=xacro)
 
 
 def _states(mechanism: Mechanism) -> DrawnStates:
@@ -175,7 +182,9 @@ def _states(mechanism: Mechanism) -> DrawnStates:
     return DrawnStates(joints, model.link_poses(run.x[chosen]))
 
 
-def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Array, dict[str, Array]]]:
+def _truth(
+    robot: Robot, path: Path, progress: Progress, xacro: Settings | None
+) -> dict[str, tuple[Array, dict[str, Array]]]:
     """Return {protocol: (key times (k,) in s, {link: poses (k, 4, 4)})}, computed by the reference model.
 
     The result is empty if the files have no clips, like a URDF.
@@ -184,7 +193,7 @@ def _truth(robot: Robot, path: Path, progress: Progress) -> dict[str, tuple[Arra
     from twin.reference import ReferenceModel
 
     progress("read key times", 0.0)
-    clips = key_times(path)
+    clips = key_times(path, xacro)
     if not clips:
         return {}
     if robot.files is None:

@@ -99,9 +99,10 @@ def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
     os.environ["PYTHONSAFEPATH"] = "1"
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s: %(message)s")
     # The note on stderr that a robot's code is executed is always printed, also with --quiet and --json.
-    logging.getLogger("twin.robots").setLevel(logging.INFO)
+    for running_code in ("twin.robots", "twin.core.foreign.consent"):
+        logging.getLogger(running_code).setLevel(logging.INFO)
     if args.no_code:
-        from twin.robots import NO_CODE
+        from twin.core.foreign.consent import NO_CODE
 
         os.environ[NO_CODE] = "1"
     from twin.cli.scene_refusal import refuse

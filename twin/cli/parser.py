@@ -133,6 +133,13 @@ class Command(_Parser):
         """Add the option --variant."""
         self.text("--variant", "EQ=NAME", text, action="append", default=[])
 
+    def xacro(self) -> None:
+        """Add the options --arg and --packages, for a xacro."""
+        text = "value of an argument of a xacro; may be repeated"
+        self.text("--arg", "NAME:=VALUE", text, action="append", default=[])
+        text = "folders with ROS packages that a xacro names, in which they are searched first"
+        self.text("--packages", "DIR", text, nargs="+", action="extend", default=[])
+
     def out(self, default: str) -> None:
         """Add the option --out."""
         self.text("--out", "FOLDER", f"folder to write to (default {default})")

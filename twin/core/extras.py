@@ -13,6 +13,7 @@ EXTRAS = {
     "mcap": "mcap",
     "pyarrow": "parquet",
     "segno": "qr",
+    "xacro": "xacro",
     "yaml": "yaml",
 }
 """{module: extra of the package twin-robotics that installs the module}."""

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from twin.core.errors import CodeRefusedError, KinematicsError, unknown
 from twin.core.foreign.budget import read_bytes
+from twin.core.foreign.consent import NO_CODE
 from twin.core.program_end import ProgramEndError, contained
 
 if TYPE_CHECKING:
@@ -33,9 +34,6 @@ _said: set[Path] = set()
 
 FORMULA_MODULE = "_twin_formula_"
 """Prefix of the name under which a formula file outside this package is imported as a module."""
-
-NO_CODE = "TWIN_NO_CODE"
-"""Environment variable; if it is set, no Python code of a robot folder is run, not even in child processes."""
 
 
 def names() -> list[str]:

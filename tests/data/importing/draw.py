@@ -12,6 +12,17 @@ URDF = """<robot name="arm">
 <axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="3" effort="0"/></joint>
 </robot>
 """
+XACRO = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:property name="height" value="${0.1 * 3}"/>
+<xacro:macro name="hinge" params="name *place">
+<joint name="${name}" type="revolute"><xacro:insert_block name="place"/><parent link="base"/><child link="upper"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="3" effort="0"/></joint>
+</xacro:macro>
+<link name="base"/><link name="upper"/>
+<xacro:hinge name="q1"><origin xyz="0 0 ${height}" rpy="0 0 0"/></xacro:hinge>
+</robot>
+"""
+INCLUDE = '<xacro:include filename="{}"/><link name="base"/>'
 MJCF = """<mujoco model="arm"><worldbody><body name="a"><joint name="q" type="hinge"/><geom size="0.1" mass="1"/>
 <site name="s"/><body name="b" pos="0 0 0.1"><joint name="r" type="hinge"/><geom size="0.1" mass="1"/>
 <site name="u"/></body></body></worldbody>
@@ -44,6 +55,19 @@ BAD = {
     "error_mimic_nobody.urdf": (URDF, "<axis", '<mimic joint="q9"/><axis'),
     "error_box_negative.urdf": (URDF, "0.1 0.1 0.1", "0.1 -0.1 0.1"),
     "error_inertia_incomplete.urdf": (URDF, 'ixx="0.1"', ""),
+    "error_argument_undefined.xacro": (XACRO, '"${name}"', '"$(arg side)_${name}"'),
+    "error_expression.xacro": (XACRO, "0.1 * 3", "0.1 * / 3"),
+    "error_include_itself.xacro": (XACRO, '<link name="base"/>', INCLUDE.format("error_include_itself.xacro")),
+    "error_include_missing.xacro": (XACRO, '<link name="base"/>', INCLUDE.format("nowhere.xacro")),
+    "error_include_not_xml.xacro": (XACRO, '<link name="base"/>', INCLUDE.format("error_not_xml.urdf")),
+    "error_macro_loop.xacro": (XACRO, "</xacro:macro>", '<xacro:hinge name="q2"><axis/></xacro:hinge></xacro:macro>'),
+    "error_macro_undefined.xacro": (XACRO, '<xacro:macro name="hinge"', '<xacro:macro name="slide"'),
+    "error_package_missing.xacro": (XACRO, '<link name="base"/>', '<link name="$(find nowhere)"/>'),
+    "error_parameter_missing.xacro": (XACRO, '<xacro:hinge name="q1">', "<xacro:hinge>"),
+    "error_property_circle.xacro": (XACRO, "0.1 * 3", "height + 3"),
+    "error_property_undefined.xacro": (XACRO, "0 ${height}", "0 ${heigth}"),
+    "error_nan.xacro": (XACRO, "0.1 * 3", "float('nan')"),
+    "error_unsafe_name.xacro": (XACRO, "0.1 * 3", "__import__('os')"),
     "error_quadratic_coupling.xml": (MJCF, "0 1 0 0 0", "0 1 2 0 0"),
     "error_locked_joint.xml": (MJCF, ' joint2="r"', ""),
     "error_unknown_attribute.xml": (MJCF, 'name="r"', 'name="r" colour="red"'),

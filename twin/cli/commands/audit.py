@@ -19,6 +19,7 @@ def arguments(command: Command) -> None:
     known = ", ".join(format.title for format in audited())
     command.add_argument("path", help=f"a folder, or a file of one of these formats: {known}")
     command.text("--robot", "NAME", "name or folder of the robot: also compare the poses with those of its mechanism")
+    command.xacro()
     command.flag("--all", "show notes and all checks, not only the worst of each kind")
 
 
@@ -26,7 +27,8 @@ def run(args: argparse.Namespace) -> int:
     """Audit a file or folder and print the results; the exit code is 1 for a fault, 2 for an unreadable file."""
     from twin.api.make import audit
     from twin.cli import show
+    from twin.exchange.xacro import settings
 
     with show.progress(args.quiet or args.json) as progress:
-        report = audit(args.path, args.robot, progress)
+        report = audit(args.path, args.robot, progress, settings(args.arg, args.packages))
     return show.finish(report, args, text=report.text(args.all))

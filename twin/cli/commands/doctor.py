@@ -31,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
         "mcap": "sessions for Foxglove (extra: mcap)",
         "pyarrow": "--parquet (extra: parquet)",
         "segno": "a QR code of the address of twin serve --host (extra: qr)",
+        "xacro": "robots as xacro (extra: xacro)",
         "pyyaml": "loops of a URDF from a closure YAML (extra: yaml)",
         "aiomqtt": "--mqtt of twin serve (extra: mqtt)",
         "build123d": "redraw the CAD (make cad-check)",

@@ -22,6 +22,7 @@ EXAMPLES = """\
   twin new leg --from robot.urdf                   loops from robot.yaml in the same folder
   twin new gripper --from gripper.xml --out robots/gripper/
   twin new arm robot.urdf                          the same as --from robot.urdf
+  twin new ur ur.urdf.xacro --arg name:=ur --arg ur_type:=ur5e --packages ~/ros/src
   twin new arm.step                                an incomplete robot: joints are proposed as comments"""
 
 
@@ -37,6 +38,7 @@ def arguments(command: Command) -> None:
     command.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
     text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
     command.text("--root", "NAME", text)
+    command.xacro()
     command.flag("--force", "overwrite a robot folder; equations and protocols are kept")
     command.out("./<name>/")
 
@@ -89,15 +91,17 @@ def _make(
     from twin.exchange.read import format_of, read
     from twin.exchange.read.closing import close
     from twin.exchange.read.folder import require_free, write_folder
+    from twin.exchange.xacro import settings
     from twin.reference import ReferenceModel
 
     require_free(target, args.force)
     progress(f"read {source.name}", 0.0)
+    xacro = settings(args.arg, args.packages)
     if format_of(source).name == "step":
         from twin.exchange.formats.step.read import read_skeleton, write_skeleton
 
-        if args.closures or args.root:
-            raise TwinError(f"{source}: --closures and --root do not apply to a STEP file")
+        if args.closures or args.root or xacro.given:
+            raise TwinError(f"{source}: --closures, --root, --arg and --packages do not apply to a STEP file")
         skeleton = read_skeleton(source)
         progress("write the skeleton", 0.5)
         written, mechanism = write_skeleton(skeleton, name, target, source, args.force)
@@ -105,7 +109,7 @@ def _make(
         worst = 0.0
     else:
         closures = Path(args.closures) if args.closures else None
-        imported = read(source, closures, args.root)
+        imported = read(source, closures, args.root, xacro=xacro)
         progress("close loops", 0.4)
         imported = close(imported)
         progress("write the folder", 0.8)

@@ -30,6 +30,7 @@ _OTHER = {
     ".step": "STEP",
     ".stp": "STEP",
     ".urdf": "XML",
+    ".xacro": "XML",
     ".sdf": "XML",
 }
 

@@ -63,6 +63,7 @@ BUDGETS = {
     "USD": Budget(
         1000 * MB, depth=200, count=100_000, seconds=5, seconds_per_mb=2, memory=600 * MB, memory_per_byte=20
     ),
+    "xacro": Budget(16 * MB, seconds=8, seconds_per_mb=10, memory=600 * MB, memory_per_byte=100),
     "MJCF": Budget(50 * MB, seconds=6, seconds_per_mb=2, memory=600 * MB, memory_per_byte=40),
     "STEP": Budget(500 * MB, seconds=6, seconds_per_mb=10, memory=600 * MB, memory_per_byte=100),
     # For masses: triangles within 5 µm of the faces. For comparison, a patient model takes 1.6 GB and one minute.
@@ -88,6 +89,7 @@ _WAYS = {
     "DAE": "reduce the mesh, or save it as binary STL",
     "GLTF": "simplify the meshes, or merge nodes",
     "USD": "remove the parts that do not belong to the robot",
+    "xacro": "remove the parts that do not belong to the robot; if not, look for a macro or an expression without end",
     "MJCF": "remove the parts that do not belong to the robot",
     "STEP": "remove the parts that do not belong to the robot, or simplify the parts in the CAD",
 }

@@ -57,6 +57,7 @@ sys.modules["trimesh"] = None
 import cascadio
 sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), float(sys.argv[6]), include_brep=True))
 """,
+    "xacro": "from twin.core.foreign.xacro_process import main; main(*sys.argv[3:6])",
 }
 
 _PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]

@@ -39,6 +39,7 @@ from twin.exchange.audit.sense import check_sense
 from twin.exchange.audit.states import CLIP, DrawnStates, compare_joints, compare_states, same_names
 from twin.exchange.format import Format, Holds
 from twin.exchange.formats import audited, leading
+from twin.exchange.xacro import Settings
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -59,6 +60,7 @@ def audit(
     mechanism: Mechanism | None = None,
     states: Callable[[], DrawnStates] | None = None,
     progress: Progress | None = None,
+    xacro: Settings | None = None,
 ) -> AuditReport:
     """Read a file or a folder of exported files, check each file, and compare the files with each other.
 
@@ -71,6 +73,7 @@ def audit(
             the files are compared only with each other. Not used for a scene.
         states: returns states of `mechanism` over its whole range; called if a file has no motion.
         progress: see `Progress`.
+        xacro: how the xacros among the files are expanded.
 
     Returns:
         A report of the measurements and findings; its `verdict` is "unchecked" if a file could not be read, nothing
@@ -81,13 +84,14 @@ def audit(
     """
     path = Path(path)
     tell = progress or _silent
+    given = xacro or Settings()
     if (path / SCENE).is_file():
         from twin.exchange.audit.scene import audit_scene  # imports audits of formats, which import this package
 
-        contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell))
+        contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell, given))
     else:
         drawn = None if states is None else cache(states)
-        contents, ledgers = _audited(path, truth or {}, mechanism, drawn, tell)
+        contents, ledgers = _audited(path, truth or {}, mechanism, drawn, tell, given)
     return finished(str(path), [content.as_facts() for content in contents], ledgers)
 
 
@@ -96,13 +100,18 @@ def _silent(label: str, fraction: float) -> None:
 
 
 def _audited(
-    path: Path, truth: Truth, mechanism: Mechanism | None, states: Callable[[], DrawnStates] | None, tell: Progress
+    path: Path,
+    truth: Truth,
+    mechanism: Mechanism | None,
+    states: Callable[[], DrawnStates] | None,
+    tell: Progress,
+    xacro: Settings,
 ) -> tuple[list[Content], list[Ledger]]:
     """Read the files of one robot and compare the files with each other; return (contents, ledgers)."""
     found = find(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []
-    for ledger, content in _read(found, tell, states):
+    for ledger, content in _read(found, tell, states, xacro):
         ledgers.append(ledger)
         if content is not None:
             contents.append(content)
@@ -225,8 +234,10 @@ def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism
     return stated
 
 
-def key_times(path: str | Path) -> dict[str, np.ndarray]:
+def key_times(path: str | Path, xacro: Settings | None = None) -> dict[str, np.ndarray]:
     """Return {clip: key times (k,) in s}, read from the tracks at a path; if there are no tracks, from the other files.
+
+    Xacros among these are expanded with `xacro`.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
@@ -236,7 +247,7 @@ def key_times(path: str | Path) -> dict[str, np.ndarray]:
     if tracks.files:  # tracks contain all key times and are fast to read
         found = tracks
     contents = []
-    for _, content in _read(found, _silent, None):
+    for _, content in _read(found, _silent, None, xacro or Settings()):
         if content is not None:
             contents.append(content)
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
@@ -255,7 +266,7 @@ def _tracks(found: FolderFiles) -> FolderFiles:
 
 
 def _read(
-    found: FolderFiles, tell: Progress, states: Callable[[], DrawnStates] | None
+    found: FolderFiles, tell: Progress, states: Callable[[], DrawnStates] | None, xacro: Settings
 ) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     jobs: list[tuple[Format, Path]] = []
@@ -267,7 +278,7 @@ def _read(
             guarded_together += files
     if guarded_together:
         tell("test whether the stages can be opened", 0)
-    context = Context(states=states, admitted=admit_together(guarded_together))
+    context = Context(states=states, admitted=admit_together(guarded_together), xacro=xacro)
     for i, (format, path) in enumerate(jobs):
         name = found.name(path)
         tell(f"read {name}", 0.9 * i / len(jobs))

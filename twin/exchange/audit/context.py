@@ -10,6 +10,7 @@ from typing import Protocol
 from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.states import DrawnStates, same_names
+from twin.exchange.xacro import Settings
 
 
 @dataclass
@@ -20,6 +21,7 @@ class Context:
         tracks: the tracks, which are read before files of all other formats.
         models: names, without suffix, of all files of the reader's format.
         states: returns states of the expected mechanism over its whole range; None: there is no expected mechanism.
+        xacro: how a xacro is expanded.
         admitted: files that the parser in another process has already read.
     """
 
@@ -27,6 +29,7 @@ class Context:
     models: Sequence[str] = ()
     states: Callable[[], DrawnStates] | None = None
     admitted: Collection[Path] = ()
+    xacro: Settings = field(default_factory=Settings)
 
 
 class JointTree(Protocol):

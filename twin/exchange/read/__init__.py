@@ -18,7 +18,8 @@ from pathlib import Path
 from twin.core.errors import SourceError
 from twin.exchange.format import Format
 from twin.exchange.formats import imported
-from twin.exchange.read.source import Imported, Options
+from twin.exchange.read.source import Imported, Options, Table
+from twin.exchange.xacro import Settings
 
 
 def suffixes() -> dict[str, Format]:
@@ -41,7 +42,14 @@ def format_of(path: Path) -> Format:
     return format
 
 
-def read(path: Path, closures: Path | None = None, root: str | None = None, guarded: bool = True) -> Imported:
+def read(
+    path: Path,
+    closures: Path | None = None,
+    root: str | None = None,
+    guarded: bool = True,
+    xacro: Settings | None = None,
+    dh: Table | None = None,
+) -> Imported:
     """Return the mechanism of a URDF, MJCF, SDF or USD file in SI units, and findings on changed or omitted data.
 
     Args:
@@ -50,6 +58,8 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
         root: selects one of several robots by prim path (USD), model name (SDF) or name of a body of the robot (MJCF).
         guarded: first parse an MJCF or USD file in a separate process, so that a crash or hang of the native parser
             becomes an error. This takes about half a second.
+        xacro: arguments and package folders for a xacro.
+        dh: convention and units of a table of Denavit-Hartenberg parameters.
 
     Raises:
         SourceError: the file cannot be read, or its content cannot be expressed as a mechanism.
@@ -60,4 +70,9 @@ def read(path: Path, closures: Path | None = None, root: str | None = None, guar
         raise SourceError(f"{path}: a {format.title} file states its own loops; a closure YAML is for URDF only")
     if root is not None and "root" not in format.takes:
         raise SourceError(f"{path}: a {format.title} file contains one robot: --root does not apply")
-    return format.module("read").read(path, Options(closures, root, guarded))
+    if xacro is not None and xacro.given and "xacro" not in format.takes:
+        raise SourceError(f"{path}: --arg and --packages are for a xacro, and this is a {format.title} file: omit them")
+    if dh is not None and dh != Table() and "dh" not in format.takes:
+        raise SourceError(f"{path}: --dh and the units are for a table of Denavit-Hartenberg parameters: omit them")
+    options = Options(closures, root, guarded, xacro or Settings(), dh or Table())
+    return format.module("read").read(path, options)

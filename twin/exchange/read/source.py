@@ -14,6 +14,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError
 from twin.core.findings import Finding, finding
 from twin.core.spatial import Array
+from twin.exchange.xacro import Settings
 from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
@@ -35,6 +36,21 @@ class Findings(list[Finding]):
 
 
 @dataclass(frozen=True)
+class Table:
+    """What the user states about a table of Denavit-Hartenberg parameters; None: as its headings or keys state it.
+
+    Attributes:
+        convention: "standard", "modified", "khalil" or "hayati".
+        length: unit of lengths, "mm", "cm" or "m".
+        angle: unit of angles, "deg" or "rad".
+    """
+
+    convention: str | None = None
+    length: str | None = None
+    angle: str | None = None
+
+
+@dataclass(frozen=True)
 class Options:
     """Options of a reader; each format uses those that apply to it.
 
@@ -42,11 +58,15 @@ class Options:
         closures: path of the closure YAML of a URDF; None: the YAML file of the same name, if it exists.
         root: selects one of several robots in the file; None: the only robot.
         guarded: first parse the file in a separate process.
+        xacro: how a xacro is expanded.
+        dh: convention and units of a table of Denavit-Hartenberg parameters.
     """
 
     closures: Path | None = None
     root: str | None = None
     guarded: bool = True
+    xacro: Settings = field(default_factory=Settings)
+    dh: Table = field(default_factory=Table)
 
 
 @dataclass
@@ -58,6 +78,8 @@ class Imported:
         findings: findings on renamed, guessed, missing and omitted data.
         efforts: maximum effort in N or N m of each joint for which the file states an effort, but no gains.
         assumed: joints and actuators whose drives are ASSUMED.
+        formula: equations that the file states, as the text of a formula.py; "" if it states none.
+        places: {"joint/NAME/origin", ...: (file, line)}: where a xacro states the elements of joints and links.
         posed: whether the file states rest poses; a URDF does not.
         keys: {key frame: {joint: value in m or rad}} for the active and passive joints of the tree.
     """
@@ -68,6 +90,8 @@ class Imported:
     assumed: frozenset[str] = frozenset()
     posed: bool = True
     keys: dict[str, dict[str, float]] = field(default_factory=dict)
+    formula: str = ""
+    places: dict[str, tuple[str, int]] = field(default_factory=dict)
 
 
 class Names:

@@ -14,9 +14,7 @@ from twin.core.errors import SourceError
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.text import DoctypeError, parse_xml
 from twin.core.spatial import Array
-
-_XACRO = re.compile(r"\$\{|\$\(")
-"""Beginnings of expressions that only xacro replaces."""
+from twin.exchange.xacro import sign_of_xacro
 
 _LEFT_OVER = " \t\r\n\"',;"
 """Characters that are ignored after the numbers of a text."""
@@ -30,38 +28,34 @@ class Xml:
         repaired: one sentence for each fault of the text that was repaired to read it; `numbers` appends to it.
     """
 
-    def __init__(self, path: Path, root: str) -> None:
+    def __init__(self, path: Path, root: str, data: bytes | None = None) -> None:
+        """Parse the file or, if given, `data`, the XML that was made from it."""
         self.path = path
         self.repaired: list[str] = []
         try:
             try:
-                self.root = parse_xml(path)
+                self.root = parse_xml(path, data)
             except ElementTree.ParseError as error:
-                data, self.repaired = _repaired(read_bytes(path, "XML"))
+                repaired, self.repaired = _repaired(read_bytes(path, "XML"))
                 if not self.repaired:
                     raise error
-                self.root = parse_xml(path, data)
+                self.root = parse_xml(path, repaired)
         except DoctypeError as error:
             raise SourceError(f"{path}: {error}") from error
         except OSError as error:
             raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise SourceError(f"{path}: the file is not XML: {error}") from error
-        self._no_xacro()
+        if data is None:
+            self._no_xacro()
         if self.root.tag != root:
             hint = "Expand a xacro first; a file of another format needs the suffix of its format."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
 
     def _no_xacro(self) -> None:
         """Raise `SourceError` if the file is a xacro: without its macros, parts of the robot would be missing."""
-        for element in self.root.iter():
-            namespace, _, tag = str(element.tag).rpartition("}")
-            if "xacro" in namespace:
-                found = f"<xacro:{tag}>"
-            elif values := [v for v in element.attrib.values() if _XACRO.search(v)]:
-                found = f"'{values[0][:80]}' in <{tag}>"
-            else:
-                continue
+        found = sign_of_xacro(self.root)
+        if found:
             raise SourceError(
                 f"{self.path}: this is a xacro, not a URDF: it has {found}. Expand it first, for example with "
                 f"`xacro {self.path.name} > robot.urdf`"

@@ -28,6 +28,7 @@ from twin.exchange.audit.physics import along as lines_of
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, Closures, check_gap, read_closures
+from twin.exchange.xacro import SUFFIX, Expanded, expand, is_xacro
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
 
@@ -75,11 +76,11 @@ class UrdfJoint:
 
 
 class Urdf:
-    """A URDF with its tree of joints."""
+    """A URDF, or an expanded xacro, with its tree of joints."""
 
-    def __init__(self, path: Path, ledger: Ledger) -> None:
+    def __init__(self, path: Path, ledger: Ledger, expanded: Expanded | None = None) -> None:
         self._ledger = ledger
-        root = parse_xml(path)
+        root = parse_xml(path, None if expanded is None else expanded.data)
         if root.tag != "robot":
             raise ReadError(f"the root element is <{root.tag}>, expected <robot>")
         links = [e.get("name", "") for e in root.findall("link")]
@@ -235,14 +236,14 @@ class Urdf:
                 self._ledger.wrong("urdf.limits", text, joint.name, size=off)
 
 
-def parse_xml(path: Path) -> ET.Element:
-    """Return the root element of an XML file.
+def parse_xml(path: Path, data: bytes | None = None) -> ET.Element:
+    """Return the root element of an XML file or, if given, of the XML `data` that was made from it.
 
     Raises:
         ReadError: the text is not XML, or declares entities, which could expand without limit.
     """
     try:
-        return read_xml(path)
+        return read_xml(path, data)
     except DoctypeError as error:
         raise ReadError(f"{error}") from error
     except (ET.ParseError, LookupError, ValueError) as error:
@@ -381,7 +382,9 @@ def named_mesh(
     checked[key] = None
     folder = path.resolve().parent
     file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
-    if not name or not file.is_relative_to(folder) or not file.is_file():
+    # the expansion of a xacro replaces the package of a mesh by its folder, which is not below the file
+    of_package = path.suffix == SUFFIX and name.startswith("file:///")
+    if not name or not (of_package or file.is_relative_to(folder)) or not file.is_file():
         ledger.wrong(f"{code}.mesh", f"mesh file '{name}' does not exist.", name)
         return None
     if file.suffix.lower() != ".obj":
@@ -496,4 +499,9 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content:
     """Return the content of a URDF with its poses along the tracks, and report its faults."""
     admit(path)
     ledger.tool, ledger.version = "twin.exchange.audit urdf", "1"
-    return played(Urdf(path, ledger), path, ledger, context)
+    expanded: Expanded | None = None
+    if is_xacro(path):
+        expanded = expand(path, context.xacro)
+        for text in expanded.omitted:
+            ledger.add("urdf.xacro", "warning", text, path.name)
+    return played(Urdf(path, ledger, expanded), path, ledger, context)

@@ -35,6 +35,7 @@ from twin.exchange.read.source import (
 )
 from twin.exchange.read.start import moved
 from twin.exchange.read.xml import Xml
+from twin.exchange.xacro import SUFFIX, Expanded, Settings, expand, is_xacro
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
@@ -70,14 +71,27 @@ _LIGHT = 1e-6
 """Maximum mass in kg of a link without shape that becomes a frame instead of a body."""
 
 
-def read_urdf(path: Path, closures: Path | None = None) -> Imported:
+def read_urdf(path: Path, closures: Path | None = None, settings: Settings | None = None) -> Imported:
     """Read a URDF and, unless `closures` is None, the closure YAML at the path `closures`.
+
+    A xacro is expanded first, with `settings`.
 
     Raises:
         SourceError: the file is invalid or unsupported; the message names file, element and fault.
     """
+    expanded: Expanded | None = None
+    try:
+        if is_xacro(path):
+            expanded = expand(path, settings or Settings())
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if expanded is None and settings is not None and settings.arguments:
+        raise SourceError(f"{path}: this is a URDF without expressions of xacro: omit --arg")
     content = None if closures is None else read_closures(closures)
-    return _Urdf(path, content, closures).read()
+    imported = _Urdf(path, content, closures, expanded).read()
+    if expanded is not None:
+        imported.places = dict(expanded.places)
+    return imported
 
 
 _UNSTATED = 1e6
@@ -104,12 +118,17 @@ class _Bounds(NamedTuple):
 
 
 class _Urdf:
-    def __init__(self, path: Path, closures: Closures | None, closure_file: Path | None) -> None:
-        self.xml = Xml(path, "robot")
+    def __init__(
+        self, path: Path, closures: Closures | None, closure_file: Path | None, expanded: Expanded | None
+    ) -> None:
+        self.xml = Xml(path, "robot", None if expanded is None else expanded.data)
         self.path = path
         self.closures = closures
         self.closure_file = closure_file
         self.findings = Findings()
+        if expanded is not None:
+            for text in expanded.omitted:
+                self.findings.warn("xacro", text, path.name)
         self.efforts: dict[str, float] = {}
         self.crosses: list[Body] = []
         self.home: dict[str, tuple[str, Array]] = {}
@@ -878,6 +897,7 @@ def read(path: Path, options: Options) -> Imported:
     """Return the mechanism of a URDF, with the loops in its closure YAML; see `read_urdf`."""
     closures = options.closures
     beside = path.with_suffix(".yaml")
-    if closures is None and beside.is_file():
+    # the folder of a xacro has YAML files of parameters, whose names mean other things
+    if closures is None and path.suffix.lower() != SUFFIX and beside.is_file():
         closures = beside
-    return read_urdf(path, closures)
+    return read_urdf(path, closures, options.xacro)

@@ -1,0 +1,33 @@
+"""The user's consent to code in files that others write: it is stated on stderr when it runs, and can be refused."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+
+from twin.core.errors import CodeRefusedError
+
+NO_CODE = "TWIN_NO_CODE"
+"""Environment variable; if it is set, no Python code of a robot folder or of a xacro is run, not even in child
+processes."""
+
+_said: set[Path] = set()
+
+
+def require_consent(path: Path, what: str, other_way: str) -> None:
+    """State on stderr, once for each file, that `what` in a file runs.
+
+    Raises:
+        CodeRefusedError: the environment variable TWIN_NO_CODE is set. The message ends with `other_way`, what can be
+            done without running the code.
+    """
+    if os.environ.get(NO_CODE):
+        raise CodeRefusedError(
+            f"{path}: reading this file runs {what}, which --no-code (or {NO_CODE} in the environment) forbids. "
+            f"Inspect the file, then omit --no-code or {NO_CODE}; {other_way}."
+        )
+    resolved = path.resolve()
+    if resolved not in _said:
+        _said.add(resolved)
+        logging.getLogger(__name__).info("running %s in %s", what, path)

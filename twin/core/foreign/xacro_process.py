@@ -1,0 +1,437 @@
+"""Expand a xacro by the package `xacro`; the program of `guard.run` for this format, in a process with limits.
+
+The package needs ROS only to find packages; `_Packages` finds them by their package.xml. Each element keeps the file
+and line where it was written, so that errors, and numbers of the expanded robot, can be traced to a line of a file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from xml.dom import expatbuilder, minidom
+from xml.etree.ElementTree import ParseError
+from xml.parsers.expat import ExpatError
+
+from twin.core.errors import TwinError
+from twin.core.foreign.budget import INCLUDES
+from twin.core.foreign.text import DoctypeError, parse_xml
+
+MACROS = 150
+"""Maximum number of macros that call each other. A chain of a hundred links by a macro that calls itself has 100."""
+
+_FRAMES = 4000
+"""Maximum depth of Python's calls: each macro takes up to ten, and each level of elements one."""
+
+_PLACE = "twin.place"
+"""Key of the data of an element: (file, line) where it was written."""
+
+_APPEARANCE = ("visual", "collision", "material", "gazebo")
+"""Elements in which a macro that was not found changes no pose and no mass."""
+
+_PATHS = {"ROS_PACKAGE_PATH": "", "AMENT_PREFIX_PATH": "share", "COLCON_PREFIX_PATH": "share"}
+"""{environment variable: folder of the packages in each of its folders}."""
+
+_LEVELS = 4
+"""Maximum number of folder levels that are searched for packages below a given folder."""
+
+_FOLDERS = 5000
+"""Maximum number of folders that are searched for packages."""
+
+_NUMBERS = {
+    *("xyz", "rpy", "lower", "upper", "effort", "velocity", "mass", "size", "radius", "length", "scale"),
+    *("multiplier", "offset", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+}
+"""Attributes with numbers."""
+
+_NOT_FINITE = re.compile(r"(?i)(?<![\w.])[+-]?(nan|inf(inity)?)(?![\w.])")
+
+
+_CONSTANTS = {
+    **{"m_pi": math.pi, "M_PI": math.pi, "PI": math.pi},
+    **{"m_pi_2": math.pi / 2, "M_PI_2": math.pi / 2, "m_pi_4": math.pi / 4, "M_PI_4": math.pi / 4},
+    **{"DEG2RAD": math.pi / 180, "deg_to_rad": math.pi / 180, "RAD2DEG": 180 / math.pi},
+}
+"""Constants of mathematics by the names that packages of ROS give them, where such a package was not found."""
+
+
+class _PackageMissingError(Exception):
+    """A package was not found; the message is its name."""
+
+
+class _Fault(Exception):  # noqa: N818, it carries a message of another error
+    """A fault with the file and line where it is, and a way out."""
+
+    def __init__(self, message: str, place: tuple[str, int] | None = None) -> None:
+        super().__init__(message)
+        self.place = place
+
+
+class _Packages:
+    """Folders of ROS packages, by their names, without ROS.
+
+    Searched are, in this order: the given folders, those in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and the neighbours
+    of the file: the package that contains it, and the packages beside that.
+    """
+
+    def __init__(self, file: Path, given: list[str]) -> None:
+        self._neighbours = list(_neighbours(file))
+        self._places = [Path(folder) for folder in given]
+        for variable, below in _PATHS.items():
+            for folder in os.environ.get(variable, "").split(os.pathsep):
+                if folder:
+                    self._places.append(Path(folder) / below)
+        self._found: dict[str, Path] | None = None
+
+    def find(self, name: str) -> str:
+        """Return the folder of a package.
+
+        Raises:
+            _PackageMissingError: it was not found.
+        """
+        for place in self._places:
+            if place.name == name and place.is_dir():
+                return str(place.resolve())
+            if (place / name).is_dir():
+                return str((place / name).resolve())
+        if self._found is None:
+            self._found = self._searched()
+        if name not in self._found:
+            raise _PackageMissingError(name)
+        return str(self._found[name])
+
+    def _searched(self) -> dict[str, Path]:
+        found: dict[str, Path] = {}
+        left = _FOLDERS
+        # the folders around the file are only searched one level deep: they may be the user's whole disk
+        for place, levels in [(p, _LEVELS) for p in self._places] + [(p, 1) for p in self._neighbours]:
+            waiting = [(place, 0)]
+            while waiting and left:
+                left -= 1
+                folder, level = waiting.pop(0)
+                name = _package_name(folder)
+                if name:
+                    found.setdefault(name, folder.resolve())
+                elif level < levels:
+                    waiting += [(inner, level + 1) for inner in _folders(folder)]
+        return found
+
+
+def _neighbours(file: Path) -> Iterator[Path]:
+    """Yield the package that contains a file, then its folder; for a file outside packages, the folders around it."""
+    around = list(file.resolve().parents)[:6]
+    for folder in around:
+        if _package_name(folder):
+            yield folder
+            yield folder.parent
+            yield folder.parent.parent
+            return
+    yield from around[:2]
+
+
+def _folders(folder: Path) -> list[Path]:
+    try:
+        return sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+    except OSError:
+        return []
+
+
+def _package_name(folder: Path) -> str:
+    """Return the name in the package.xml of a folder; "" if the folder is no package."""
+    try:
+        with (folder / "package.xml").open("rb") as file:
+            head = file.read(20_000).decode("utf-8", "replace")
+    except OSError:
+        return ""
+    named = re.search(r"<name>\s*([\w-]+)\s*</name>", head)
+    return named[1] if named else folder.name
+
+
+class _Placed(expatbuilder.Namespaces, expatbuilder.ExpatBuilder):
+    """Builder of a document whose elements have the file and line of their start tags."""
+
+    def __init__(self, file: str) -> None:
+        expatbuilder.ExpatBuilder.__init__(self)
+        self._initNamespaces()  # pyright: ignore[reportAttributeAccessIssue]
+        self._file = file
+
+    def reset(self) -> None:
+        expatbuilder.ExpatBuilder.reset(self)
+        self._initNamespaces()  # pyright: ignore[reportAttributeAccessIssue]
+
+    def start_element_handler(self, name: str, attributes: Any) -> None:
+        super().start_element_handler(name, attributes)
+        place = (self._file, self.getParser().CurrentLineNumber)
+        self.curNode.setUserData(_PLACE, place, _KEEPER)
+
+
+class _PlaceKeeper:
+    """Gives the place of an element to its copy: a macro's body is copied each time it is used."""
+
+    def handle(self, operation: int, key: str, data: Any, src: Any, dst: Any) -> None:
+        if dst is not None:
+            dst.setUserData(key, data, self)
+
+
+_KEEPER = _PlaceKeeper()
+
+
+def _place(node: Any) -> tuple[str, int] | None:
+    """Return the place of an element, or of the nearest element around it."""
+    while node is not None:
+        if isinstance(node, minidom.Element) and (place := node.getUserData(_PLACE)):
+            return place
+        node = node.parentNode
+    return None
+
+
+class _Expansion:
+    """One run of xacro with the changes that files without ROS need."""
+
+    def __init__(self, file: Path, arguments: Mapping[str, str], packages: list[str]) -> None:
+        import xacro
+        from xacro import substitution_args
+
+        self.xacro: Any = xacro
+        self.file, self.arguments = file, arguments
+        self.packages = _Packages(file, packages)
+        self.missing: list[tuple[str, str, int]] = []
+        """(package, file, line) of each include whose package was not found."""
+        self.left_out: list[tuple[str, str, int]] = []
+        """(macro, file, line) of each macro of a missing package that was left out."""
+        self.read = 0
+        self._lent: set[str] = set()
+        self._texts: list[str] = []
+        self._include, self._call = xacro.process_include, xacro.handle_macro_call
+        xacro.parse = self.parse
+        xacro.process_include = self.include
+        xacro.handle_macro_call = self.call
+        xacro.warning = lambda *args, **more: None  # they go to a terminal that nobody sees
+        substitution_args._eval_find = self.packages.find
+        substitution_args._eval_dict["find"] = self.packages.find
+
+    def expand(self) -> minidom.Document:
+        """Return the expanded document.
+
+        Raises:
+            _Fault: the file cannot be expanded.
+        """
+        try:
+            document = self.xacro.process_file(str(self.file), mappings=dict(self.arguments), verbosity=0)
+        except _Fault:
+            raise
+        except (RecursionError, MemoryError):
+            raise
+        except Exception as error:
+            raise _Fault(self._message(error), _error_place(error)) from error
+        self._check_finite(document.documentElement)
+        self._find_meshes(document.documentElement)
+        return document
+
+    def parse(self, given: Any, filename: str) -> minidom.Document:
+        """Return the document of a file, whose elements know their places; the counterpart of `xacro.parse`."""
+        stack = self.xacro.filestack
+        self.read += 1
+        if stack.count(filename) > 1:
+            names = " -> ".join(Path(name).name for name in stack)
+            raise _Fault(f"the file includes itself: {names}. Remove one of the includes")
+        if self.read > INCLUDES:
+            raise _Fault(f"more than {INCLUDES} files are included. Remove includes")
+        try:
+            parse_xml(Path(filename))  # counts its elements
+            data = Path(filename).read_bytes()
+            self._texts.append(data.decode("utf-8", "replace"))
+            return _Placed(filename).parseString(data)
+        except OSError as error:
+            stack.pop()  # the file that includes it is the one to correct
+            raise self.xacro.XacroException(f"the file {filename} cannot be read", exc=error) from error
+        except (ExpatError, ParseError) as error:
+            line = error.lineno if isinstance(error, ExpatError) else error.position[0]
+            raise _Fault(f"the file is not XML: {error}. Correct it", (filename, line)) from error
+        except (DoctypeError, LookupError, ValueError) as error:
+            raise _Fault(f"{error}", (filename, 1)) from error
+
+    def include(self, element: Any, macros: Any, symbols: Any, function: Any) -> None:
+        """Include a file. One of a package that was not found is left out; `_message` names it if it is needed."""
+        try:
+            self._include(element, macros, symbols, function)
+        except self.xacro.XacroException as error:
+            package = _missing_package(error)
+            if package is None or element.parentNode is None:
+                raise
+            file, line = _place(element) or (str(self.file), 0)
+            self.missing.append((package, file, line))
+            for name, value in _CONSTANTS.items():
+                if name not in symbols:
+                    symbols[name] = str(value)
+                    self._lent.add(name)
+            self.xacro.replace_node(element, by=None)
+
+    def call(self, node: Any, macros: Any, symbols: Any) -> bool:
+        """Expand a macro. One of a missing package is left out where it only changes what a link looks like."""
+        if len(self.xacro.macrostack) > MACROS:
+            name = self.xacro.macrostack[-1].body.getAttribute("name")
+            text = f"macro '{name}' calls itself without end: more than {MACROS} macros call each other. "
+            raise _Fault(text + "Give the recursion an end, by <xacro:if>", _place(node))
+        try:
+            return self._call(node, macros, symbols)
+        except self.xacro.XacroException as error:
+            unknown = str(error).startswith("unknown macro name: ")
+            if not (unknown and self.missing and str(error).endswith(node.tagName) and _looks(node)):
+                raise
+            file, line = _place(node) or (str(self.file), 0)
+            self.left_out.append((node.tagName, file, line))
+            self.xacro.replace_node(node, by=None)
+            return True
+
+    def _message(self, error: BaseException) -> str:
+        """Return what is wrong and the way out."""
+        said = " ".join(str(error).split()).rstrip(".")
+        said = re.sub(r"<class '[\w.]+'>: ", "", said)
+        causes = list(_causes(error))
+        package = _missing_package(error)
+        if package is not None:
+            text = f"package '{package}' was not found: it is in no folder of --packages, ROS_PACKAGE_PATH and "
+            return text + "AMENT_PREFIX_PATH, and not beside the file. Give the folder that contains it: --packages DIR"
+        if said.startswith("Undefined substitution argument"):
+            name = said.split()[-1]
+            return f"the argument '{name}' has no value and no default. Give it: --arg {name}:=VALUE"
+        for cause in causes:
+            if isinstance(cause, OSError):
+                head, _, more = said.partition("[Errno")
+                if not head:  # an error in an expression, which stands behind the text of the system
+                    head = f"the file {cause.filename} cannot be read{more.partition(str(cause.filename))[2]}"
+                return f"{head.strip()} ({cause.strerror}). Correct the path, or add the file"
+            if isinstance(cause, MemoryError):
+                return f"there is not enough memory {said}. Make the expression smaller"
+        way = "Correct the expression"
+        if said.startswith("unknown macro name"):
+            way = "Define the macro, or include the file that defines it"
+        elif "Undefined parameters" in said or "Invalid parameter" in said:
+            way = "Correct the parameters of the macro's call"
+        elif any(isinstance(cause, NameError) for cause in causes) or "is not defined" in said:
+            way = "Define it by <xacro:property>, or correct its name"
+        elif "circular variable definition" in said:
+            way = "Remove one of these definitions"
+        if self.missing:
+            names = ", ".join(sorted({package for package, _, _ in self.missing}))
+            way += f"; it may be in a package that was not found ({names}): give its folder by --packages DIR"
+        return f"{said}. {way}"
+
+    def lent(self) -> list[str]:
+        """Return the constants of `_CONSTANTS` that the files use and that a missing package would have defined."""
+        text = "\n".join(self._texts)
+        defined = set(re.findall(r"<xacro:property[^>]*?\bname\s*=\s*[\"'](\w+)", text))
+        return [name for name in sorted(self._lent - defined) if re.search(rf"\$\{{[^}}]*\b{name}\b", text)]
+
+    def _check_finite(self, root: minidom.Element) -> None:
+        """Raise `_Fault` if a number of a link or joint is not finite."""
+        for element in root.getElementsByTagName("*"):
+            for name, value in element.attributes.items():
+                if name in _NUMBERS and _NOT_FINITE.search(value):
+                    text = f'<{element.tagName}> has {name}="{value[:80]}", but must be finite. Correct the'
+                    raise _Fault(f"{text} expression", _place(element))
+
+    def _find_meshes(self, root: minidom.Element) -> None:
+        """Replace package:// in addresses of meshes by the package's folder, if the mesh is there."""
+        for mesh in root.getElementsByTagName("mesh"):
+            found = re.fullmatch(r"package://([\w.-]+)/(.*)", mesh.getAttribute("filename"))
+            if found is None:
+                continue
+            try:
+                file = Path(self.packages.find(found[1])) / found[2]
+            except _PackageMissingError:
+                continue
+            if file.is_file():
+                mesh.setAttribute("filename", f"file://{file}")
+
+    def places(self, root: minidom.Element) -> dict[str, tuple[str, int]]:
+        """Return {"joint/NAME", "joint/NAME/origin", ...: (file, line)} for joints, links and what is in them."""
+        places: dict[str, tuple[str, int]] = {}
+
+        def collect(element: minidom.Element, path: str) -> None:
+            place = _place(element)
+            if place is not None:
+                places.setdefault(path, place)
+            for child in element.childNodes:
+                if isinstance(child, minidom.Element):
+                    collect(child, f"{path}/{child.tagName}")
+
+        for child in root.childNodes:
+            if isinstance(child, minidom.Element) and child.tagName in ("link", "joint"):
+                collect(child, f"{child.tagName}/{child.getAttribute('name')}")
+        return places
+
+
+def _looks(node: Any) -> bool:
+    """Return whether an element is inside one that only says what a link looks like."""
+    while node is not None:
+        if isinstance(node, minidom.Element) and node.tagName in _APPEARANCE:
+            return True
+        node = node.parentNode
+    return False
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and those that it wraps."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        yield error
+        error = getattr(error, "exc", None) or error.__cause__ or error.__context__
+
+
+def _missing_package(error: BaseException) -> str | None:
+    for cause in _causes(error):
+        if isinstance(cause, _PackageMissingError):
+            return str(cause)
+    return None
+
+
+def _error_place(error: BaseException) -> tuple[str, int] | None:
+    """Return the place of the element that xacro processed when the error was raised."""
+    found: tuple[str, int] | None = None
+    trace: TracebackType | None = error.__traceback__
+    while trace is not None:
+        names = trace.tb_frame.f_locals
+        if trace.tb_frame.f_code.co_filename.endswith(("xacro/__init__.py", "xacro/xmlutils.py")):
+            for name in ("node", "elt", "tag"):
+                found = _place(names.get(name)) or found
+        trace = trace.tb_next
+    return found
+
+
+def main(file: str, request: str, answer: str) -> None:
+    """Expand the file; write the result to the file `answer`.
+
+    It is {"text", "missing", "left_out", "lent", "places"} or {"error", "file", "line"}.
+    """
+    asked = json.loads(Path(request).read_text("utf-8"))
+    sys.setrecursionlimit(_FRAMES)
+    outcome: dict[str, Any]
+    expansion: _Expansion | None = None
+    try:
+        expansion = _Expansion(Path(file), asked["arguments"], asked["packages"])
+        document = expansion.expand()
+        root: Any = document.documentElement
+        outcome = {"text": root.toxml(), "missing": expansion.missing, "left_out": expansion.left_out}
+        outcome["places"] = expansion.places(root)
+        outcome["lent"] = {name: _CONSTANTS[name] for name in expansion.lent()}
+    except _Fault as fault:
+        place = fault.place
+        if place is None:
+            stack = [name for name in expansion.xacro.filestack or [] if name] if expansion is not None else []
+            place = (stack[-1] if stack else file, 0)
+        outcome = {"error": str(fault), "file": place[0], "line": place[1]}
+    except TwinError as error:
+        outcome = {"error": str(error), "file": "", "line": 0}
+    except RecursionError:
+        text = "its elements or macros are nested too deeply. Simplify the file"
+        outcome = {"error": text, "file": file, "line": 0}
+    Path(answer).write_text(json.dumps(outcome), "utf-8")
