@@ -19,8 +19,8 @@ from twin.schema.track import Track
 from twin.simulation.hazards.campaign import CampaignTable
 from twin.simulation.hazards.trends import TrendsTable
 from twin.simulation.machine.settings import Settings
-from twin.simulation.session.file import Head as SessionHead
-from twin.simulation.world.recording import Head
+from twin.simulation.session.file import RecordingHead as SessionHead
+from twin.simulation.world.recording import RecordingHead
 
 FOLDER = Path(__file__).parent / "schemas"
 
@@ -28,7 +28,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "robot": Description,
     "protocol": ProtocolTable,
     "track": Track,
-    "world": Head,
+    "world": RecordingHead,
     "session": SessionHead,
     "scene": SceneTable,
     "machine": Settings,

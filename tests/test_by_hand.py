@@ -24,8 +24,8 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
 from twin.model.scene import load_scene
-from twin.simulation.controllers.pivot import CONE, SHALLOW, Pivot
-from twin.simulation.limits import Limits
+from twin.simulation.controllers.pivot import CONE, SHALLOW, InstrumentPivot
+from twin.simulation.limits import JointLimits
 from twin.ui.headset import protocol as wire
 from twin.ui.headset import served
 from twin.ui.headset.operation import Operation
@@ -55,7 +55,7 @@ def works(scene, robots, seconds, seed):
     """Move both hands at random; check ports and speeds, and that every arm moves."""
     hands = ByHand(scene, robots)
     hands.begin()
-    limits = {n: Limits.of(m.mechanism) for n, m in hands.members.items()}
+    limits = {n: JointLimits.of(m.mechanism) for n, m in hands.members.items()}
     before = {n: hands.world.signals[f"{n}.q"].copy() for n in limits}
     first, off = dict(before), dict.fromkeys(limits, 0.0)
     random = RandomHands(hands, seed)
@@ -119,7 +119,7 @@ def test_the_fulcrum_can_be_switched_without_a_jump_of_the_tool(scene, robots):
             assert np.abs(hands.world.signals[f"{name}.q"] - q).max() < 1e-6, name
 
 
-_pivot = Pivot(np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, -1.0]), 0.33, guided=False)
+_pivot = InstrumentPivot(np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, -1.0]), 0.33, guided=False)
 
 
 @given(
@@ -138,7 +138,7 @@ def test_the_outer_end_gives_the_tool_back(x, y, depth, turn):
     assert np.linalg.norm(outer[:3, 3] - T[:3, 3]) == pytest.approx(0.33)
     assert _pivot.tool(outer, True) == pytest.approx(T, abs=1e-12)
     assert _pivot.tool(T, False) == pytest.approx(T, abs=1e-12)
-    back = Pivot(_pivot.p_port, _pivot.axis, 0.33, guided=True).tool(T, False)
+    back = InstrumentPivot(_pivot.p_port, _pivot.axis, 0.33, guided=True).tool(T, False)
     assert back[:3, 2] == pytest.approx(a, abs=1e-7)  # least exact near half a turn
     assert spatial.is_pose(back, 1e-6)
 

@@ -27,8 +27,8 @@ from twin.simulation.console_scene import PICTURE
 from twin.simulation.devices import camera_surgeon
 from twin.simulation.session import aligned, camera_task, picture, run, upper_side
 from twin.simulation.session.camera_referee import CameraReferee
-from twin.simulation.session.camera_task import Sight, in_picture, surfaces
-from twin.simulation.session.picture import Surface
+from twin.simulation.session.camera_task import CameraView, in_picture, surfaces
+from twin.simulation.session.picture import ColouredSurface
 from twin.simulation.setup import Setup
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
@@ -71,7 +71,7 @@ def looking(goal, lens, at, roll):
 def both(goal, seen, T_world_picture):
     """Return AlignErr in deg by projection and in the picture, and the reason if there is none."""
     projected = aligned.angle(aligned.seen_ends(goal, T_world_picture, VIEW))
-    angle, why = in_picture(Sight(seen, T_world_picture @ PICTURE), VIEW)
+    angle, why = in_picture(CameraView(seen, T_world_picture @ PICTURE), VIEW)
     return projected / DEG, None if angle is None else angle / DEG, why
 
 
@@ -138,7 +138,7 @@ def ball(goal, at, radius):
     """Return a ball before the plate; `at` (3,) in m in the frame of the plate."""
     mesh = Movable("ball", "ball", (radius * MM,), 1e-3, 0.5).mesh()
     vertices = (mesh.vertices + at) @ goal.T_world_plate[:3, :3].T + goal.T_world_plate[:3, 3]
-    return Surface("ball", "ball", vertices, mesh.triangles, (0.9, 0.1, 0.1))
+    return ColouredSurface("ball", "ball", vertices, mesh.triangles, (0.9, 0.1, 0.1))
 
 
 def bar(goal, low, high):
@@ -147,7 +147,7 @@ def bar(goal, low, high):
     box = Movable("bar", "box", tuple((corners[1] - corners[0]) / 2), 1e-3, 0.5).mesh()
     middle = corners.mean(axis=0)
     vertices = (box.vertices + middle) @ goal.T_world_plate[:3, :3].T + goal.T_world_plate[:3, 3]
-    return Surface("psm1", "bar", vertices, box.triangles, (0.9, 0.1, 0.1))
+    return ColouredSurface("psm1", "bar", vertices, box.triangles, (0.9, 0.1, 0.1))
 
 
 STRAIGHT = ([0, 0, 80 * MM], [0, 0, 0], 5 * DEG)
@@ -165,7 +165,7 @@ STRAIGHT = ([0, 0, 80 * MM], [0, 0, 0], 5 * DEG)
     ],
 )
 def test_a_bad_view_is_refused_with_its_reason(goal, plate, view, why):
-    angle, said = in_picture(Sight(plate, looking(goal, *view) @ PICTURE), VIEW)
+    angle, said = in_picture(CameraView(plate, looking(goal, *view) @ PICTURE), VIEW)
     assert angle is None
     assert why in said
 
@@ -180,7 +180,7 @@ def test_a_bad_view_is_refused_with_its_reason(goal, plate, view, why):
     ],
 )
 def test_what_covers_the_rectangle_is_named(goal, plate, thing):
-    angle, said = in_picture(Sight([*plate, thing(goal)], looking(goal, *STRAIGHT) @ PICTURE), VIEW)
+    angle, said = in_picture(CameraView([*plate, thing(goal)], looking(goal, *STRAIGHT) @ PICTURE), VIEW)
     assert angle is None
     assert "covers" in said
     assert "psm1" in said or "ball" in said
@@ -188,7 +188,7 @@ def test_what_covers_the_rectangle_is_named(goal, plate, thing):
 
 def test_what_stands_behind_or_beside_covers_nothing(goal, plate):
     more = [bar(goal, (-4, -20, -30), (4, 20, -20)), bar(goal, (-4, 12, 5), (4, 20, 8))]
-    assert in_picture(Sight([*plate, *more], looking(goal, *STRAIGHT) @ PICTURE), VIEW)[0] is not None
+    assert in_picture(CameraView([*plate, *more], looking(goal, *STRAIGHT) @ PICTURE), VIEW)[0] is not None
 
 
 @pytest.mark.parametrize(
@@ -225,10 +225,12 @@ def test_the_nearer_of_two_triangles_is_seen_and_a_mesh_behind_the_lens_is_not(g
     faces = np.array([[0, 2, 1], [0, 3, 2]])  # they face the lens
 
     def at(name, z, size, rgb):
-        return Surface(name, name, square * size + (0, 0, z), faces, rgb)
+        return ColouredSurface(name, name, square * size + (0, 0, z), faces, rgb)
 
     far, near = at("far", 0.2, 0.05, (0, 1, 0)), at("near", 0.1, 0.01, (1, 0, 0))
-    slope = Surface("slope", "slope", np.array([[0, 3, 3], [0, -3, -3], [1, -3, -3]], float), faces[:1], (0, 0, 1))
+    slope = ColouredSurface(
+        "slope", "slope", np.array([[0, 3, 3], [0, -3, -3], [1, -3, -3]], float), faces[:1], (0, 0, 1)
+    )
     drawn = picture.draw([far, near, slope, at("back", -0.1, 1, (1, 1, 1))], "far", np.eye(4), VIEW)
     covered = 4 * 0.01**2 / 0.1**2 / (4 * 0.05**2 / 0.2**2)
     assert drawn.covered["near"] == pytest.approx(covered, rel=0.02)
@@ -304,7 +306,7 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
     """A lens that is 0.1 degrees askew in its tube: the picture shows it, the projection by the equations does not."""
     T = looking(goal, [0, 6 * MM, 80 * MM], [0, 6 * MM, 0], 0)
     projected = aligned.angle(aligned.seen_ends(goal, T, VIEW))
-    angle, _ = in_picture(Sight(plate, T @ PICTURE @ spatial.pose(spatial.rotation_z(0.1 * DEG))), VIEW)
+    angle, _ = in_picture(CameraView(plate, T @ PICTURE @ spatial.pose(spatial.rotation_z(0.1 * DEG))), VIEW)
     assert abs(angle - projected) > camera_task.AGREE
 
 

@@ -16,13 +16,13 @@ from twin.core.errors import KinematicsError, WorldError
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.camera import Drag, Dragging, view
 from twin.simulation.controllers.console import READINGS, console
-from twin.simulation.controllers.following import SCALE, Following, HandToPose, Pace, Start
+from twin.simulation.controllers.following import SCALE, FollowingControl, HandPace, HandToPose, Start
 from twin.simulation.controllers.jaw import Jaw
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS, Pedals
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 
 DT = 1e-3
 TOOL = spatial.pose(spatial.exp_so3(np.array([0.2, -0.4, 0.3])), (0.02, 0.03, -0.1))
@@ -38,7 +38,7 @@ def moved(hand, way=(0, 0, 0), turn=(0, 0, 0)):
 
 def guided(hand=HAND, **more):
     """A law that has begun to follow a hand at rest."""
-    law = Following(TOOL, DT, **more)
+    law = FollowingControl(TOOL, DT, **more)
     for grip in (0.0, 45 * DEG, 0.0):
         law.step(hand, grip, TOOL, T, 0.5)
     assert law.follows
@@ -80,7 +80,7 @@ def test_truth_table_of_the_start(grip, roll, begins, apart):
     """Thresholds 40 and 4 deg, together more than 0.8 of their sum, 35.2 deg; and the attitude within 5 deg."""
     axis = ALIGNED[:3, 2]
     off = spatial.exp_so3(apart * DEG * np.cross(axis, [1, 0, 0]) / np.linalg.norm(np.cross(axis, [1, 0, 0])))
-    law = Following(TOOL, DT, aligns=True)
+    law = FollowingControl(TOOL, DT, aligns=True)
     hand = spatial.pose(off @ ALIGNED[:3, :3], HAND[:3, 3])
     # The handle rolls there and back: what was seen counts, where it is counts for the attitude.
     for part in (0.0, 1.0, 0.0):
@@ -91,7 +91,7 @@ def test_truth_table_of_the_start(grip, roll, begins, apart):
 
 
 def test_a_hand_that_nobody_holds_never_begins():
-    law = Following(TOOL, DT)
+    law = FollowingControl(TOOL, DT)
     goals = play(law, along(HAND, (0.1, 0, 0)))
     assert not law.started
     assert np.array_equal(goals, np.tile(TOOL, (50, 1, 1)))
@@ -151,7 +151,7 @@ def test_another_scale_while_moving_does_not_jump():
 
 @pytest.mark.parametrize(("asked", "used"), [(0.0, SCALE[0]), (-1.0, SCALE[0]), (7.0, SCALE[1])])
 def test_the_scale_keeps_its_range(asked, used):
-    law = Following(TOOL, DT)
+    law = FollowingControl(TOOL, DT)
     for grip in (0.0, 45 * DEG, 0.0):
         law.step(HAND, grip, TOOL, T, asked)
     goal = [law.step(W, 0.0, law.goal, T, asked) for W in along(HAND, (0.01, 0, 0))][-1]
@@ -220,7 +220,7 @@ def test_what_is_no_pose_moves_nothing(bad):
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(*6 * [st.floats(-0.02, 0.02)]), min_size=2, max_size=30), st.floats(0.05, 1))
 def test_no_hand_moves_the_tool_faster_than_its_pace(steps, scale):
-    pace = Pace(speed=0.2, turn=3.0)
+    pace = HandPace(speed=0.2, turn=3.0)
     law, hand = guided(pace=pace), HAND
     last = law.goal
     for step in steps:
@@ -232,7 +232,7 @@ def test_no_hand_moves_the_tool_faster_than_its_pace(steps, scale):
 
 
 def test_a_tool_that_was_slow_arrives():
-    law = guided(pace=Pace(speed=0.1, turn=1.0))
+    law = guided(pace=HandPace(speed=0.1, turn=1.0))
     hand = moved(HAND, (0.01, 0, 0), (0.1, 0, 0))
     goal = play(law, [hand] * 400)[-1]
     assert np.allclose(goal[:3, 3] - TOOL[:3, 3], 0.5 * T[:3, :3] @ (0.01, 0, 0), atol=1e-14)
@@ -240,7 +240,7 @@ def test_a_tool_that_was_slow_arrives():
 
 def test_the_printed_equations_can_be_felt():
     """With eqs (1), (2) as printed, the tool leaves while the hand is still."""
-    law = Following(TOOL, DT, laws=console(READINGS["paper"]), pace=Pace(speed=0.5))
+    law = FollowingControl(TOOL, DT, laws=console(READINGS["paper"]), pace=HandPace(speed=0.5))
     for grip in (0.0, 45 * DEG, 0.0, 0.0, 0.0):
         law.step(HAND, grip, law.goal, T, 0.5)
     assert np.linalg.norm(law.goal[:3, 3] - TOOL[:3, 3]) > 0.4 * MM
@@ -472,7 +472,7 @@ def test_an_operation_happens_again(operation):
 
 def test_an_arm_at_its_limit_stops_there_and_comes_back():
     """The goal goes 100 mm further than the instrument can be inserted, and back: the limit is a wall."""
-    kin, limits = twin.load("davinci_psm").kinematics(), Limits.of(twin.load("davinci_psm").mechanism)
+    kin, limits = twin.load("davinci_psm").kinematics(), JointLimits.of(twin.load("davinci_psm").mechanism)
     first = q = consoles.start(kin)
     T = kin.forward(q)
     block = Alone(PoseToJoints("arm", kin, q, limits), arm__goal=T.ravel(), arm__encoder=q)
@@ -503,7 +503,7 @@ def can_take(kin, T, q):
 def test_any_robot_reaches_what_is_near(name):
     """A goal 0.2 mm beside is reached, by a closed inverse or by Jacobians; joints keep their rates on the way."""
     robot = twin.load(name)
-    kin, limits = robot.kinematics(), Limits.of(robot.mechanism)
+    kin, limits = robot.kinematics(), JointLimits.of(robot.mechanism)
     program, at = kin.program, np.array(kin.formula.seeds[0], float)
     q = kin.inverse(program.pose_of_coordinates.one(at))
     beside = (program.pose_of_coordinates.one(at + 0.2 * MM * np.eye(len(at))[i]) for i in (2, 1, 0) if i < len(at))

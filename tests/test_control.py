@@ -14,11 +14,11 @@ from twin.robots import load_formula
 from twin.simulation.controllers.contract import clutch, play
 from twin.simulation.controllers.teleoperation import Gains, Teleoperation
 from twin.simulation.controllers.velocity import pose_error, step
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 
 SCALE = np.array([MM, MM, MM, DEG, MM])
 HOME = np.array([50, 50, 50, 0, 20.25077]) * SCALE
-LIMITS = Limits(
+LIMITS = JointLimits(
     np.array([0, 0, 0, -60, 0]) * SCALE,
     np.array([100, 100, 100, 60, 50]) * SCALE,
     np.array([10, 10, 10, 15, 10]) * SCALE,

@@ -29,12 +29,12 @@ from twin.model.guide import GuideTable
 from twin.model.movable import Movable
 from twin.reference import ReferenceModel
 from twin.simulation import contact_scene
-from twin.simulation.contact_scene import Course
+from twin.simulation.contact_scene import WireCourse
 from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
 from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.plants.contact.gripper import grip_frame
-from twin.simulation.session.guiding import STEPS, Referee
+from twin.simulation.session.guiding import STEPS, GuidingReferee
 from twin.simulation.setup import Setup
 from twin.simulation.ways import Ways, _stations
 from twin.ui.session.console import LiveConsole
@@ -166,7 +166,7 @@ def test_the_way_out_ends_where_the_arm_began_with_the_jaws_as_they_are():
     kin = SimpleNamespace(auxiliary=np.array([False, True, False, True]), forward=lambda q: np.eye(4))
     arms = {h: Eye(h, kin, np.eye(4), np.eye(4)) for h in ("right", "left")}
     ways = NoWay()
-    surgeon = GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, Course(WIRE, BALL), "left", ways)
+    surgeon = GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, WireCourse(WIRE, BALL), "left", ways)
     now = {"ring.pose": np.eye(4).ravel(), "right.q": np.arange(4.0), "left.q": np.zeros(4), "ecm.q": np.zeros(4)}
     surgeon._signals = now
     list(surgeon._follow("right", np.eye(4), np.full(4, 9.0)))
@@ -191,7 +191,9 @@ R, L, NOBODY = 0, 1, -1  # numbers of the arms in `ring.holder`
 def judged(steps, allowed=None, ring=RING):
     """Return (measures, referee) of samples (x in mm or place (3,), holder, {signal: value}), `DT` apart, five each."""
     guide = GUIDE if allowed is None else GUIDE.model_copy(update={"allowed": GUIDE.allowed.model_copy(update=allowed)})
-    referee = Referee(guide, ring, Course(WIRE, BALL), ["r", "l"], "l", {"r": lambda q: q, "l": lambda q: q}, DT)
+    referee = GuidingReferee(
+        guide, ring, WireCourse(WIRE, BALL), ["r", "l"], "l", {"r": lambda q: q, "l": lambda q: q}, DT
+    )
     for place, holder, more in steps:
         p = np.array([place, 0, 0] if np.isscalar(place) else place) * MM
         now = {
@@ -344,7 +346,7 @@ def test_a_wrong_wire_or_dome_is_named(scene, props):
 def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
     arms = {h: Eye(f"raven_{h}", None, np.eye(4), np.eye(4)) for h in ("right", "left")}
     with pytest.raises(WorldError, match=r"there is no mistake 'droped'\. Did you mean 'dropped'"):
-        GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, Course(WIRE, BALL), "left", None, "droped")
+        GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, WireCourse(WIRE, BALL), "left", None, "droped")
     with pytest.raises(TwinError, match="makes mistakes only in a task with a ring to guide"):
         operate_console(twin.load_scene("davinci"), "touch", mistake="dropped")
     assert main(["operate", "davinci", "--mistake", "dropped", "--out", str(tmp_path / "x")]) == 2

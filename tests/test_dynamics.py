@@ -22,7 +22,7 @@ from twin.reference.dynamics import Dynamics
 from twin.reference.holding import holding_efforts
 from twin.simulation.dynamics.arm import arm, without_fixed
 from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
-from twin.simulation.dynamics.track import EXACT_LIMIT, Conditions, Motion, run
+from twin.simulation.dynamics.track import EXACT_LIMIT, Conditions, DesiredMotion, run
 
 MADE = {  # serial, with a coupling, with a loop, with motors on cables, with a lead screw
     "column": lambda path: column.mechanism(path / "column.urdf"),
@@ -243,7 +243,7 @@ def sweep(d, seconds=0.2):
     phase = 2 * np.pi * t / seconds
     s, v, a = (1 - np.cos(phase)) / 2, np.sin(phase) * np.pi / seconds, np.cos(phase) * 2 * (np.pi / seconds) ** 2
     way = sizes(d) * np.cos(np.arange(d.n))
-    return Motion(t, d.model.home().q + s[:, None] * way, v[:, None] * way, a[:, None] * way)
+    return DesiredMotion(t, d.model.home().q + s[:, None] * way, v[:, None] * way, a[:, None] * way)
 
 
 @pytest.mark.slow

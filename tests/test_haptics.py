@@ -20,7 +20,7 @@ from twin.formula.flow import attach
 from twin.simulation import proxy
 from twin.simulation.condition import randomised
 from twin.simulation.controllers import passive
-from twin.simulation.controllers.hand_force import Surface
+from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.passive import needed_damping, require_passive
 from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
 
@@ -282,7 +282,7 @@ def passive_for(seconds, seed):
             forces = play(touch, hands, planes)
             felt = np.linalg.norm(forces, axis=1)
             assert 0.05 < (felt > 0).mean() < 1, (hand, name)
-            energy = observed(hands, forces, Surface().device_damping)
+            energy = observed(hands, forces, ForceParameters().device_damping)
             least[hand, name] = energy.min(), energy[np.argmax(felt > 0) :].min(), felt.max()
     return least
 
@@ -316,13 +316,13 @@ def test_the_hands_of_a_person_need_no_bound():
     assert observed(hands, both[1], 0.0).min() > -1e-5, "the work of the hand alone"
 
 
-UNDAMPED = Surface(damping=0, device_damping=1e-6)
+UNDAMPED = ForceParameters(damping=0, device_damping=1e-6)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("surface", "late", "active"),
-    [(Surface(), 0, False), (Surface(damping=-12), 0, True), (UNDAMPED, 1, True), (UNDAMPED, 16, True)],
+    [(ForceParameters(), 0, False), (ForceParameters(damping=-12), 0, True), (UNDAMPED, 1, True), (UNDAMPED, 16, True)],
     ids=["correct", "negative damping", "a tick late", "a plane at 60 Hz that does not know where the tool is"],
 )
 def test_the_observer_finds_an_active_surface(surface, late, active):
@@ -349,7 +349,7 @@ def test_the_needed_damping_is_the_limit_of_a_vibrating_hand(hz, stiffness, damp
     k = np.arange(4000)
     hands = np.zeros((4000, 3))
     hands[:, 2] = -1 * MM + 0.01 * MM * np.cos(2 * np.pi * hz * DT * k + 0.3)
-    surface = Surface(stiffness, damping)
+    surface = ForceParameters(stiffness, damping)
     forces = play(Touch(surface, bounds=False), hands, lambda k: [FLOOR] if k == 0 else None)
     least = needed_damping(stiffness, damping, DT)
     gain = [observed(hands, forces, b)[-1] - observed(hands, forces, b)[1001] for b in (0.97 * least, 1.03 * least)]

@@ -23,7 +23,7 @@ from twin.simulation.condition import Condition, randomised
 from twin.simulation.devices.given import HandState
 from twin.simulation.local_plane import COUNT, LocalPlane
 from twin.simulation.plants.contact import Contact, Gripper, Solid
-from twin.simulation.plants.contact.levers import Levers
+from twin.simulation.plants.contact.levers import ToolLevers
 from twin.simulation.session import run
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, World
@@ -140,7 +140,7 @@ def test_a_point_of_the_shaft_moves_as_the_lever_says(psm):
     gripper = Gripper("psm", mechanism, kin, spatial.pose(spatial.rotation_z(1.0), (0.1, 0, 0)), 0.02)
     q, R_base = mechanism.posture("aside"), spatial.rotation_z(1.0)
     T, start = kin.forward(q), gripper.poses(q)
-    levers = Levers(gripper)
+    levers = ToolLevers(gripper)
     twists = levers.twists(q, 0)
     assert len(twists) == len(gripper.links) == 3
     for way in np.eye(3) * 1e-5:
@@ -151,7 +151,7 @@ def test_a_point_of_the_shaft_moves_as_the_lever_says(psm):
             np.testing.assert_allclose(twist @ way, [*(b[:3, 3] - a[:3, 3]), *turn], atol=2e-8)
     np.testing.assert_allclose(twists[0][3:], 0, atol=1e-6)  # the hand keeps its attitude
     other = q + 0.1
-    new = Levers(gripper).twists(other, 0)
+    new = ToolLevers(gripper).twists(other, 0)
     late = [levers.twists(other, k) for k in range(1, 25)]  # one of six joints in every fourth step
     assert np.abs(late[0][2] - new[2]).max() > 0.01
     np.testing.assert_allclose(late[-1], new, atol=1e-12)

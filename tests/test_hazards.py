@@ -23,7 +23,7 @@ from twin.api.hazards import FILE, Share, _require_own, campaign_file, hazards, 
 from twin.api.machine import machine_parts
 from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError, TwinError
-from twin.simulation.hazards.attacked import Arena, Outcome, Session
+from twin.simulation.hazards.attacked import Arena, AttackedSession, Outcome
 from twin.simulation.hazards.campaign import FREE, load
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
@@ -58,7 +58,7 @@ def plan(parts):
 def session(*faults, length, start=320, **more):
     """A session in which faults (signal, operation, value, more) act from packet `start` on."""
     made = [partial(Fault, n, start, start + length, op, value, counts=True, **kw) for n, op, value, kw in faults]
-    return Session(lambda: [m() for m in made], start, length, **more)
+    return AttackedSession(lambda: [m() for m in made], start, length, **more)
 
 
 def test_a_campaign_is_drawn_by_its_seed_and_within_its_ranges(plan, parts):

@@ -20,7 +20,7 @@ from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.simulation import console_scene
 from twin.simulation.controllers.console import LARGEST, STIFFNESS
-from twin.simulation.controllers.following import Pace
+from twin.simulation.controllers.following import HandPace
 from twin.simulation.devices.packets import pack
 from twin.ui.headset import packet_socket, served
 from twin.ui.headset import protocol as wire
@@ -339,7 +339,7 @@ def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(bare_theatre, mo
         kin, goals = bare_theatre.robots[name].kinematics(), recording[f"{name}.goal"].reshape(-1, 4, 4)
         tool = np.array([kin.forward(q)[:3, 3] for q in recording[f"{name}.q"]])
         wanted, reached = (np.linalg.norm(np.diff(p, axis=0), axis=1).max() / 1e-3 for p in (goals[:, :3, 3], tool))
-        limit = Pace().speed * (1 + 1e-9)
+        limit = HandPace().speed * (1 + 1e-9)
         assert 0.9 * limit < wanted < limit, "packets that come together are faster than the limit"
         assert reached < limit
         assert np.linalg.norm(tool - tool[0], axis=1).max() > 5 * MM, "and yet it follows"

@@ -24,7 +24,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.exchange.write.clip import home_poses
 from twin.model.scene import load_scene
-from twin.simulation.frame import Frame
+from twin.simulation.frame import WorldFrame
 from twin.ui.headset import protocol as wire
 from twin.ui.headset import scene_frame, served
 from twin.ui.headset import twin as live
@@ -97,7 +97,7 @@ def test_fields_that_cannot_be_sent_are_told():
         (np.zeros(9), r"shape \(9,\)"), (None, "is missing in the frame"),
     ]:  # fmt: skip
         with pytest.raises(TwinError, match=message):
-            vertices_of(Frame(0.5, {}, {} if field is None else {"cloth": field}), "cloth", surface)
+            vertices_of(WorldFrame(0.5, {}, {} if field is None else {"cloth": field}), "cloth", surface)
     with pytest.raises(TwinError, match="the maximum of 65536"):
         pack_field(np.zeros((scene_frame.VERTICES + 1, 3)))
 
@@ -306,7 +306,7 @@ def test_a_field_that_breaks_is_told_once_and_the_robots_stay(robots, how, messa
         def at(self, t):
             if how == "raise" and t >= 0.1:
                 raise ZeroDivisionError
-            return super().at(t) if t < 0.1 else Frame(t, {}, {"cloth": np.full((16, 3), np.nan)})
+            return super().at(t) if t < 0.1 else WorldFrame(t, {}, {"cloth": np.full((16, 3), np.nan)})
 
     async def go():
         torn = Torn(n=4, duration=1.0)

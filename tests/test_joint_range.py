@@ -16,7 +16,7 @@ from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.joint_range import STATES, joint_range
 from twin.robots import load_formula
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.joint_range import HEADING, whole_range
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances
@@ -87,7 +87,7 @@ def judged(tmp_path, template, parts, error="pass", before=None):
     home = np.full(count, 0.3)
     driven = [(f"q{i}", True) for i in range(count)]
     formula = load_formula(path, "arm", driven=lambda: (driven, model.solve(home).T_base_tool, home))
-    out = Comparison(residuals=[before] if before else [])
+    out = EquationsComparison(residuals=[before] if before else [])
     whole_range(compile_formula(formula), model, Tolerances(), out)
     return out
 
@@ -170,7 +170,7 @@ def test_drawn_errors_in_a_part_of_the_range_are_found(tmp_path):
 def test_the_equations_of_a_robot_agree_over_the_whole_range(name):
     robot = twin.load(name)
     kin = robot.kinematics(None)
-    out = Comparison()
+    out = EquationsComparison()
     whole_range(kin, robot.reference(), Tolerances(), out)
     assert [f.message for f in out.findings] == []
     stages = {r.name.partition(",")[0] for r in out.residuals}
@@ -237,7 +237,7 @@ def test_an_error_that_a_swivel_of_zero_hides_is_found(tmp_path, wrong):
     assert text.count(right) == 1
     path = tmp_path / "formula.py"
     path.write_text(text.replace(right, wrong or right), encoding="utf-8")
-    out = Comparison()
+    out = EquationsComparison()
     whole_range(compile_formula(case.load(path)), robot.reference(), Tolerances(), out)
     wrong_rows = {(r.name, r.unit) for r in out.residuals if not r.agrees}
     assert wrong_rows == ({("inverse, swivel = 23 deg", "m")} if wrong else set())

@@ -18,7 +18,7 @@ from twin.api.machine import ChildMachine, Machines
 from twin.api.session import operate_machine, replay_session
 from twin.cli import main
 from twin.core.errors import DeviceError, TwinError
-from twin.simulation.controllers.trainer import Phase
+from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.session.machine_run import ready
 
 pytestmark = pytest.mark.slow
@@ -39,16 +39,16 @@ def operated(scene):
 def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(operated, name):
     """Both arms are machine processes, which the two hands of one console move."""
     machine = {m.robot: m for m in operated.training}[name]
-    done = {Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.STOPPED}
+    done = {TrainerPhase.REHEARSE, TrainerPhase.JUDGED, TrainerPhase.REPLAY, TrainerPhase.STOPPED}
     steps = {s.phase: s for s in machine.steps if s.phase in done}
     assert set(steps) == done
     assert machine.cue == (0.0, 0.0)
     assert machine.stops == 0
     assert machine.led > 0
-    assert steps[Phase.REPLAY].text == ""
-    assert steps[Phase.REPLAY].deviation < 1e-3
-    assert steps[Phase.REPLAY].record < 2e-3  # the wait between two packets differs on a busy computer
-    assert "mm from where the record begins (limit 2): move it to the start" in steps[Phase.STOPPED].text
+    assert steps[TrainerPhase.REPLAY].text == ""
+    assert steps[TrainerPhase.REPLAY].deviation < 1e-3
+    assert steps[TrainerPhase.REPLAY].record < 2e-3  # the wait between two packets differs on a busy computer
+    assert "mm from where the record begins (limit 2): move it to the start" in steps[TrainerPhase.STOPPED].text
 
 
 @pytest.mark.alone  # with the session of the test above

@@ -21,7 +21,7 @@ from twin.simulation.machine import settings
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.following import follow
 from twin.simulation.machine.motion import motion
-from twin.simulation.machine.plant import TICK, Physics, Plant
+from twin.simulation.machine.plant import TICK, MotorPlant, Physics
 from twin.simulation.machine.servo import Servo, compensation, holding
 
 DATA = tomllib.loads((Path(__file__).parent / "data/raven.toml").read_text())
@@ -47,7 +47,7 @@ def left():
 @pytest.fixture(scope="module")
 def made(left):
     """A plant of the left arm, compiled once."""
-    return Plant(left[1])
+    return MotorPlant(left[1])
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_one_tick_is_one_step_of_the_reference(left):
     """Without Coulomb friction: (M + h V) dv = h (torques - bias - V v), through the coupled cables too."""
     robot, _ = left
     model = arm(robot.with_transmission("coupled").mechanism, inertia.of_robot(robot.files.cad))
-    dynamics, plant = model.dynamics(), Plant(model)
+    dynamics, plant = model.dynamics(), MotorPlant(model)
     rng = np.random.default_rng(2)
     for _ in range(5):
         q, v, torques = HOME + rng.uniform(-0.1, 0.1, 7), rng.uniform(-0.5, 0.5, 7), rng.uniform(-0.01, 0.01, 7)

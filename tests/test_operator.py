@@ -13,7 +13,7 @@ from made.worlds import HOME, LIMITS, controller, goal_beside_home, sher_equatio
 from twin.cli import main
 from twin.core.errors import KinematicsError
 from twin.core.units import MM
-from twin.simulation.devices.hand import Goal, Hand, Tremor, minimum_jerk
+from twin.simulation.devices.hand import Goal, HandMotion, Tremor, minimum_jerk
 from twin.simulation.trial import Record, measure, operate, remaining
 
 
@@ -33,7 +33,7 @@ def test_minimum_jerk_starts_and_ends_at_rest():
 
 
 def test_tremor_keeps_its_band_and_its_size():
-    hand, t = Hand(), np.arange(0, 40, 1 / 200)
+    hand, t = HandMotion(), np.arange(0, 40, 1 / 200)
     shake = Tremor(np.random.default_rng(3), hand, 1 / 200)
     x = np.array([shake.output(k) for k in range(len(t))])
     power = np.abs(np.fft.rfft(x * np.hanning(len(t))[:, None], axis=0)) ** 2
@@ -68,7 +68,7 @@ def test_while_the_pedal_is_up_the_tool_stands(kin):
     assert measure(record, [goal], np.eye(4), np.array([0.0, 0, 1])).presses >= 3
     up = ~record.pedal[1:]
     assert np.abs(np.diff(record.q, axis=0)[up]).max() == 0
-    assert np.abs(record.handle[:, 0]).max() < Hand().reach[0] * (1 + 3 * Hand().misjudge)
+    assert np.abs(record.handle[:, 0]).max() < HandMotion().reach[0] * (1 + 3 * HandMotion().misjudge)
 
 
 @pytest.mark.nightly

@@ -16,7 +16,7 @@ from made.alone import Alone
 from twin.core import spatial
 from twin.core.errors import DeviceError, TwinError, WorldError
 from twin.core.units import DEG, MM
-from twin.simulation.controllers.following import Pace
+from twin.simulation.controllers.following import HandPace
 from twin.simulation.controllers.pedals import CAMERA, FREE, Pedals
 from twin.simulation.devices.packets import FORCE, HAND, Packets, pack, unpack
 from twin.simulation.devices.recorded import Recorded
@@ -300,7 +300,7 @@ def test_no_jump_above_the_speed_limit(received):
     for arm in ("one", "two"):
         goals = recording[f"{arm}.goal"].reshape(-1, 4, 4)
         assert recording[f"{arm}.follows"].any()
-        assert np.linalg.norm(np.diff(goals[:, :3, 3], axis=0), axis=1).max() <= Pace().speed * 1e-3 + 1e-12
+        assert np.linalg.norm(np.diff(goals[:, :3, 3], axis=0), axis=1).max() <= HandPace().speed * 1e-3 + 1e-12
         assert np.linalg.norm(goals[-1, :3, 3] - goals[0, :3, 3]) > 5 * MM, "and yet it follows"
 
 

@@ -105,7 +105,7 @@ def test_sample_by_sample_and_all_at_once_give_the_same_measures():
 def told(places, holders, touches=None):
     """Return the events of a ring at places (3,) in mm, 0.1 s each."""
     k = len(places)
-    referee = rings.Referee(TASK, [RING], {"peg": PEG}, ROBOTS, 0.1)
+    referee = rings.RingsReferee(TASK, [RING], {"peg": PEG}, ROBOTS, 0.1)
     for i in range(k):
         now = dict.fromkeys((f"{n}.{what}" for n in ROBOTS for what in ("touches", "meets", "follows")), np.zeros(1))
         now |= {"ring.pose": spatial.pose(p=np.array(places[i]) * MM).ravel(), "ring.holder": np.array([holders[i]])}

@@ -17,7 +17,7 @@ from twin.kinematics.point_search import PointSolver, point_solver
 from twin.kinematics.solve import TOLERANCE, descend
 from twin.robots import load_formula, pa10
 from twin.validation.case import Case
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances
 from twin.validation.trocar_methods import HEADING, SEARCHES, three_methods
@@ -260,7 +260,7 @@ def compared(robot, trajectory, formula=None, number=COUNT):
     """Compare the three methods as `twin validate pa10` does, with a faulty formula if one is given."""
     kin = robot.kinematics() if formula is None else compile_formula(formula)
     case = Case(kin, robot.cad, robot.protocol("circle"), trajectory, Path("unused"), Tolerances())
-    out = Comparison(coarse=np.arange(0, len(trajectory.t), 100))
+    out = EquationsComparison(coarse=np.arange(0, len(trajectory.t), 100))
     three_methods(case, out, number)
     return out
 
@@ -322,7 +322,7 @@ def test_a_fault_of_the_optimisation_is_found_where_it_is(robot, trajectory, cha
 def test_the_methods_are_not_compared_after_another_disagreement(robot, trajectory):
     case = Case(robot.kinematics(), robot.cad, robot.protocol("circle"), trajectory, Path("unused"), Tolerances())
     first = Residual("A-B", "driven", "q3", "rad", 0.1, 0.1, 1e-8, 0.0, "circle")
-    out = Comparison([first], coarse=np.arange(0, len(trajectory.t), 100))
+    out = EquationsComparison([first], coarse=np.arange(0, len(trajectory.t), 100))
     three_methods(case, out)
     assert out.residuals == [first]
     assert out.facts[HEADING] == {"compared": "no, because other rows disagree"}

@@ -22,7 +22,7 @@ from twin.model.scene import load_scene
 from twin.model.surface import nearest, volume
 from twin.model.vessel import Vessel
 from twin.simulation import operating_scene, procedure_scene
-from twin.simulation.devices.procedure_surgeon import Manner, ProcedureSurgeon
+from twin.simulation.devices.procedure_surgeon import ProcedureHabits, ProcedureSurgeon
 from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.session import procedure_checks, procedure_run
@@ -389,7 +389,7 @@ class Room:
 
 @pytest.mark.slow
 def test_surgeon_grasps_and_lifts_the_gallbladder(vsrs):
-    room = Room(vsrs, 3, manner=Manner(quick=0.2, slow=0.1))
+    room = Room(vsrs, 3, manner=ProcedureHabits(quick=0.2, slow=0.1))
     found = room.until(1)
     assert found.checks[0].done, found.checks[0].text
     assert set(failed(found)) >= {"clip", "cut", "remove"}
@@ -423,7 +423,7 @@ def test_another_seed_gives_other_bytes(vsrs):
     ],
 )
 def test_mistake_fails_its_check_alone(vsrs, mistake, stage, check):
-    found = Room(vsrs, 5, mistake, Manner(quick=0.12, slow=0.06)).until(stage)
+    found = Room(vsrs, 5, mistake, ProcedureHabits(quick=0.12, slow=0.06)).until(stage)
     judged = [*STAGES[:stage], "organs", "vessels"]  # the later stages are not done yet
     assert [c for c in failed(found) if c in judged] == [check]
 

@@ -19,7 +19,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError, WorldError
 from twin.core.units import MM
 from twin.model.surface import Surface, inside, nearest, rings, volume
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.plants.tissue import Links, Organs, Tissues, Tool
 from twin.simulation.world import Block, Placed, World
@@ -466,7 +466,7 @@ def test_world_moves_the_organs_under_the_joint_values_and_its_frame_has_their_v
         robots=[Placed("arm", mechanism, made.at(0, 0, 1))],
         deformables=[organ.deformable],
         controllers=[Push()],
-        plants=[Kinematic("arm", np.zeros(2), Limits(-free, free, free)), Tissues([organ], [links])],
+        plants=[Kinematic("arm", np.zeros(2), JointLimits(-free, free, free)), Tissues([organ], [links])],
     )
     world.step(16)
     frame = world.frame()

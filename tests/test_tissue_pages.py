@@ -16,7 +16,7 @@ from made.streaming import http, joined, serving
 from twin import api
 from twin.cli import scene as scenes
 from twin.core.units import MM, srgb
-from twin.simulation.frame import Frame
+from twin.simulation.frame import WorldFrame
 from twin.ui.headset import served
 from twin.ui.headset.scene_frame import SceneFrame
 from twin.ui.session.desk import Desk
@@ -48,7 +48,7 @@ class Leaf:
         return not np.array_equal(before, self.v)
 
     def at(self, t):
-        return Frame(t, {}, {"leaf": self.v})
+        return WorldFrame(t, {}, {"leaf": self.v})
 
 
 def test_organs_in_the_stream_follow_the_displayed_links():

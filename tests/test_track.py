@@ -34,7 +34,7 @@ from twin.simulation.dynamics.track import (
     EXACT_LIMIT,
     TIP_LIMIT,
     Conditions,
-    Motion,
+    DesiredMotion,
     curve,
     effort_table,
     model_of,
@@ -115,7 +115,7 @@ def circle(kin, seconds, turns=1.0):
     qd = (q[:-4] - 8 * q[1:-3] + 8 * q[3:-1] - q[4:]) / (12 * h)
     qdd = (-q[:-4] + 16 * q[1:-3] - 30 * q[2:-2] + 16 * q[3:-1] - q[4:]) / (12 * h * h)
     t = np.arange(k + 1) / 1000
-    return Motion(t, q[2:-2:4], qd[::4], qdd[::4], rcm=np.tile(RCM, (k + 1, 1)))
+    return DesiredMotion(t, q[2:-2:4], qd[::4], qdd[::4], rcm=np.tile(RCM, (k + 1, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -447,7 +447,7 @@ def test_unknown_friction_is_wrong_in_the_model_only(arm):
 )
 def test_wrong_motions_and_conditions_are_refused(arm, change, conditions, said):
     still = {n: np.zeros((3, 7)) for n in ("q", "qd", "qdd")}
-    motion = Motion(**{"t": np.arange(3) / 1000, **still, **change})
+    motion = DesiredMotion(**{"t": np.arange(3) / 1000, **still, **change})
     with pytest.raises(TwinError, match=said):
         run(arm, motion, Conditions(**conditions))
 

@@ -27,12 +27,12 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.planned import HELD, RUN
 from twin.simulation.controllers.trainer import (
     LONGEST,
-    Bounds,
     Mode,
-    Phase,
     Smooth,
     Tips,
     Trainer,
+    TrainerLimits,
+    TrainerPhase,
     ViewSwitch,
     Why,
     asked,
@@ -52,7 +52,7 @@ from twin.simulation.setup import Setup
 from twin.simulation.world import Recording, Signals
 from twin.ui.session.mirror import Mirror
 
-BOUNDS = Bounds(0.04, 1.5, 0.05, 0.08, 2e-3, 0.05, 3e-3)
+BOUNDS = TrainerLimits(0.04, 1.5, 0.05, 0.08, 2e-3, 0.05, 3e-3)
 STILL = np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.0])
 
 
@@ -103,7 +103,11 @@ def test_a_goal_that_jumps_does_not_make_the_model_too_fast(scene, side):
     """As a hand does whose page stalls: no rehearsal is refused for the speed that this gives."""
     parts, bounds = machine_parts(twin.load(side)), machine_scene.bounds(scene.trainer)
     model, random, fastest = Modelled("arm", parts, Cue(), parts.home), np.random.default_rng(1), 0.0
-    at_rest = {"arm.phase": [Phase.REHEARSE, 0, 0], "arm.measured": parts.home, "arm.run": [1.0, Level.PEDAL_UP, 0, 0]}
+    at_rest = {
+        "arm.phase": [TrainerPhase.REHEARSE, 0, 0],
+        "arm.measured": parts.home,
+        "arm.run": [1.0, Level.PEDAL_UP, 0, 0],
+    }
     signals = Signals({"arm.given": np.append(STILL, 0.0), **at_rest, **model.outputs})
     start, smooth = parts.kin.forward(parts.home), Smooth(bounds, 1e-3, 1e-3)
     smooth.begin(goal := start, 0.0)
@@ -156,7 +160,7 @@ class Desk:
             out = self.trainer.step(self.signals, self.t, 1e-3)
             self.t += 1e-3
         phase, why, value = np.asarray(out["arm.phase"])
-        return Phase(int(phase)), Why(int(why)), float(value), out["arm.packet"], out["arm.given"]
+        return TrainerPhase(int(phase)), Why(int(why)), float(value), out["arm.packet"], out["arm.given"]
 
     def ask(self, mode):
         self.set("pedals.training", mode)
@@ -209,7 +213,7 @@ def test_increments_wait_until_both_are_ready(desk):
     desk.set("arm.goal", goal.ravel())
     desk.set("arm.run", Level.PEDAL_UP, 1)
     phase, _, _, machine_gets, _ = desk.step(100)
-    assert phase == Phase.TELEOPERATE
+    assert phase == TrainerPhase.TELEOPERATE
     assert machine_gets[8] == 1
     assert not machine_gets[:3].any()
     desk.set("arm.run", Level.PEDAL_DN, 1)
@@ -219,7 +223,7 @@ def test_increments_wait_until_both_are_ready(desk):
 def test_a_rehearsal_moves_the_model_only(desk):
     desk.step()
     phase, why, _, machine_gets, _ = desk.rehearse()
-    assert (phase, why) == (Phase.JUDGED, Why.NOTHING)
+    assert (phase, why) == (TrainerPhase.JUDGED, Why.NOTHING)
     np.testing.assert_array_equal(machine_gets, STILL)
     moved = sum(v[0] for v in desk.trainer._record)
     assert moved == pytest.approx(1e4, abs=30)
@@ -232,17 +236,17 @@ def test_a_rehearsal_is_stopped_at_the_longest_record(desk, monkeypatch):
     goal = desk.signals["arm.goal"].reshape(4, 4).copy()
     goal[0, 3] += 0.05
     desk.set("arm.goal", goal.ravel())
-    assert desk.step(199)[:2] == (Phase.REHEARSE, Why.NOTHING)
+    assert desk.step(199)[:2] == (TrainerPhase.REHEARSE, Why.NOTHING)
     found = desk.step()
-    assert found[:3] == (Phase.REHEARSE, Why.FULL, 0.2)
+    assert found[:3] == (TrainerPhase.REHEARSE, Why.FULL, 0.2)
     assert text_of(found).startswith("the rehearsal was stopped: the record of arm is 0.2 s long (limit 0.2). Press Ju")
     np.testing.assert_array_equal(found[4][:9], STILL)  # the model is at rest, where the record ends
     desk.set("arm.model", 3.0, 2)  # not a part of the record
     desk.step(300)
     desk.set("arm.model", 0.0, 2)
     assert len(desk.trainer._record) == 200
-    assert desk.ask(Mode.JUDGE)[:2] == (Phase.JUDGED, Why.NOTHING)
-    assert desk.ask(Mode.REPLAY)[0] == Phase.REPLAY
+    assert desk.ask(Mode.JUDGE)[:2] == (TrainerPhase.JUDGED, Why.NOTHING)
+    assert desk.ask(Mode.REPLAY)[0] == TrainerPhase.REPLAY
 
 
 def test_a_good_record_is_replayed_as_it_was(desk):
@@ -250,14 +254,14 @@ def test_a_good_record_is_replayed_as_it_was(desk):
     desk.rehearse()
     record = [v.copy() for v in desk.trainer._record]
     phase, _, _, _, model_gets = desk.ask(Mode.REPLAY)
-    assert phase == Phase.REPLAY
+    assert phase == TrainerPhase.REPLAY
     assert model_gets[9] == 1  # the model begins where the machine is
     sent = []
-    while phase == Phase.REPLAY:
+    while phase == TrainerPhase.REPLAY:
         phase, _, _, machine_gets, model_gets = desk.step()
         np.testing.assert_array_equal(machine_gets, model_gets[:9])
         sent.append(machine_gets)
-    assert phase == Phase.DONE
+    assert phase == TrainerPhase.DONE
     np.testing.assert_array_equal(sent[: len(record)], record)
 
 
@@ -267,11 +271,11 @@ def test_a_replay_waits_for_the_hands_and_then_gives_up(desk):
     desk.rehearse()
     desk.set("pedals.silent", 1)
     desk.ask(Mode.REPLAY)
-    assert desk.step(500)[0] == Phase.REPLAY
-    assert desk.step(600)[:2] == (Phase.STOPPED, Why.OPERATOR)
+    assert desk.step(500)[0] == TrainerPhase.REPLAY
+    assert desk.step(600)[:2] == (TrainerPhase.STOPPED, Why.OPERATOR)
     desk.set("pedals.silent", 0)
     desk.ask(asked(Mode.REPLAY, 1))  # asked for again
-    assert desk.step(200)[0] == Phase.REPLAY
+    assert desk.step(200)[0] == TrainerPhase.REPLAY
 
 
 def test_a_replay_waits_for_the_machine_and_then_gives_up(desk):
@@ -280,9 +284,9 @@ def test_a_replay_waits_for_the_machine_and_then_gives_up(desk):
     desk.set("arm.run", Level.PEDAL_UP, 1)
     desk.ask(Mode.REPLAY)
     phase, _, _, machine_gets, _ = desk.step(500)
-    assert phase == Phase.REPLAY
+    assert phase == TrainerPhase.REPLAY
     assert not machine_gets[:3].any()
-    assert desk.step(600)[:2] == (Phase.STOPPED, Why.NOT_READY)
+    assert desk.step(600)[:2] == (TrainerPhase.STOPPED, Why.NOT_READY)
 
 
 def text_of(found):
@@ -312,7 +316,7 @@ def test_a_replay_is_refused_with_what_to_do(desk, prepare, expected):
     desk.step()
     prepare(desk)
     found = desk.ask(Mode.REPLAY)
-    assert found[0] == Phase.STOPPED
+    assert found[0] == TrainerPhase.STOPPED
     assert re.search(expected, text_of(found)), text_of(found)
     np.testing.assert_array_equal(found[3], STILL)
 
@@ -334,7 +338,7 @@ def test_a_replay_is_stopped(desk, signal, value, at, expected):
     desk.step(20)
     desk.set(signal, value, at)
     found = desk.step()
-    assert found[0] == Phase.STOPPED
+    assert found[0] == TrainerPhase.STOPPED
     assert expected in text_of(found)
     np.testing.assert_array_equal(found[3], STILL)
 
@@ -346,7 +350,7 @@ def test_hands_that_are_silent_for_long_stop_a_replay(desk):
     desk.step(100)
     desk.set("pedals.silent", 1)
     desk.set("console.mode", 1)  # as the pedals say of silent hands
-    assert desk.step(900)[0] == Phase.REPLAY
+    assert desk.step(900)[0] == TrainerPhase.REPLAY
     assert "the hands were silent for 1 s" in text_of(desk.step(150))
 
 
@@ -753,9 +757,13 @@ def test_measures_of_a_session(scene, robot, parts):
     q[510:610], q[610:] = path, path[-1]
     ghost[510:610], ghost[610:] = path, path[-1]
     phase = np.zeros((n, 3))
-    phase[280:420, 0], phase[420:500, 0], phase[500:650, 0] = Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY
+    phase[280:420, 0], phase[420:500, 0], phase[500:650, 0] = (
+        TrainerPhase.REHEARSE,
+        TrainerPhase.JUDGED,
+        TrainerPhase.REPLAY,
+    )
     phase[400:420, 1:] = Why.FULL, LONGEST
-    phase[800:850] = Phase.STOPPED, Why.START, 0.011
+    phase[800:850] = TrainerPhase.STOPPED, Why.START, 0.011
     tip = kin.forward_many(q)[:, :3, 3]
     apart = np.linalg.norm(tip - kin.forward_many(ghost)[:, :3, 3], axis=1)
     cue = np.zeros((n, 3))
@@ -771,9 +779,15 @@ def test_measures_of_a_session(scene, robot, parts):
     kept = Recording(dt, {k: v.shape[1] for k, v in rows.items()}, np.concatenate([*rows.values()], axis=1))
     found = measure(kept, scene.trainer, "raven_left", kin)
     assert [s.phase for s in found.steps] == [
-        Phase.TELEOPERATE, Phase.REHEARSE, Phase.REHEARSE, Phase.JUDGED, Phase.REPLAY, Phase.TELEOPERATE, Phase.STOPPED,
-        Phase.TELEOPERATE,
-    ]  # fmt: skip
+        TrainerPhase.TELEOPERATE,
+        TrainerPhase.REHEARSE,
+        TrainerPhase.REHEARSE,
+        TrainerPhase.JUDGED,
+        TrainerPhase.REPLAY,
+        TrainerPhase.TELEOPERATE,
+        TrainerPhase.STOPPED,
+        TrainerPhase.TELEOPERATE,
+    ]
     assert found.steps[4].record < 1e-9
     assert found.steps[4].deviation == pytest.approx(5e-4)
     assert np.isnan(found.steps[1].deviation)

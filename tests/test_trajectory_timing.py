@@ -12,7 +12,16 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
 from twin.planning import toppra_solver
 from twin.planning.phase_path import build
-from twin.planning.protocol import Insertion, Limits, Pivot, Positioning, Protocol, Retraction, Tolerances, Waypoint
+from twin.planning.protocol import (
+    Insertion,
+    Limits,
+    Pivot,
+    Positioning,
+    Protocol,
+    Retraction,
+    TrajectoryTolerances,
+    Waypoint,
+)
 from twin.planning.protocol.course import rotation
 from twin.planning.smooth import fit, line
 from twin.planning.timing import time_path
@@ -134,7 +143,7 @@ def protocol(*phases, waypoints=None, axis=(0, 0, -1)):
     points["about"] = Waypoint("about", np.array([0.1, 0.5, -0.3]), None, 0.07, "about", "ASSUMED", "test")
     limits = Limits(0.02, 0.1, 0.3, 1.0, "ASSUMED", "test")
     kinds = ("positioning", "insertion", "pivot", "retraction", "home")
-    tolerances = Tolerances(1e-4, 1e-3, 1e-4, 1e-4, 1e-3, "ASSUMED", "test")
+    tolerances = TrajectoryTolerances(1e-4, 1e-3, 1e-4, 1e-4, 1e-3, "ASSUMED", "test")
     return Protocol(
         "p", "p", "test", "none", "tip", np.array(axis, float), "a", points | (waypoints or {}), phases,
         dict.fromkeys(kinds, limits), tolerances,

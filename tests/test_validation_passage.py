@@ -12,7 +12,7 @@ from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.planning.plan import plan
 from twin.validation import consistent, margins, shaft, timing
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.rows import SampleClock
 
 
@@ -178,7 +178,7 @@ def test_samples_that_are_right_can_hide_a_path_that_is_not(sils, planned):
     _, trajectory = planned
     coarse = thinned(trajectory, 100)
     clock = SampleClock(coarse.t, ())
-    out = Comparison()
+    out = EquationsComparison()
     shaft.between_samples(sils.reference(), coarse, 0.01 * MM, out, clock)
     at = {r.name.split(",")[0]: r.worst for r in out.residuals}
     assert max(at["sweep"], at["straighten"]) > 0.01 * MM
@@ -186,7 +186,7 @@ def test_samples_that_are_right_can_hide_a_path_that_is_not(sils, planned):
     sampled = {p.phase: p.at_samples for p in shaft.passages(sils.reference(), coarse)}
     assert max(sampled["sweep"], sampled["straighten"]) < 1e-9
     finer = thinned(trajectory, 10)
-    shaft.between_samples(sils.reference(), finer, 0.01 * MM, out := Comparison(), SampleClock(finer.t, ()))
+    shaft.between_samples(sils.reference(), finer, 0.01 * MM, out := EquationsComparison(), SampleClock(finer.t, ()))
     assert out.findings == []
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import twin
 from made.cloth import Cloth
-from twin.simulation.frame import Frame
+from twin.simulation.frame import WorldFrame
 from twin.ui.session.desk import Desk
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
@@ -22,7 +22,7 @@ class Torn(Cloth):
     def at(self, t):
         if t > 1.5:
             raise ZeroDivisionError
-        return super().at(t) if t <= 1.0 else Frame(t, {}, {"cloth": np.full((self.n**2, 3), np.nan)})
+        return super().at(t) if t <= 1.0 else WorldFrame(t, {}, {"cloth": np.full((self.n**2, 3), np.nan)})
 
 
 @pytest.fixture

@@ -21,12 +21,12 @@ from twin.core.units import MM
 from twin.reference import ReferenceModel
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.plants.field import Field
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, Recording, World, read_recording
 
-FREE = Limits(np.full(2, -np.inf), np.full(2, np.inf), np.full(2, np.inf))
+FREE = JointLimits(np.full(2, -np.inf), np.full(2, np.inf), np.full(2, np.inf))
 
 
 # -- the same input, the same bytes ---------------------------------------------------------------------------------
@@ -88,7 +88,7 @@ def test_recorded_commands_move_robots_without_their_planners():
     again = World(
         robots=[Placed(a.place.name, a.mechanism, a.place.T_world_base) for a in worlds.actors()],
         devices=[Recorded(recording, *(f"{n}.command" for n in names))],
-        plants=[Kinematic(a.place.name, a.trajectory.q[0], Limits.of(a.mechanism)) for a in worlds.actors()],
+        plants=[Kinematic(a.place.name, a.trajectory.q[0], JointLimits.of(a.mechanism)) for a in worlds.actors()],
         dt=first.dt,
     ).run()
     assert again.to_bytes() == recording.to_bytes()
@@ -170,7 +170,7 @@ def test_a_world_ends_before_the_tick_for_which_a_device_has_nothing():
     speed=st.floats(0.1, 99),
 )
 def test_joints_stay_within_rates_and_limits_and_reach_what_is_allowed(q, command, lower, upper, speed):
-    plant = Kinematic("arm", [q], Limits(np.array([lower]), np.array([upper]), np.array([speed])))
+    plant = Kinematic("arm", [q], JointLimits(np.array([lower]), np.array([upper]), np.array([speed])))
     world = World(controllers=[Says(lambda s: {"arm.command": command}, 1)], plants=[plant], dt=0.01)
     world.step()
     after = world.signals["arm.q"][0]

@@ -9,7 +9,7 @@ from race import Contender, Effort, Fact, Table, race
 
 import twin
 from twin.simulation.controllers.velocity import pose_error, step
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 
 
 def topic(effort: Effort) -> list[Table]:
@@ -54,7 +54,7 @@ def control(effort: Effort, name: str, title: str, away: np.ndarray) -> Table:
     robot = twin.load("sher")
     kin, active = robot.kinematics(), robot.mechanism.active
     low, high = np.array([j.limits for j in active]).T
-    limits = Limits(low, high, np.array([j.max_speed for j in active]))
+    limits = JointLimits(low, high, np.array([j.max_speed for j in active]))
     home = robot.mechanism.posture(HOME)
     T = kin.forward(home + away)
 

@@ -25,7 +25,7 @@ from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
 from twin.simulation.machine.following import follow
-from twin.simulation.machine.plant import Physics, Plant
+from twin.simulation.machine.plant import MotorPlant, Physics
 
 SPEED, ACCELERATION = np.array([0.8, 0.8, 0.06, 0.8, 0.8, 0.8, 0.8]), np.array([2.4, 2.4, 0.24, 2.4, 2.4, 2.4, 2.4])
 
@@ -46,7 +46,7 @@ def main(seeds: int, samples: int) -> None:
     robot = twin.load("raven_left")
     model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
     software = settings.load(robot.files.cad / settings.NAME, model.mechanism)
-    plant = Plant(model, Physics.of(model, software.coulomb(model.mechanism)))
+    plant = MotorPlant(model, Physics.of(model, software.coulomb(model.mechanism)))
     judge = Judge(robot.mechanism, *obstacles("dome", "raven_left"))
     planned(space, start, goal, box, 100, 10_000)  # loads grids, which a space keeps
     rows = []

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from twin.simulation.frame import Frame
+from twin.simulation.frame import WorldFrame
 from twin.ui.session.feed import FieldSurface
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -72,4 +72,4 @@ class Cloth:
     def at(self, t):
         """Return the frame at a time in s."""
         k = int(np.clip(round(t * RATE), 0, len(self._played) - 1))
-        return Frame(k / RATE, {}, {"cloth": self._played[k]})
+        return WorldFrame(k / RATE, {}, {"cloth": self._played[k]})

@@ -8,11 +8,11 @@ import twin
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.camera import Dragging, HandsToCamera
-from twin.simulation.controllers.following import Arm, HandToPose
+from twin.simulation.controllers.following import FollowingArm, HandToPose
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
 from twin.simulation.controllers.reaching import PoseToJoints
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World
 
@@ -63,9 +63,9 @@ def world(device, hazards=(), taps=False):
     With `taps`, the right hand can also select the arm `three` with a tap.
     """
     kin, mechanism = twin.load(ROBOT).kinematics(), twin.load(ROBOT).mechanism
-    limits, q = Limits.of(mechanism), start(kin)
+    limits, q = JointLimits.of(mechanism), start(kin)
     places = {n: spatial.pose(None, (x, 0, 0)) for n, x in (("one", 0.5), ("two", -0.5), ("three", 1.5))[: 2 + taps]}
-    arms = {n: Arm(n, kin, T) for n, T in places.items()}
+    arms = {n: FollowingArm(n, kin, T) for n, T in places.items()}
     right = [arm for n, arm in arms.items() if n != "two"]
     centre = spatial.pose(spatial.exp_so3(np.array([0.4, 0.2, 0.1])), (0, 0.5, 0.5))
     camera = Dragging(np.array([0.05, -0.1, 0.1, 0.2]), 1e-3)
@@ -103,8 +103,8 @@ def davinci(device):
     places = {
         n: spatial.pose(spatial.rotation_z(a), (x, 0, 0)) for n, x, a in (("psm1", 0.1, 0.3), ("psm2", -0.1, -0.3))
     }
-    kin, limits, camera = psm.kinematics(), Limits.of(psm.mechanism), ecm.kinematics()
-    q, arms = start(kin), {n: Arm(n, kin, T) for n, T in places.items()}
+    kin, limits, camera = psm.kinematics(), JointLimits.of(psm.mechanism), ecm.kinematics()
+    q, arms = start(kin), {n: FollowingArm(n, kin, T) for n, T in places.items()}
     law = Dragging(np.array([0.0, 0.0, 0.12, 0.0]), 1e-3)
     hands = HandsToCamera("ecm", "right", "left", law, T_VIEW_HAND, np.eye(4), T_view_tool=T_VIEW_TOOL)
     at = camera.inverse(hands.outputs["ecm.goal"].reshape(4, 4))
@@ -118,7 +118,7 @@ def davinci(device):
             HandToPose("left", "pedals", (arms["psm2"],), (q,), T_VIEW_HAND, view="ecm"),
             *(GripToJaw(hand, n, Jaw(0.0, 60 * DEG, 0.0, 1e-3)) for hand, n in (("right", "psm1"), ("left", "psm2"))),
             *(PoseToJoints(n, kin, q, limits) for n in arms),
-            PoseToJoints("ecm", camera, at, Limits.of(ecm.mechanism)),
+            PoseToJoints("ecm", camera, at, JointLimits.of(ecm.mechanism)),
         ],
-        plants=[*(Kinematic(n, q, limits) for n in arms), Kinematic("ecm", at, Limits.of(ecm.mechanism))],
+        plants=[*(Kinematic(n, q, limits) for n in arms), Kinematic("ecm", at, JointLimits.of(ecm.mechanism))],
     )

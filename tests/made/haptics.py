@@ -7,12 +7,12 @@ import numpy as np
 from twin.core import spatial
 from twin.formula.flow import attach
 from twin.simulation.controllers.console import console
-from twin.simulation.controllers.hand_force import FORCE, STATE, Surface, hand_force
-from twin.simulation.limits import Limits
+from twin.simulation.controllers.hand_force import FORCE, STATE, ForceParameters, hand_force
+from twin.simulation.limits import JointLimits
 from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
 
 DT = 1e-3
-FREE = Limits(np.array([-np.inf]), np.array([np.inf]), np.array([np.inf]))
+FREE = JointLimits(np.array([-np.inf]), np.array([np.inf]), np.array([np.inf]))
 
 
 def plane(normal, offset=0.0):
@@ -25,7 +25,7 @@ class Touch:
     """Force on a hand; the tool's displacement is the hand's displacement times `scale`."""
 
     def __init__(self, surface=None, *, bounds=True, scale=1.0, dt=DT):
-        law = hand_force(console(), surface or Surface(), FREE, np.array([True]), 1, dt, bounds)
+        law = hand_force(console(), surface or ForceParameters(), FREE, np.array([True]), 1, dt, bounds)
         self.state, self.pulse = np.zeros(STATE), np.zeros(3)
         self.on, self.follows, self.scale = np.ones(1), np.ones(1), np.array([scale])
         self.hand, self.tool, self.goal, self.planes = (np.eye(4).ravel() for _ in range(4))

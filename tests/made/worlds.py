@@ -22,7 +22,7 @@ from twin.robots import load_formula
 from twin.simulation import scene_play, trial
 from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation
 from twin.simulation.devices.hand import Goal, ScriptedHand
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.plants.field import Field
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Hazard, Placed, World
@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 
 UNITS = np.array([MM, MM, MM, DEG, MM])
 HOME = np.array([50, 50, 50, 0, 20.25077]) * UNITS
-LIMITS = Limits(
+LIMITS = JointLimits(
     np.array([0, 0, 0, -60, 0]) * UNITS,
     np.array([100, 100, 100, 60, 50]) * UNITS,
     np.array([10, 10, 10, 15, 10]) * UNITS,
@@ -111,7 +111,7 @@ def waving() -> World:
         robots=[Placed("arm", two_links(), spatial.pose(p=[1.0, 0, 0]))],
         deformables=[cloth()],
         controllers=[Swing()],
-        plants=[Kinematic("arm", np.zeros(2), Limits(-free, free, np.full(2, 1.0))), Field(cloth(), wave)],
+        plants=[Kinematic("arm", np.zeros(2), JointLimits(-free, free, np.full(2, 1.0))), Field(cloth(), wave)],
     )
 
 

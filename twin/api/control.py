@@ -52,7 +52,7 @@ def track(
     from twin.reference import inertia as masses
     from twin.simulation.dynamics.arm import arm as arm_of
     from twin.simulation.dynamics.result import Tracking
-    from twin.simulation.dynamics.track import Conditions, Motion, Run, run
+    from twin.simulation.dynamics.track import Conditions, DesiredMotion, Run, run
     from twin.simulation.dynamics.track import curve as over
 
     if not 0 <= mismatch < 1:
@@ -83,7 +83,7 @@ def track(
 
         arm = replace(arm, mjcf=mjcf_text(arm.mechanism))
     T_tool_frame = robot.mechanism.frame_in_tool(planned.frame)
-    motion = Motion(planned.t, planned.q, planned.qd, planned.qdd, T_tool_frame, planned.shaft_axis, planned.rcm)
+    motion = DesiredMotion(planned.t, planned.q, planned.qd, planned.qdd, T_tool_frame, planned.shaft_axis, planned.rcm)
     exact = Conditions(plant=plant)
     runs: dict[str, Run] = {}
     for name, conditions in _cases(exact, mismatch).items():

@@ -229,12 +229,12 @@ def _require_own(plan: Campaign, log: Log) -> None:
 
 def outcomes(share: Share) -> Iterator[JsonObject]:
     """Run the sessions of `share` in a child process; yield the log line of each session as {key: value}."""
-    from twin.simulation.hazards.attacked import Session
+    from twin.simulation.hazards.attacked import AttackedSession
 
     plan, arena = _arena(share.robot, share.campaign, share.software)
     for index in share.indices:
         drawn = plan.draw(index)
-        session = Session(
+        session = AttackedSession(
             partial(plan.faults, drawn), drawn.start, drawn.length, drawn.mass, drawn.friction, drawn.scale
         )
         found = arena.run(session)

@@ -26,7 +26,7 @@ from twin.simulation import console_scene, contact_scene, machine_scene
 from twin.simulation.condition import Condition
 from twin.simulation.machine.link import Address
 from twin.simulation.session import camera_task, guiding, training
-from twin.simulation.session.camera_task import AlignMeasures, Sight
+from twin.simulation.session.camera_task import AlignMeasures, CameraView
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.run import Ran
 from twin.simulation.session.training import Training
@@ -201,7 +201,7 @@ def _session(
     if task.transfers:
         session = replace(session, pegs=contact_scene.pegs(setup.scene, setup.props, task))
     if task.guide is not None:
-        referee = guiding.Referee.of(setup, ran.kept.dt)
+        referee = guiding.GuidingReferee.of(setup, ran.kept.dt)
         referee.see_all(ran.kept)
         session = replace(session, guided=referee.measures(), wire=referee.course.wire)
     if task.alignment is not None:
@@ -263,7 +263,7 @@ def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, ArmPath
                 continue  # the lens does not see its own link
             bodies.append(body)
         seen += camera_task.surfaces(name, bodies, poses_at_end)
-    sight = Sight(seen, Ts_world_camera[-1])
+    sight = CameraView(seen, Ts_world_camera[-1])
     view = camera.view_deg * DEG
     return camera_task.measure(ran.kept, goal, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
 

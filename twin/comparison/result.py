@@ -13,7 +13,7 @@ from twin.comparison.side import Side
 from twin.core.findings import Finding, disagreement, error, info, warning
 from twin.core.json_types import JsonObject
 from twin.core.quantity import deg, mm
-from twin.core.result import Line, Part, Result, Table
+from twin.core.result import Line, Part, Result, TextTable
 from twin.core.units import MM
 
 _SHOWN_EDITS = 4
@@ -131,11 +131,11 @@ def _pair_text(pair: Pair) -> Iterator[Part]:
     rows = []
     for kind in KINDS:
         rows.append((kind, pair.properties.verdict(kind), str(pair.properties.compared[kind])))
-    yield Table(("property", "verdict", "compared"), rows)
+    yield TextTable(("property", "verdict", "compared"), rows)
     stated = [row for row in pair.properties.rows if row.stated]
     if stated:
         different = [(row.kind, row.where, row.first, row.second) for row in stated]
-        yield Table(("differs", "of", pair.first.label, pair.second.label), different)
+        yield TextTable(("differs", "of", pair.first.label, pair.second.label), different)
 
 
 def _verdict(pair: Pair) -> str:

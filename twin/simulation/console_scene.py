@@ -21,16 +21,16 @@ from twin.model.scene import Place, Scene
 from twin.model.task import ConsoleTask
 from twin.simulation import contact_scene, machine_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
-from twin.simulation.controllers.following import Arm, HandToPose
-from twin.simulation.controllers.hand_force import Surface
+from twin.simulation.controllers.following import FollowingArm, HandToPose
+from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
-from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum, Pivot
+from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum, InstrumentPivot
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.controllers.through_port import ThroughPort
 from twin.simulation.controllers.tool_grip import GripToTool
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.machine.machine import Parts
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
@@ -104,13 +104,13 @@ def world(
     scene, members, places = setup.scene, setup.members, setup.places
     table, led = console_of(scene), led_by(scene)
     q = {p.name: start(p, members[p.name].mechanism) for p in led}
-    limits = {p.name: Limits.of(members[p.name].mechanism) for p in led}
+    limits = {p.name: JointLimits.of(members[p.name].mechanism) for p in led}
     camera = _camera(setup, q, dt)
     view = camera.camera
     controllers: list[Block] = [Pedals(PEDALS, planned=(planned := _planned(device))), camera]
     for hand in HANDS:
         arms = [
-            Arm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
+            FollowingArm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
             for n in getattr(table, hand)
         ]
         at = [q[a.robot] for a in arms]
@@ -157,7 +157,7 @@ def _planned(device: Block) -> list[str]:
 
 
 def _jaws(
-    hand: str, arms: Sequence[Arm], limits: Mapping[str, Limits], q: Mapping[str, Array], dt: float
+    hand: str, arms: Sequence[FollowingArm], limits: Mapping[str, JointLimits], q: Mapping[str, Array], dt: float
 ) -> Iterator[Block]:
     """Yield a block for each arm that has a jaw: a hand moves the jaw, the first auxiliary joint of the arm."""
     for arm in arms:
@@ -166,7 +166,7 @@ def _jaws(
             yield GripToJaw(hand, arm.robot, Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt))
 
 
-def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.Field, list[Block]]:
+def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.OperatingField, list[Block]]:
     """Return the operating field of a procedure, and for each robot with a tool, the block that closes its jaws."""
     procedure, hands = operating_scene.procedure_of(setup.scene, setup.task), hands_of(setup.scene)
     if without := [n for n in procedure.start if n not in hands]:
@@ -199,7 +199,7 @@ def port_in_base(place: Place) -> Array:
     return (spatial.inverse(place.T_world_base) @ np.append(operating_scene.port_of(place), 1.0))[:3]
 
 
-def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot | None:
+def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> InstrumentPivot | None:
     """Return the pivot of an instrument at the start, with joint values q (n,); None if `table` lacks its length.
 
     Raises:
@@ -213,7 +213,7 @@ def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Pivot
         raise TwinError(
             f"{place.name}: start: the tip is {depth / MM:.3g} mm from its port; it must be beyond the port"
         )
-    return Pivot(port, way / depth, table.instrument_mm[place.name] * MM, place.name in table.through)
+    return InstrumentPivot(port, way / depth, table.instrument_mm[place.name] * MM, place.name in table.through)
 
 
 def drag(table: ConsoleTable) -> Drag:
@@ -295,7 +295,7 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()
 
 
-def _forces(setup: Setup, limits: Mapping[str, Limits], dt: float) -> list[Block]:
+def _forces(setup: Setup, limits: Mapping[str, JointLimits], dt: float) -> list[Block]:
     """Return the blocks that compute the forces on both hands."""
     scene, members, places = setup.scene, setup.members, setup.places
     table, names = console_of(scene), [*hands_of(scene)]  # in the order of the grippers in contact
@@ -312,11 +312,11 @@ def _forces(setup: Setup, limits: Mapping[str, Limits], dt: float) -> list[Block
     return out
 
 
-def surface(scene: Scene) -> Surface:
+def surface(scene: Scene) -> ForceParameters:
     """Return the parameters of the forces on the hands in a scene."""
     if (h := scene.haptics) is None:
-        return Surface()
-    return Surface(h.stiffness_n_m, h.damping_ns_m, h.largest_n, h.device_damping_ns_m)
+        return ForceParameters()
+    return ForceParameters(h.stiffness_n_m, h.damping_ns_m, h.largest_n, h.device_damping_ns_m)
 
 
 def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:

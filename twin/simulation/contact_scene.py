@@ -32,7 +32,7 @@ class Peg:
 
 
 @dataclass(frozen=True)
-class Course:
+class WireCourse:
     """Wire and dome of a task with a ring to guide, in the World, in m.
 
     Attributes:
@@ -85,7 +85,7 @@ def pegs(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> dict[str, 
     return {name: _peg(scene, solids, task, name) for name in sorted({t.peg for t in task.transfers})}
 
 
-def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> Course:
+def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCourse:
     """Return wire and dome of a task with a ring to guide, measured on the drawn parts.
 
     Raises:
@@ -118,7 +118,7 @@ def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> Course:
     corners = np.concatenate([part.vertices for part in dome.parts])
     require_hull(f"{scene.file.name}: task '{task.name}': dome '{dome.name}'", corners)
     hull = ConvexHull(corners @ dome.T_world_body[:3, :3].T + dome.T_world_body[:3, 3])
-    return Course(np.array(line), hull.equations)
+    return WireCourse(np.array(line), hull.equations)
 
 
 def _peg(scene: Scene, solids: Sequence[Solid], task: ConsoleTask, name: str) -> Peg:

@@ -9,7 +9,7 @@ from twin.core.spatial import Array
 
 
 @dataclass(frozen=True)
-class Frame:
+class WorldFrame:
     """Poses and vertices at one time, in the World frame.
 
     Attributes:

@@ -14,7 +14,7 @@ from twin.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
-class Limits:
+class JointLimits:
     """Joint limits: lower, upper (n,) in m or rad, max_speed (n,) in m/s or rad/s; infinite without a limit."""
 
     lower: Array
@@ -22,7 +22,7 @@ class Limits:
     max_speed: Array
 
     @classmethod
-    def of(cls, mechanism: Mechanism) -> Limits:
+    def of(cls, mechanism: Mechanism) -> JointLimits:
         """Return the limits of a mechanism's active joints."""
         low, high = mechanism.limits.T
         return cls(low, high, np.array([j.max_speed or np.inf for j in mechanism.active]))

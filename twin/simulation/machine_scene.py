@@ -15,7 +15,7 @@ from twin.model.scene import Scene
 from twin.model.trainer import MODEL, TrainerTable
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.pedals import TAP
-from twin.simulation.controllers.trainer import MODE, Bounds, Tips, Trainer, ViewSwitch
+from twin.simulation.controllers.trainer import MODE, Tips, Trainer, TrainerLimits, ViewSwitch
 from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.modelled import Modelled
 from twin.simulation.world import Block, Placed, Signals
@@ -31,9 +31,9 @@ def machines(scene: Scene) -> tuple[str, ...]:
     return tuple(scene.trainer.robots)
 
 
-def bounds(table: TrainerTable) -> Bounds:
+def bounds(table: TrainerTable) -> TrainerLimits:
     """Return the limits of a trainer in SI."""
-    return Bounds(
+    return TrainerLimits(
         table.speed_mm_s * MM,
         table.turn_deg_s * DEG,
         table.rehearsed_mm_s * MM,
@@ -50,7 +50,7 @@ def cue(table: TrainerTable) -> Cue:
     return Cue(c.reading, c.tol_mm, c.kp_n_mm, c.kd_ns_mm, c.largest_n, c.blend_mm)
 
 
-class Arm(Protocol):
+class MachineArm(Protocol):
     """What a model needs of its machine: mechanism and function of the link poses, as in `world.Placed`."""
 
     @property
@@ -92,7 +92,7 @@ class Machined:
         law = cue(self._table)
         return [Modelled(name, parts, law, q[name]) for name, parts in self.parts.items()]
 
-    def models(self, members: Mapping[str, Arm]) -> list[Placed]:
+    def models(self, members: Mapping[str, MachineArm]) -> list[Placed]:
         """Return the models as robots of the World; each model has the mechanism of its machine."""
         if self._table is None:
             return []

@@ -23,7 +23,7 @@ from twin.simulation.controllers.contract import ClutchReport, clutch
 from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation
 from twin.simulation.controllers.velocity import Solver
 from twin.simulation.devices.hand import Goal
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.trial import Measures, Record, measure, operate
 
 _NEAR, _THROUGH = 0.1e-3, 0.05e-3
@@ -163,7 +163,7 @@ def run_trials(
         goals.append(Goal(path.phase.name, end, _NEAR if inserts else _THROUGH, inserts))
     if not any(g.inserts for g in goals):
         raise TwinError(f"protocol '{protocol.name}' has no insertion, which the trial needs")
-    limits = Limits.of(mechanism)
+    limits = JointLimits.of(mechanism)
     scales = np.array([1.0 if u == "rad" else scale for u in kin.formula.coordinates.units])
 
     def controller() -> Teleoperation:

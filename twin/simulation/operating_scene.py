@@ -19,7 +19,7 @@ from twin.model.scene import Place, Scene
 from twin.model.task import ConsoleTask
 from twin.model.tissue import Tissue
 from twin.simulation import tissue_scene
-from twin.simulation.plants.tissue import Instrument, Links, Operating, Sight, clips_of
+from twin.simulation.plants.tissue import Links, Operating, OperatingRobot, Sight, clips_of
 from twin.simulation.plants.tissue.organs import PERIOD
 from twin.simulation.setup import Setup
 
@@ -31,7 +31,7 @@ _LAST = {"provenance", "note"}
 
 
 @dataclass(frozen=True)
-class Field:
+class OperatingField:
     """The operating field: a plant that simulates organs and tools; the deformables and objects moved by the plant."""
 
     plant: Operating
@@ -88,7 +88,7 @@ def organ_of(setup: Setup) -> Tissue:
     return found
 
 
-def field(setup: Setup, q: Mapping[str, Array], period: float = PERIOD) -> Field:
+def field(setup: Setup, q: Mapping[str, Array], period: float = PERIOD) -> OperatingField:
     """Return the operating field of a procedure.
 
     Args:
@@ -113,7 +113,7 @@ def field(setup: Setup, q: Mapping[str, Array], period: float = PERIOD) -> Field
             raise TwinError(f"{setup.label}: '{name}' has no link in `touching` of [anatomy]")
         links[name] = Links(name, bound(place, members[name].mechanism), place.T_world_base, touching[name], q[name])
     instruments = [
-        Instrument(links[p.name], members[p.name].mechanism.frame(_TIP), port_of(p), procedure.start[p.name])
+        OperatingRobot(links[p.name], members[p.name].mechanism.frame(_TIP), port_of(p), procedure.start[p.name])
         for p in places[:-1]
     ]
     camera = scene.cameras[procedure.camera]
@@ -121,7 +121,7 @@ def field(setup: Setup, q: Mapping[str, Array], period: float = PERIOD) -> Field
     sight = Sight(lambda: seeing.pose(frame.body) @ frame.T_body_frame @ camera.in_frame, camera.view_deg * DEG)
     plant = Operating(organs, [*links.values()], instruments, scene.vessels, scene.tools, procedure, sight, period)
     deformables = [*(t.deformable for t in organs), *(v.deformable for v in scene.vessels)]
-    return Field(plant, deformables, clips_of(scene.tools))
+    return OperatingField(plant, deformables, clips_of(scene.tools))
 
 
 def about(setup: Setup) -> list[Any]:

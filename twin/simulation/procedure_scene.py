@@ -13,7 +13,7 @@ from twin.simulation import operating_scene
 from twin.simulation.console_scene import start
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.controllers.tip_target import TipTarget
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Placed, World
@@ -40,7 +40,7 @@ def world(setup: Setup, device: Block, records: bool = True, watch: Sequence[Blo
     members, q, limits, plants, controllers = setup.members, {}, {}, list[Block](), list[Block]()
     for place in places:
         name, member = place.name, members[place.name]
-        q[name], limits[name] = start(place, member.mechanism), Limits.of(member.mechanism)
+        q[name], limits[name] = start(place, member.mechanism), JointLimits.of(member.mechanism)
         T = place.T_world_base @ member.kin.forward(q[name])
         controllers.append(TipTarget(name, place.T_world_base, operating_scene.port_of(place), T))
         controllers.append(PoseToJoints(name, member.kin, q[name], limits[name]))

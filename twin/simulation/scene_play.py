@@ -27,7 +27,7 @@ from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, between
 from twin.simulation.controllers.protocol import ProtocolPlayer
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.plants.tissue import Tissues
 from twin.simulation.scene_stage import write_scene
@@ -169,7 +169,7 @@ def world(
     actors: Sequence[Actor], props: Mechanism | None = None, dt: float = 1e-3, organs: Tissues | None = None
 ) -> World:
     """Return a World in which every robot plays its protocol from t = 0 and then remains at rest."""
-    plants: list[Block] = [Kinematic(a.place.name, a.trajectory.q[0], Limits.of(a.mechanism)) for a in actors]
+    plants: list[Block] = [Kinematic(a.place.name, a.trajectory.q[0], JointLimits.of(a.mechanism)) for a in actors]
     return World(
         robots=[Placed(a.place.name, a.mechanism, a.place.T_world_base) for a in actors],
         props=() if props is None else [Placed(props.name, props)],

@@ -12,7 +12,7 @@ from twin.kinematics import Kinematics
 from twin.simulation.controllers.teleoperation import HandToTool, Teleoperation
 from twin.simulation.controllers.velocity import Solver, ToolToJoints, pose_error
 from twin.simulation.devices.hand import Goal, ScriptedHand
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Hazard, Recording, World
 
@@ -46,7 +46,7 @@ class Record:
 def world(
     kin: Kinematics,
     q: Array,
-    limits: Limits,
+    limits: JointLimits,
     controller: Teleoperation,
     device: Block,
     solver: Solver = "damped",
@@ -81,7 +81,7 @@ def world(
 def operate(
     kin: Kinematics,
     q: Array,
-    limits: Limits,
+    limits: JointLimits,
     controller: Teleoperation,
     goals: Sequence[Goal],
     seed: int = 0,

@@ -13,7 +13,7 @@ from twin.planning.link_motion import LinkMotion
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.motion import MeasuredMotion
 from twin.validation.result import PhaseSummary
 from twin.validation.rows import SampleClock, Tolerances
@@ -79,7 +79,7 @@ PARTS: frozenset[Part] = frozenset(("protocol", "equations", "stage", "motion"))
 class Known:
     """Results of earlier checks of the same equations, mechanism and trajectory, to be reused; None: not available."""
 
-    comparison: Comparison | None = None
+    comparison: EquationsComparison | None = None
     measured: MeasuredMotion | None = None
 
 

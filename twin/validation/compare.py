@@ -37,7 +37,7 @@ _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 
 
 @dataclass
-class Comparison:
+class EquationsComparison:
     """Rows, findings and curves of one comparison of equations and mechanism; the checks add to them."""
 
     residuals: list[Residual] = field(default_factory=list)
@@ -82,14 +82,14 @@ def compare(
     clock: SampleClock,
     tolerances: Tolerances,
     progress: Progress,
-) -> Comparison:
+) -> EquationsComparison:
     """Compare the equations `kin` with the independent mechanism along a trajectory; return rows and findings.
 
     If `kin` is None, the joint values of the trajectory drive the mechanism, and only its loops and rates are judged.
     If `kin` has only forward equations and the path was computed with the mechanism, the joint values of the trajectory
     also drive the mechanism, and the forward equations are compared with it.
     """
-    out = Comparison(coarse=_coarse_rows(trajectory))
+    out = EquationsComparison(coarse=_coarse_rows(trajectory))
     # The inverse of these equations is judged. A path that followed the mechanism needs no numeric inverse.
     asked = None
     if kin is not None and (kin.closed_inverse or not trajectory.followed):
@@ -136,7 +136,7 @@ def _coarse_rows(trajectory: Trajectory) -> Index:
     return np.unique(np.array([*every_tenth, *ends, count - 1], np.intp))
 
 
-def _unsolved(kin: Kinematics, q: Array, out: Comparison, clock: SampleClock) -> None:
+def _unsolved(kin: Kinematics, q: Array, out: EquationsComparison, clock: SampleClock) -> None:
     """Add a finding if the equations give no joint values at some of the tool poses."""
     solved = np.isfinite(q).all(axis=1)
     if solved.all():
@@ -229,7 +229,7 @@ class _Check:
     clock: SampleClock
     tolerances: Tolerances
     progress: Progress
-    out: Comparison
+    out: EquationsComparison
     posed: SolvedSamples
 
     @property

@@ -25,7 +25,7 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel, SolvedSamples
 from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, joint_range
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances, rotation_vectors
 
@@ -131,7 +131,7 @@ def _free_angles(kin: Kinematics, model: ReferenceModel) -> list[Parameter]:
     return free
 
 
-def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: Comparison) -> None:
+def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: EquationsComparison) -> None:
     """Add rows, findings and facts of the comparison over the joint range to `out`."""
     if not model.mechanism.active:
         return
@@ -269,7 +269,7 @@ class _Judge:
     mechanism: Mechanism
     tolerances: Tolerances
     wrong_before: str
-    out: Comparison
+    out: EquationsComparison
 
     def rows(self, name: str, offset: Array, turn: Array) -> None:
         """Add a row for the position errors (k,) in m and one for the rotation errors (k,) in rad, and findings."""

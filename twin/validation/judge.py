@@ -21,7 +21,7 @@ from twin.planning.protocol import Solver
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.case import PARTS, Case, Known, Part
-from twin.validation.compare import Comparison, compare, tool_rates
+from twin.validation.compare import EquationsComparison, compare, tool_rates
 from twin.validation.content import content
 from twin.validation.fulcrum import fulcrum
 from twin.validation.joint_range import whole_range
@@ -70,7 +70,7 @@ def judge(
     mechanism = case.cad.mechanism
     trajectory = case.trajectory
     known = known or Known()
-    out = known.comparison or Comparison()
+    out = known.comparison or EquationsComparison()
     motion_samples = samples(trajectory, case.motion)
     # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
     # Without meshes there are no clearances, and the start of a process takes longer than the rest.
@@ -107,7 +107,7 @@ def _has_meshes(mechanism: Mechanism) -> bool:
     return any(body.meshes for body in mechanism.bodies)
 
 
-def _equations(case: Case, out: Comparison, progress: Progress) -> None:
+def _equations(case: Case, out: EquationsComparison, progress: Progress) -> None:
     """Run the judges of the equations and of the RCM, and add their rows and findings to the comparison `out`."""
     kin = case.kinematics
     if kin is None:
@@ -128,7 +128,7 @@ def _equations(case: Case, out: Comparison, progress: Progress) -> None:
         three_methods(case, out)
 
 
-def _report(case: Case, out: Comparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
+def _report(case: Case, out: EquationsComparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
     mechanism = case.cad.mechanism
     trajectory = case.trajectory
     kin = case.kinematics
@@ -184,7 +184,7 @@ def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
     )
 
 
-def _curves(out: Comparison, trajectory: Trajectory) -> None:
+def _curves(out: EquationsComparison, trajectory: Trajectory) -> None:
     v_tool, a_tool = tool_rates(trajectory)
     angles = spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx")
     out.series.setdefault("q", trajectory.q)
@@ -224,7 +224,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     return facts
 
 
-def _stage(case: Case, out: Comparison, progress: Progress) -> None:
+def _stage(case: Case, out: EquationsComparison, progress: Progress) -> None:
     """Compare the stage's mechanism (C) with the CAD's mechanism (B), both by one solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.read import read_stage
@@ -264,7 +264,7 @@ def _stage(case: Case, out: Comparison, progress: Progress) -> None:
         out.residuals.append(row("C", "loop", loop, "m", gaps, case.tolerances.stage_position, clock))
 
 
-def _check_files(case: Case, out: Comparison) -> None:
+def _check_files(case: Case, out: EquationsComparison) -> None:
     """Add the findings on the files of the stage, each once, and of the stage with the baked motion, if it exists."""
     from twin.usd.check import check_stage, run_usd_validators
 
@@ -278,7 +278,7 @@ def _check_files(case: Case, out: Comparison) -> None:
     out.findings += as_written(case)
 
 
-def _motion(measured: MeasuredMotion, motion_samples: MotionSamples, case: Case, out: Comparison) -> None:
+def _motion(measured: MeasuredMotion, motion_samples: MotionSamples, case: Case, out: EquationsComparison) -> None:
     """Add the findings and curves of the baked motion and of the clearances to `out`."""
     phases = case.clock.phases
     rows, findings = baked_rows(measured, motion_samples, phases, case.tolerances)

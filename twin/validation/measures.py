@@ -7,11 +7,11 @@ from twin.kinematics import Kinematics
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Boundary, disagreements, summary
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.rows import Tolerances
 
 
-def measures(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: Comparison) -> None:
+def measures(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: EquationsComparison) -> None:
     """Check reach, singularity measures and aspects of the equations; skip the check if a row of `out` disagrees."""
     run = out.posed
     formula = kin.formula

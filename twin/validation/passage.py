@@ -10,7 +10,7 @@ from twin.core.quantity import moved
 from twin.core.units import DEG, display_unit
 from twin.planning.check import check
 from twin.validation.case import Case
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.consistent import fixes
 from twin.validation.margins import margins, of_mechanism
 from twin.validation.plausible import wide_limits
@@ -26,7 +26,7 @@ _NO_CLOCK = ("timing.clock", "timing.phases")
 """Codes of findings on times and phases, without which rates cannot be computed."""
 
 
-def about_rcm(case: Case, out: Comparison) -> None:
+def about_rcm(case: Case, out: EquationsComparison) -> None:
     """Check the distance of the driven mechanism's shaft from the RCM, in each phase with an RCM."""
     run = out.driven
     trajectory = case.trajectory
@@ -54,12 +54,12 @@ def about_rcm(case: Case, out: Comparison) -> None:
             out.residuals.append(residual)
 
 
-def _tool_follows(out: Comparison) -> bool:
+def _tool_follows(out: EquationsComparison) -> bool:
     """Return whether the tool pose of the driven mechanism is wrong because of an equation that is already named."""
     return any(residual.quantity == "tool" and residual.consequence_of for residual in out.residuals)
 
 
-def passive_limits(case: Case, out: Comparison) -> None:
+def passive_limits(case: Case, out: EquationsComparison) -> None:
     """Check the limits of passive joints: range of the coordinate, or cone angle of a spherical joint."""
     run = out.posed
     joints = case.model.mechanism.limited
@@ -90,7 +90,7 @@ def passive_limits(case: Case, out: Comparison) -> None:
     out.facts["limits of passive joints"] = margins_left
 
 
-def passage(case: Case, out: Comparison) -> None:
+def passage(case: Case, out: EquationsComparison) -> None:
     """Check the RCM between samples, and the distance of the mechanism from singularities."""
     if out.driven is not None and not _tool_follows(out):
         between_samples(case.model, case.trajectory, case.protocol.tolerances.rcm, out, case.clock)
@@ -101,7 +101,7 @@ def passage(case: Case, out: Comparison) -> None:
         out.series |= curves
 
 
-def of_protocol(case: Case, out: Comparison) -> list[Finding]:
+def of_protocol(case: Case, out: EquationsComparison) -> list[Finding]:
     """Add facts on the motion to `out`; return findings of the planner, and of the checks that use only the samples."""
     trajectory = case.trajectory
     mechanism = case.cad.mechanism

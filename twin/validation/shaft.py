@@ -23,7 +23,7 @@ from twin.core.quantity import mm
 from twin.core.spatial import Array, Index
 from twin.planning.trajectory import PhaseSpan, Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.rows import SampleClock, row, text
 
 ALL = 64
@@ -181,7 +181,7 @@ def _summit(values: Array, j: int) -> tuple[float, float]:
 
 
 def between_samples(
-    model: ReferenceModel, trajectory: Trajectory, tolerance: float, out: Comparison, clock: SampleClock
+    model: ReferenceModel, trajectory: Trajectory, tolerance: float, out: EquationsComparison, clock: SampleClock
 ) -> None:
     """Add a row for each phase with an RCM to `out`, and a finding if the distance between samples is too large.
 

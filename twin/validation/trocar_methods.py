@@ -24,7 +24,7 @@ from twin.kinematics.solve import descend
 from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
 from twin.validation.case import Case
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.result import Residual
 
 HEADING = "tip and trocar by three methods"
@@ -104,7 +104,7 @@ class Single:
         return (*numbers, median)
 
 
-def three_methods(case: Case, out: Comparison, number: int = PROBLEMS) -> None:
+def three_methods(case: Case, out: EquationsComparison, number: int = PROBLEMS) -> None:
     """Add rows, findings, a table and curves of the comparison to `out`; skip it if a row of `out` disagrees.
 
     `number` is the number of random problems.
@@ -162,7 +162,9 @@ def by_joints(kin: Kinematics, given: Problems, limits: Array, axis: tuple[float
     return Single(out * kin.characteristic_length, np.array(outcome), np.array(steps))
 
 
-def _compare(kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, out: Comparison, number: int) -> None:
+def _compare(
+    kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, out: EquationsComparison, number: int
+) -> None:
     solver = point_solver(kin)
     axis = solver.search.axis
     given = problems(kin, solver, limits, number)
@@ -218,7 +220,7 @@ def _largest(off: Array) -> str:
     return f"{power(float(off.max(initial=0.0)), 2)} m"
 
 
-def _along(solver: PointSolver, case: Case, out: Comparison) -> None:
+def _along(solver: PointSolver, case: Case, out: EquationsComparison) -> None:
     """Add a row for each point: the search against the closed form at the tool poses of the protocol."""
     Ts = case.trajectory.Ts_base_tool[out.coarse]
     q = solver.inverse_many(Ts)
@@ -237,7 +239,7 @@ def _mechanism(
     solved: np.ndarray,
     axis: tuple[float, float, float],
     case: Case,
-    out: Comparison,
+    out: EquationsComparison,
 ) -> None:
     """Add rows for tip and shaft of the mechanism, driven to the joints of the search for points."""
     states, _ = Closing(model, np.ones(qs.shape[1])).states(qs[solved])
@@ -252,7 +254,14 @@ def _mechanism(
 
 
 def _row(
-    out: Comparison, pair: str, name: str, off: Array, tolerance: float, note: str, what: str, phase: str = _PHASE
+    out: EquationsComparison,
+    pair: str,
+    name: str,
+    off: Array,
+    tolerance: float,
+    note: str,
+    what: str,
+    phase: str = _PHASE,
 ) -> None:
     """Add a row for differences (k,) in m and, if it disagrees, a finding."""
     if not len(off):

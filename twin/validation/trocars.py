@@ -10,7 +10,7 @@ from twin.core.quantity import mm
 from twin.core.units import MM
 from twin.usd.read import read_stage
 from twin.validation.case import Case
-from twin.validation.compare import Comparison
+from twin.validation.compare import EquationsComparison
 from twin.validation.rows import row
 
 SINGLE = 1e-6
@@ -21,7 +21,7 @@ _TROCAR = Kind(
 )
 
 
-def through_trocars(case: Case, out: Comparison) -> None:
+def through_trocars(case: Case, out: EquationsComparison) -> None:
     """Check the distance of each shaft axis from its trocar along the motion."""
     run, mechanism = out.posed, case.cad.mechanism
     held = {n: shaft for n in mechanism.trocars if (shaft := mechanism.shaft_through(n)) is not None}

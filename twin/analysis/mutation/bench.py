@@ -34,7 +34,7 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.case import PARTS, Case, Known, Part, summaries
-from twin.validation.compare import Comparison, compare
+from twin.validation.compare import EquationsComparison, compare
 from twin.validation.judge import judge
 from twin.validation.motion import MeasuredMotion, measure, samples, written_motion
 from twin.validation.result import Report
@@ -129,7 +129,7 @@ class Bench:
         return measure(self.robot.mechanism, samples(self.trajectory), self.case().written)
 
     @cached_property
-    def compared(self) -> Comparison:
+    def compared(self) -> EquationsComparison:
         """Comparison of the equations with the correct mechanism."""
         clock = SampleClock(self.trajectory.t, summaries(self.trajectory))
         model = ReferenceModel(self.robot.mechanism)

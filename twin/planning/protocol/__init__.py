@@ -26,7 +26,7 @@ from twin.planning.protocol.model import Limits as Limits
 from twin.planning.protocol.model import PatientPlace as PatientPlace
 from twin.planning.protocol.model import Protocol as Protocol
 from twin.planning.protocol.model import Solver as Solver
-from twin.planning.protocol.model import Tolerances as Tolerances
+from twin.planning.protocol.model import TrajectoryTolerances as TrajectoryTolerances
 from twin.planning.protocol.phase import Phase as Phase
 from twin.planning.protocol.phase import trocar_of as trocar_of
 from twin.planning.protocol.phases.auxiliary import Auxiliary as Auxiliary

@@ -13,7 +13,7 @@ from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.protocol.model import Limits, PatientPlace, Protocol, Tolerances
+from twin.planning.protocol.model import Limits, PatientPlace, Protocol, TrajectoryTolerances
 from twin.planning.protocol.phase import Walk
 from twin.planning.protocol.phases.insertion import InsertionTable
 from twin.planning.protocol.plausible import plausible
@@ -106,9 +106,9 @@ def _limits(table: LimitsTable) -> Limits:
     )
 
 
-def _tolerances(table: TolerancesTable) -> Tolerances:
+def _tolerances(table: TolerancesTable) -> TrajectoryTolerances:
     """Return tolerances in SI."""
-    return Tolerances(
+    return TrajectoryTolerances(
         table.rcm_mm * MM,
         table.rcm_alarm_mm * MM,
         table.straightness_mm * MM,

@@ -43,7 +43,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Tolerances:
+class TrajectoryTolerances:
     """Tolerances of a trajectory in m; `waypoint_angle` in rad."""
 
     rcm: float
@@ -107,7 +107,7 @@ class Protocol:
     waypoints: Mapping[str, Waypoint]
     phases: tuple[Phase, ...]
     limits: Mapping[str, Limits]
-    tolerances: Tolerances
+    tolerances: TrajectoryTolerances
     rotation: RotationOrder = "zyx"
     trocars: Mapping[str, Array] = field(default_factory=dict)
     rcm: Array | None = None

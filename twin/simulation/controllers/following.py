@@ -19,9 +19,9 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console import Console, console
-from twin.simulation.controllers.hand_step import HandStep, Pace
+from twin.simulation.controllers.hand_step import HandPace, HandStep
 from twin.simulation.controllers.pedals import TOOLS
-from twin.simulation.controllers.pivot import Pivot
+from twin.simulation.controllers.pivot import InstrumentPivot
 from twin.simulation.controllers.planned import AIM, OFF, RUN
 from twin.simulation.world import Block, Signals
 
@@ -53,7 +53,7 @@ class Start:
         return grip >= self.grip or roll >= self.roll or grip + roll > self.together * (self.grip + self.roll)
 
 
-class Following:
+class FollowingControl:
     """Control law that moves the tool of one arm by a hand, tick by tick.
 
     Attributes:
@@ -70,7 +70,7 @@ class Following:
         *,
         aligns: bool = False,
         start: Start | None = None,
-        pace: Pace | None = None,
+        pace: HandPace | None = None,
         laws: Console | None = None,
     ) -> None:
         """Start with the tool at rest.
@@ -90,7 +90,7 @@ class Following:
         self.started = False
         self.follows = False
         self.jumps = 0
-        self._tick = HandStep(laws or console(), pace or Pace(), dt)
+        self._tick = HandStep(laws or console(), pace or HandPace(), dt)
         self._wanted = self.goal
         self._coupled: tuple[Array, float] = np.eye(4), 1.0  # pose of {H} and scale since the hand was coupled
         self._travel: _Travel | None = None
@@ -178,7 +178,7 @@ class _Travel:
 
 
 @dataclass(frozen=True)
-class Arm:
+class FollowingArm:
     """An arm that a hand can control.
 
     Attributes:
@@ -192,7 +192,7 @@ class Arm:
     robot: str
     kin: Kinematics
     T_world_base: Array
-    pivot: Pivot | None = None
+    pivot: InstrumentPivot | None = None
 
 
 class HandToPose(Block):
@@ -213,7 +213,7 @@ class HandToPose(Block):
         self,
         hand: str,
         device: str,
-        arms: Sequence[Arm],
+        arms: Sequence[FollowingArm],
         q: Sequence[Array],
         T_view_hand: Array,
         *,
@@ -245,7 +245,7 @@ class HandToPose(Block):
         self._T_view_hand = T_view_hand
         self._T_base_world = [spatial.inverse(a.T_world_base) for a in arms]
         self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
-        self._laws = [Following(T, dt) for T in self._tools]
+        self._laws = [FollowingControl(T, dt) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
         self._direct = False
         self._plans = plans
@@ -332,7 +332,7 @@ class HandToPose(Block):
                 law.goal = self._out[i][0].copy()
         return state
 
-    def _lead(self, i: int, law: Following, goal: Array) -> None:
+    def _lead(self, i: int, law: FollowingControl, goal: Array) -> None:
         """Write the goal (4, 4) of an arm that the hand moves."""
         T_base_hand = self._poses_of_hand()[i]
         pivot = self.arms[i].pivot

@@ -15,7 +15,7 @@ from twin.formula import symbolic
 from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console import DAMPING, LARGEST, STIFFNESS, Console
 from twin.simulation.controllers.passive import bounded, clipped, observed, smoothing, stored
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.local_plane import COUNT, SIZE, WIDTH
 from twin.simulation.proxy import proxy
 
@@ -32,7 +32,7 @@ _AT_LIMIT = 1e-6
 
 
 @dataclass(frozen=True)
-class Surface:
+class ForceParameters:
     """Parameters of the forces on the hands.
 
     Attributes:
@@ -49,7 +49,13 @@ class Surface:
 
 
 def hand_force(
-    laws: Console, surface: Surface, limits: Limits, moves: np.ndarray, sources: int, dt: float, bounds: bool = True
+    laws: Console,
+    surface: ForceParameters,
+    limits: JointLimits,
+    moves: np.ndarray,
+    sources: int,
+    dt: float,
+    bounds: bool = True,
 ) -> ca.Function:
     """Return the function of one tick, (arguments) -> state (STATE,).
 
@@ -96,7 +102,7 @@ def hand_force(
     return ca.Function("haptic_hand", given, [ca.densify(ca.vertcat(force, h, energy, depth, rate))])
 
 
-def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: Limits, moves: np.ndarray) -> ca.SX:
+def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, moves: np.ndarray) -> ca.SX:
     """Return the row of the plane that holds the tool while a joint is at its limit; otherwise zeros.
 
     The goal follows the hand, but the tool stays behind: the distance from the goal to the tool is the depth.

@@ -26,7 +26,7 @@ _SCALE = 96
 
 
 @dataclass(frozen=True)
-class Pace:
+class HandPace:
     """Maximum speed of a tool, and threshold for jumps of a hand; ASSUMED: no values are published for any console.
 
     Attributes:
@@ -51,7 +51,7 @@ class HandStep:
         last: (4, 4) pose of the handle one tick earlier; the caller writes into this array.
     """
 
-    def __init__(self, laws: Console, pace: Pace, dt: float) -> None:
+    def __init__(self, laws: Console, pace: HandPace, dt: float) -> None:
         """Compile the control law for ticks of dt in s."""
         law, slow = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
         # The attributes below are views into the inputs and outputs of the compiled functions.
@@ -98,7 +98,7 @@ class HandStep:
 
 
 @cache
-def _compile(eq2: Law, eq1: Law, pace: Pace, dt: float) -> tuple[Evaluator, Evaluator]:
+def _compile(eq2: Law, eq1: Law, pace: HandPace, dt: float) -> tuple[Evaluator, Evaluator]:
     """Return two functions: the control law with the tests of its input, and a speed-limited step towards a goal.
 
     The second function is separate because it is slower than the first and seldom needed.
@@ -121,7 +121,7 @@ def _is_rigid(T: ca.SX) -> ca.SX:
     return ca.logic_and(ca.logic_and(good, finite), ca.sumsqr(T[3, :] - ca.SX([0, 0, 0, 1]).T) == 0)
 
 
-def _has_jumped(last: ca.SX, hand: ca.SX, pace: Pace) -> ca.SX:
+def _has_jumped(last: ca.SX, hand: ca.SX, pace: HandPace) -> ca.SX:
     far = ca.sumsqr(hand[:3, 3] - last[:3, 3]) > pace.jump**2
     return ca.logic_or(far, _apart(last, hand) > _chord(pace.twist))
 

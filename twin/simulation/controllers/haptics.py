@@ -16,9 +16,9 @@ from twin.core.spatial import Array
 from twin.formula.flow import attach
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console import console
-from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, Surface, hand_force
+from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, ForceParameters, hand_force
 from twin.simulation.controllers.passive import require_passive
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 
 PULSE, PULSE_TIME = 1.0, 3e-3
@@ -43,7 +43,7 @@ class FeltArm:
 
     robot: str
     kin: Kinematics
-    limits: Limits
+    limits: JointLimits
     T_world_base: Array
     index: int = -1
 
@@ -82,7 +82,7 @@ class HapticHand(Block):
         *,
         sources: Sequence[str] = (),
         objects: Sequence[str] = (),
-        surface: Surface | None = None,
+        surface: ForceParameters | None = None,
         dt: float = 1e-3,
     ) -> None:
         """Compile the force law of each arm.
@@ -100,7 +100,7 @@ class HapticHand(Block):
         Raises:
             WorldError: a parameter of the surface is out of range, or the surface is not passive on the device.
         """
-        self.surface = surface or Surface()
+        self.surface = surface or ForceParameters()
         s = self.surface
         require_passive(s.stiffness, s.damping, s.largest, s.device_damping, dt)
         self._arms = tuple(arms)

@@ -16,7 +16,7 @@ from twin.simulation.world import Block, Signals
 
 
 @dataclass(frozen=True)
-class Grip:
+class GripParameters:
     """Parameters of a jaw's motion by a gripper, in rad and rad/s.
 
     Attributes:
@@ -40,13 +40,13 @@ class Jaw:
             as closed.
     """
 
-    def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: Grip | None = None) -> None:
+    def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: GripParameters | None = None) -> None:
         """Start at the jaw angle `angle`; the lower limit is `lower`, and an open gripper means `upper`, all in rad."""
         self.lower = lower
         self.upper = upper
         self.angle = angle
         self.dt = dt
-        self.grip = grip or Grip()
+        self.grip = grip or GripParameters()
         self.closed = math.inf
         self._slow = True
         self._has_followed = False

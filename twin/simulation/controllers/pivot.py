@@ -29,7 +29,7 @@ CONE = 60 * DEG
 
 
 @dataclass(frozen=True)
-class Pivot:
+class InstrumentPivot:
     """An instrument as a straight line from its tip through its port to its outer end.
 
     Attributes:

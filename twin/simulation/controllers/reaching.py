@@ -13,7 +13,7 @@ from twin.formula.flow import attach
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
 from twin.simulation.controllers.velocity import step
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 
 _NEAR = 0.05
@@ -31,7 +31,7 @@ class PoseToJoints(Block):
     without this signal, the joint is at rest.
     """
 
-    def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits) -> None:
+    def __init__(self, robot: str, kin: Kinematics, q: Array, limits: JointLimits) -> None:
         """Start at joint values q (n,)."""
         self.robot = robot
         self.kin = kin
@@ -84,7 +84,7 @@ class PoseToJoints(Block):
         self._out[...] = command
 
 
-def _near_inverse(kin: Kinematics, limits: Limits) -> ca.Function:
+def _near_inverse(kin: Kinematics, limits: JointLimits) -> ca.Function:
     """Return the function that computes the next q (n) by the closed-form inverse.
 
     Its arguments are dt in s, the goal pose (16), q (n), and the next coordinates of the auxiliary joints. Of angles

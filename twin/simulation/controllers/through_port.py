@@ -15,7 +15,7 @@ from twin.formula import symbolic
 from twin.formula.flow import Evaluator
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 
 _NEAR = 0.05
@@ -37,7 +37,7 @@ class ThroughPort(Block):
     Writes `<robot>.command` (n,). The shaft is the z axis of the tool.
     """
 
-    def __init__(self, robot: str, kin: Kinematics, q: Array, limits: Limits, p_port: Array) -> None:
+    def __init__(self, robot: str, kin: Kinematics, q: Array, limits: JointLimits, p_port: Array) -> None:
         """Start at joint values q (n,), with the shaft in the port p_port (3,) in m in base."""
         self.robot, self.kin, self.limits = robot, kin, limits
         self._command = f"{robot}.command"

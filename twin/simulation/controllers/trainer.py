@@ -84,7 +84,7 @@ def mode_of(setting: float) -> Mode:
     return Mode(int(setting) % len(Mode))
 
 
-class Phase(IntEnum):
+class TrainerPhase(IntEnum):
     """Current phase of the trainer."""
 
     TELEOPERATE = 0
@@ -116,7 +116,7 @@ class Why(IntEnum):
 
 
 @dataclass(frozen=True)
-class Bounds:
+class TrainerLimits:
     """Limits of a trainer, SI; see `twin.model.trainer.TrainerTable`."""
 
     speed: float
@@ -128,7 +128,7 @@ class Bounds:
     deviation: float
 
 
-def told(why: Why, value: float, bounds: Bounds, robot: str) -> str:
+def told(why: Why, value: float, bounds: TrainerLimits, robot: str) -> str:
     """Return a sentence that states a reason with its value, the limit and what to do; "" for NOTHING."""
     again = "rehearse again"
     return {
@@ -190,7 +190,7 @@ class Smooth:
         sent: (4, 4) pose after all increments sent so far.
     """
 
-    def __init__(self, bounds: Bounds, step: float, dt: float) -> None:
+    def __init__(self, bounds: TrainerLimits, step: float, dt: float) -> None:
         """Prepare for packets every dt s, in which one unit of jaw motion opens the jaws by `step` in rad."""
         self._bounds = bounds
         self._step = step
@@ -288,15 +288,17 @@ class Trainer(Block):
     """Writes the packets of a machine and of its model.
 
     Writes `<robot>.packet` (9,) for the machine; `<robot>.given` (10,) for the model: a packet, then 1 in ticks that
-    set the model to the joint values of the machine, otherwise 0; and `<robot>.phase` (3,): `Phase`, `Why`, and the
-    value for `told`.
+    set the model to the joint values of the machine, otherwise 0; and `<robot>.phase` (3,): `TrainerPhase`, `Why`, and
+    the value for `told`.
 
     Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.planned`, `<robot>.jaw`,
     `<robot>.run`, `<robot>.measured`, and of the model `<robot>.model`, `<robot>.deviation` and `<robot>_model.q`; see
     `Modelled`.
     """
 
-    def __init__(self, robot: str, device: str, bounds: Bounds, grasp_step: float, tips: Tips, dt: float) -> None:
+    def __init__(
+        self, robot: str, device: str, bounds: TrainerLimits, grasp_step: float, tips: Tips, dt: float
+    ) -> None:
         """Start with teleoperation.
 
         Args:
@@ -318,7 +320,7 @@ class Trainer(Block):
         self._planned = f"{robot}.planned"
         self._smooth = Smooth(bounds, grasp_step, dt)
         self._setting = 0.0  # of the device, see `asked`
-        self._phase = Phase.TELEOPERATE
+        self._phase = TrainerPhase.TELEOPERATE
         self._why = Why.NOTHING
         self._value = 0.0
         self._record: list[Array] = []
@@ -348,12 +350,12 @@ class Trainer(Block):
             self._change(mode_of(setting), s, ready, t)
         machine = _STILL
         model = _STILL
-        if self._phase == Phase.REPLAY:
+        if self._phase == TrainerPhase.REPLAY:
             machine = self._replay(signals, s, t)
             model = machine
-        elif self._phase == Phase.REHEARSE:
+        elif self._phase == TrainerPhase.REHEARSE:
             model = self._rehearse(signals, s, ready, dt)
-        elif self._phase == Phase.TELEOPERATE:
+        elif self._phase == TrainerPhase.TELEOPERATE:
             machine = self._from_goal(signals, s, ready, alone=False)
             model = machine
         else:
@@ -378,12 +380,12 @@ class Trainer(Block):
         self._why = Why.NOTHING
         self._value = 0.0
         if wanted == Mode.TELEOPERATE:
-            self._phase = Phase.TELEOPERATE
+            self._phase = TrainerPhase.TELEOPERATE
             self._moving = False
         elif wanted == Mode.REHEARSE:
             if not ready:
                 return self._stop(Why.NOT_READY, s["run"][LEVEL])
-            self._phase = Phase.REHEARSE
+            self._phase = TrainerPhase.REHEARSE
             self._sync = True
             self._moving = False
             self._record = []
@@ -398,9 +400,9 @@ class Trainer(Block):
         return None
 
     def _judge(self, s: Mapping[str, Array]) -> None:
-        if self._phase != Phase.REHEARSE or not self._record:
+        if self._phase != TrainerPhase.REHEARSE or not self._record:
             return self._stop(Why.NO_RECORD, 0.0)
-        self._phase = Phase.JUDGED
+        self._phase = TrainerPhase.JUDGED
         level = float(s["model"][0])
         held = float(s["model"][2]) - self._held
         if level < Level.PEDAL_UP:
@@ -429,7 +431,7 @@ class Trainer(Block):
         angle = self._tips.turned(s["measured"], self._start)
         if angle > self.bounds.start_angle:
             return self._stop(Why.START_ANGLE, angle)
-        self._phase = Phase.REPLAY
+        self._phase = TrainerPhase.REPLAY
         self._sync = True
         self._k = 0
         self._since = t
@@ -437,7 +439,7 @@ class Trainer(Block):
         return None
 
     def _stop(self, why: Why, value: float) -> None:
-        self._phase = Phase.STOPPED
+        self._phase = TrainerPhase.STOPPED
         self._why = why
         self._value = float(value)
 
@@ -522,6 +524,6 @@ class Trainer(Block):
             return down
         self._k += 1
         if self._k > len(record) + round(_SETTLE / self._dt):
-            self._phase = Phase.DONE
+            self._phase = TrainerPhase.DONE
             return _STILL
         return values

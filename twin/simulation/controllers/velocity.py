@@ -20,7 +20,7 @@ from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.flow import Evaluator
 from twin.kinematics import Kinematics
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 
 Solver = Literal["slsqp", "damped"]
@@ -33,7 +33,7 @@ The damping limits the steps near singularities; elsewhere, its effect is far be
 
 
 @dataclass(frozen=True)
-class Step:
+class JointStep:
     """Result of one joint step.
 
     Attributes:
@@ -67,10 +67,10 @@ def step(
     q: Array,
     T_desired: Array,
     dt: float,
-    limits: Limits,
+    limits: JointLimits,
     solver: Solver = "damped",
     seed: Array | None = None,
-) -> Step:
+) -> JointStep:
     """Return the joint values after one step towards a desired pose.
 
     Args:
@@ -104,7 +104,7 @@ def step(
     dq = scale * solve(J * scale, e, lower / scale, upper / scale)
     dq = np.minimum(np.maximum(dq, lower), upper)
     at_limit = (dq <= lower) | (dq >= upper)
-    return Step(q + dq, dq, float(np.linalg.norm(J @ dq - e)), at_limit)
+    return JointStep(q + dq, dq, float(np.linalg.norm(J @ dq - e)), at_limit)
 
 
 class ToolToJoints(Block):
@@ -115,7 +115,7 @@ class ToolToJoints(Block):
     """
 
     def __init__(
-        self, robot: str, kin: Kinematics, q: Array, limits: Limits, ticks: int, solver: Solver = "damped"
+        self, robot: str, kin: Kinematics, q: Array, limits: JointLimits, ticks: int, solver: Solver = "damped"
     ) -> None:
         """Start at joint values q (n,); a new rate arrives every `ticks` steps."""
         self.robot = robot

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.simulation.devices.hand import Hand
+from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _STROKES = 25
@@ -34,7 +34,7 @@ surgeon accepts; ASSUMED."""
 _ACUITY = 0.02 * DEG
 """Standard deviation in rad of the surgeon's error in seeing the angle; ASSUMED."""
 
-HABITS = Habits(hand=Hand(misjudge=0.05))
+HABITS = Habits(hand=HandMotion(misjudge=0.05))
 """Habits in moving the camera: a stroke of both hands has a larger error of judgement than a stroke of one hand."""
 
 

@@ -20,8 +20,8 @@ from twin.core.errors import KinematicsError, ProtocolError, WorldError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.movable import Movable
-from twin.simulation.contact_scene import Course
-from twin.simulation.devices.hand import Hand
+from twin.simulation.contact_scene import WireCourse
+from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.ways import Ways
 
@@ -33,11 +33,11 @@ half of the wire; an instrument is moved into the wall of the dome; the instrume
 _TRIES = 3
 """Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""
 
-HABITS = Habits(hand=Hand(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.2), open=30 * DEG)
+HABITS = Habits(hand=HandMotion(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.2), open=30 * DEG)
 
 
 @dataclass(frozen=True)
-class Manner:
+class GuidingHabits:
     """Parameters of the handling of the ring, in m and rad; all ASSUMED.
 
     Attributes:
@@ -82,7 +82,7 @@ class GuidingSurgeon(SurgeonHands):
         self,
         seat: Seat,
         ring: Movable,
-        course: Course,
+        course: WireCourse,
         first: str,
         ways: Ways,
         mistake: str = "",
@@ -102,7 +102,7 @@ class GuidingSurgeon(SurgeonHands):
         """
         if mistake not in get_args(Mistake):
             raise WorldError(unknown("mistake", mistake, [m for m in get_args(Mistake) if m]))
-        self.ring, self.course, self.mistake, self.manner = ring, course, mistake, Manner()
+        self.ring, self.course, self.mistake, self.manner = ring, course, mistake, GuidingHabits()
         self._first, self._ways, self._seed = first, ways, seat.seed
         (self._second,) = (hand for hand in seat.arms if hand != first)
         self._numbers = {hand: k for k, hand in enumerate(seat.arms)}

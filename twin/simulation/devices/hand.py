@@ -30,7 +30,7 @@ _LINES = 24
 
 
 @dataclass(frozen=True)
-class Hand:
+class HandMotion:
     """Parameters of the hand motion, SI; all ASSUMED.
 
     Attributes:
@@ -68,7 +68,7 @@ def minimum_jerk(s: Array) -> Array:
 class Tremor:
     """Tremor in m: sum of sines with random phases, in the frequency band of the hand."""
 
-    def __init__(self, rng: np.random.Generator, hand: Hand, period: float) -> None:
+    def __init__(self, rng: np.random.Generator, hand: HandMotion, period: float) -> None:
         """Draw frequencies and phases; `period` is the time in s between two outputs."""
         self._rate = 2 * np.pi * rng.uniform(*hand.tremor_band, (_LINES, 3))
         self._phase = rng.uniform(0, 2 * np.pi, (_LINES, 3))
@@ -127,7 +127,7 @@ class ScriptedHand(Block):
         self.kin = kin
         self.goals = goals
         self.period = period
-        self.hand = Hand()
+        self.hand = HandMotion()
         self._rng = np.random.default_rng(seed)
         self._tremor = Tremor(self._rng, self.hand, period)
         self._progress = progress or (lambda name, part: None)

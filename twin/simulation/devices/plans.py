@@ -17,7 +17,7 @@ from twin.core.units import MM
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.pedals import FREE
 from twin.simulation.controllers.planned import AIM, HELD, OFF, RUN
-from twin.simulation.controllers.trainer import Phase
+from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
@@ -199,7 +199,7 @@ class Plans(Block):
         name = self.robot
         run = signals[f"{name}.run"]
         level = signals[f"{name}.model"][0]
-        uses_machine = signals[f"{name}.phase"][0] != Phase.REHEARSE
+        uses_machine = signals[f"{name}.phase"][0] != TrainerPhase.REHEARSE
         silent = uses_machine and run[ANSWERS] < 0.5
         if silent:
             level = Level.E_STOP

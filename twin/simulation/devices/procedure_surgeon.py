@@ -20,7 +20,7 @@ from twin.model.scene import Place
 from twin.model.tool import Kind
 from twin.simulation import operating_scene
 from twin.simulation.console_scene import start
-from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
+from twin.simulation.devices.hand import HandMotion, Tremor, minimum_jerk
 from twin.simulation.plants.tissue.operating import Grasped
 from twin.simulation.procedure_scene import TICK
 from twin.simulation.setup import Member, Setup
@@ -35,7 +35,7 @@ _TRIES = 3
 
 
 @dataclass(frozen=True)
-class Manner:
+class ProcedureHabits:
     """Habits of the surgeon, SI; all ASSUMED.
 
     Attributes:
@@ -55,7 +55,7 @@ class Manner:
         apart: distance in m between neighbouring clips.
     """
 
-    hand: Hand = field(default_factory=lambda: Hand(tremor=0.1e-3))
+    hand: HandMotion = field(default_factory=lambda: HandMotion(tremor=0.1e-3))
     aim: float = 0.4e-3
     quick: float = 0.085
     slow: float = 0.04
@@ -71,7 +71,7 @@ class Manner:
 
 
 @dataclass(frozen=True)
-class Arm:
+class SurgeonArm:
     """A robot that the surgeon moves: its name; its port (3,) and the tip (3,) at the start, in m in the World."""
 
     robot: str
@@ -79,9 +79,9 @@ class Arm:
     tip: Array
 
 
-def _arm(place: Place, member: Member) -> Arm:
+def _arm(place: Place, member: Member) -> SurgeonArm:
     T = place.T_world_base @ member.kin.forward(start(place, member.mechanism))
-    return Arm(place.name, operating_scene.port_of(place), T[:3, 3])
+    return SurgeonArm(place.name, operating_scene.port_of(place), T[:3, 3])
 
 
 class ProcedureSurgeon(Block):
@@ -91,7 +91,9 @@ class ProcedureSurgeon(Block):
         missed: names of the steps that the surgeon gave up.
     """
 
-    def __init__(self, setup: Setup, seed: int = 0, mistake: Mistake = "", manner: Manner | None = None) -> None:
+    def __init__(
+        self, setup: Setup, seed: int = 0, mistake: Mistake = "", manner: ProcedureHabits | None = None
+    ) -> None:
         """Prepare the surgeon's work.
 
         Args:
@@ -108,7 +110,7 @@ class ProcedureSurgeon(Block):
             raise WorldError(unknown("mistake", mistake, [name for name in get_args(Mistake) if name]))
         scene = setup.scene
         self.procedure = operating_scene.procedure_of(scene, setup.task)
-        self.manner = manner or Manner()
+        self.manner = manner or ProcedureHabits()
         self.mistake = mistake
         self._rng = np.random.default_rng(seed)
         everyone = [_arm(place, setup.members[place.name]) for place in operating_scene.robots_of(setup)]

@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.simulation.devices.hand import Hand
+from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _TRIES = 3
 """Number of grasps of a ring after which the surgeon gives up this ring."""
 
-HABITS = Habits(hand=Hand(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.3), open=30 * DEG, central=0.6)
+HABITS = Habits(hand=HandMotion(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.3), open=30 * DEG, central=0.6)
 """Habits in handling rings: the hands turn further than in touching points, and wait less after a stroke."""
 
 
@@ -47,7 +47,7 @@ class Ring:
 
 
 @dataclass(frozen=True)
-class Manner:
+class RingHabits:
     """Parameters of the handling of a ring, in m and rad; all ASSUMED.
 
     Attributes:
@@ -86,7 +86,7 @@ class RingSurgeon(SurgeonHands):
     def __init__(self, seat: Seat, rings: Sequence[Ring]) -> None:
         """Connect the surgeon to a console; `rings`: the rings in the order of work."""
         self.rings = tuple(rings)
-        self.manner = Manner()
+        self.manner = RingHabits()
         self._turned: dict[str, float] = {}  # 1: the jaws' y axis is along the ring's axis at the grasp; -1: against it
         self._numbers: dict[str, int] = {}  # of the grippers, as in `<ring>.holder`
         for k, eye in enumerate(seat.arms.values()):

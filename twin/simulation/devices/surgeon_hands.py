@@ -20,7 +20,7 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.kinematics import Kinematics
-from twin.simulation.devices.hand import Hand, Tremor, minimum_jerk
+from twin.simulation.devices.hand import HandMotion, Tremor, minimum_jerk
 from twin.simulation.world import Block, Signals
 
 _STALLED = 8
@@ -49,7 +49,7 @@ class Habits:
         settle: time in s that the surgeon waits for the camera, whose speed is limited.
     """
 
-    hand: Hand = field(default_factory=Hand)
+    hand: HandMotion = field(default_factory=HandMotion)
     middle: tuple[float, float, float] = (0.08, 0.0, 0.0)
     show: float = 5 * DEG
     clutched: float = 0.15

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
-from twin.simulation.controllers.trainer import MODE, Mode, Phase
+from twin.simulation.controllers.trainer import MODE, Mode, TrainerPhase
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 
 _STROKE = 0.045
@@ -95,6 +95,6 @@ class Trainee(SurgeonHands):
 
     def _await_end_of_replay(self) -> Iterator[None]:
         for _ in range(round(_WAIT / self.dt)):
-            if all(self._signals[name][0] in (Phase.DONE, Phase.STOPPED) for name in self._phases):
+            if all(self._signals[name][0] in (TrainerPhase.DONE, TrainerPhase.STOPPED) for name in self._phases):
                 return
             yield

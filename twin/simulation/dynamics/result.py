@@ -20,8 +20,8 @@ from twin.simulation.dynamics.track import (
     ENCODER,
     EXACT_LIMIT,
     TIP_LIMIT,
+    DesiredMotion,
     EffortRow,
-    Motion,
     Run,
     effort_table,
 )
@@ -58,7 +58,7 @@ class Tracking(Result):
     title: str
     inertia: str
     arm: Arm
-    motion: Motion
+    motion: DesiredMotion
     phases: tuple[tuple[str, str, float, float], ...]
     mismatch: float
     runs: Mapping[str, Run]

@@ -88,7 +88,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Motion:
+class DesiredMotion:
     """The desired motion, one row per tick.
 
     Attributes:
@@ -211,7 +211,7 @@ def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
 
 def run(
     arm: Arm,
-    motion: Motion,
+    motion: DesiredMotion,
     conditions: Conditions = Conditions(),
     progress: Callable[[float], None] = lambda part: None,
 ) -> Run:
@@ -274,7 +274,7 @@ def run(
 
 def curve(
     arm: Arm,
-    motion: Motion,
+    motion: DesiredMotion,
     fractions: Sequence[float],
     conditions: Conditions = Conditions(),
     progress: Callable[[float], None] = lambda part: None,
@@ -302,7 +302,7 @@ def _measured(q: Array, step: Array) -> Array:
     return step * np.round(q / step) if step.all() else q
 
 
-def _checked(arm: Arm, motion: Motion, c: Conditions) -> tuple[int, int]:
+def _checked(arm: Arm, motion: DesiredMotion, c: Conditions) -> tuple[int, int]:
     """Return the shape (k, n) of a motion; raise `TwinError` if it does not fit the robot and the control rate."""
     k, n = len(motion.t), len(arm.friction)
     for name, values in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):

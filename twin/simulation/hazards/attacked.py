@@ -17,7 +17,7 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.hand import Hand
-from twin.simulation.hazards.trainee import Reaction, Trainee
+from twin.simulation.hazards.trainee import HazardTrainee, Reaction
 from twin.simulation.machine.beside import Beside
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine import Machine, Parts
@@ -48,7 +48,7 @@ HARM = 1.0
 
 
 @dataclass(frozen=True)
-class Session:
+class AttackedSession:
     """Inputs of a session: faults, plant and motion scale.
 
     Attributes:
@@ -155,9 +155,9 @@ class Arena:
     def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
         """Store the compiled parts of the robot; `adaptive`: limit of the deviation, which depends on the speed."""
         self._parts, self._adaptive, self.cue = parts, adaptive, Cue()
-        self._models: dict[float, tuple[Run, Trace]] = {}
+        self._models: dict[float, tuple[AttackedRun, Trace]] = {}
 
-    def run(self, session: Session) -> Outcome:
+    def run(self, session: AttackedSession) -> Outcome:
         """Return the outcome of a session without a response."""
         start, packets = session.start, session.start + session.length + _AFTER
         physics, hand = self._physics(session), Hand(self._parts.settings, session.scale)
@@ -196,13 +196,13 @@ class Arena:
             bool((residual > self.cue.tol).any() or (seen.levels[_FOLLOWS:] != Level.PEDAL_DN).any()),
         )
 
-    def respond(self, session: Session, reaction: Reaction) -> Response | None:
+    def respond(self, session: AttackedSession, reaction: Reaction) -> Response | None:
         """Return the trainee's responses in a session.
 
         None: there was no force and no stop to notice, or no response within `_LONGEST`.
         """
         pair = Beside(Machine(self._parts, physics=self._physics(session), faults=session.faults()), self.cue)
-        hand, trainee = Hand(self._parts.settings, session.scale), Trainee(reaction)
+        hand, trainee = Hand(self._parts.settings, session.scale), HazardTrainee(reaction)
         last, restarted = session.start + session.length + _AFTER, False
         pair.step(0.0)
         pair.start()
@@ -243,7 +243,7 @@ class Arena:
         noticed = round((trainee.noticed - begin) / TICK)
         return Response(noticed, round((acted - begin) / TICK), list(order), peak, peak > HARM, works)
 
-    def _physics(self, session: Session) -> Physics:
+    def _physics(self, session: AttackedSession) -> Physics:
         return self._parts.plant.physics.changed(session.mass, session.friction)
 
     def _tips(self, q: Array) -> Array:
@@ -251,7 +251,7 @@ class Arena:
 
     def _model(self, scale: float, packets: int) -> Trace:
         if scale not in self._models:
-            run = Run(self._parts, Hand(self._parts.settings, scale))
+            run = AttackedRun(self._parts, Hand(self._parts.settings, scale))
             self._models[scale] = run, run.trace
         run, known = self._models[scale]
         if len(known.q) < packets:
@@ -261,7 +261,7 @@ class Arena:
         return known
 
 
-class Run:
+class AttackedRun:
     """A machine that receives the packets of a hand; `go` continues the run.
 
     Attributes:
@@ -311,7 +311,7 @@ def trace(
     parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
 ) -> Trace:
     """Return the record of a machine that receives the packets of a hand; for `packets` and `settled`, see `Run.go`."""
-    run = Run(parts, hand, physics, faults)
+    run = AttackedRun(parts, hand, physics, faults)
     run.go(packets, settled)
     return run.trace
 

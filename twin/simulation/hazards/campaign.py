@@ -30,7 +30,7 @@ FREE = "none"
 """Class of the sessions without a fault."""
 
 
-class Quantity(Table):
+class SpreadQuantity(Table):
     """A number with its spread (standard deviation) and provenance."""
 
     value: Positive
@@ -42,16 +42,16 @@ class Quantity(Table):
 class TraineeTable(Table):
     """Reaction times in s of the simulated trainee, drawn for each session; see `trainee.Reaction`."""
 
-    haptic: Quantity
-    visual: Quantity
-    troubleshoot: Quantity
+    haptic: SpreadQuantity
+    visual: SpreadQuantity
+    troubleshoot: SpreadQuantity
 
 
 class DetectionTable(Table):
     """Parameters of `detection.Adaptive`: limit at rest in mm, and increase of the limit in mm per m/s (= ms)."""
 
-    floor_mm: Quantity
-    lead_ms: Quantity
+    floor_mm: SpreadQuantity
+    lead_ms: SpreadQuantity
 
 
 class Scenario(Table):

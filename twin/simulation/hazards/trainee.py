@@ -41,7 +41,7 @@ class Reaction:
     troubleshoot: float
 
 
-class Trainee:
+class HazardTrainee:
     """Reacts to the force and the run level of the machine, tick by tick.
 
     Attributes:

@@ -23,7 +23,7 @@ from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.schema import Table, error_at, load_toml
 from twin.simulation.hazards.attacked import HARM, Trace, trace
-from twin.simulation.hazards.campaign import Quantity
+from twin.simulation.hazards.campaign import SpreadQuantity
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.hand import Hand, wander
 from twin.simulation.machine.levels import Level
@@ -68,8 +68,8 @@ class TrendsTable(Table):
     scales: list[_Scale] = Field(min_length=1)
     free: _Count
     free_hand: Annotated[int, Field(ge=0)]
-    mass: Quantity
-    friction: Quantity
+    mass: SpreadQuantity
+    friction: SpreadQuantity
     stuck: StuckTable
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.machine.comparison import Comparison
+from twin.simulation.machine.comparison import MachineComparison
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine import Machine
 
@@ -26,7 +26,7 @@ class Beside:
         """Create the model at the machine's joint values, in E_STOP; `cue`: force law; None: the default `Cue`."""
         self.machine = machine
         self.model = Machine(machine.parts, q=machine.plant.q)
-        self.compared = Comparison(machine.parts, cue or Cue(), machine.q)
+        self.compared = MachineComparison(machine.parts, cue or Cue(), machine.q)
         self.force = np.zeros(3)
 
     def start(self) -> None:

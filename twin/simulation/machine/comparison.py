@@ -10,7 +10,7 @@ from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.plant import TICK
 
 
-class Comparison:
+class MachineComparison:
     """Compares joint values of a machine with those of its model.
 
     Attributes:

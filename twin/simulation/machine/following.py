@@ -9,7 +9,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.arithmetic import Arithmetic
-from twin.simulation.machine.plant import Physics, Plant
+from twin.simulation.machine.plant import MotorPlant, Physics
 from twin.simulation.machine.servo import Servo, compensation
 from twin.simulation.machine.settings import Settings
 
@@ -32,7 +32,7 @@ class Followed:
     stop: str
 
 
-def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: Plant | None = None) -> Followed:
+def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: MotorPlant | None = None) -> Followed:
     """Simulate a robot that starts at rest and follows a planned motion, which is sampled every millisecond.
 
     Args:
@@ -45,7 +45,7 @@ def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: Plant | Non
     """
     mechanism = arm.mechanism
     if plant is None:
-        plant = Plant(arm, Physics.of(arm, settings.coulomb(mechanism)))
+        plant = MotorPlant(arm, Physics.of(arm, settings.coulomb(mechanism)))
     servo = Servo(settings, mechanism, Arithmetic.of(settings, mechanism), "advanced", "soft")
     gravity = compensation(settings, mechanism)
     plant.reset(q[0])

@@ -35,7 +35,7 @@ from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.itp import FIELDS, Packet
 from twin.simulation.machine.levels import Level, Plc, Reader
-from twin.simulation.machine.plant import TICK, Physics, Plant
+from twin.simulation.machine.plant import TICK, MotorPlant, Physics
 from twin.simulation.machine.receiver import Receiver
 from twin.simulation.machine.servo import Servo, compensation
 from twin.simulation.machine.settings import Settings
@@ -93,7 +93,7 @@ class Parts:
     arm: Arm
     kin: Kinematics
     settings: Settings
-    plant: Plant
+    plant: MotorPlant
     arithmetic: Arithmetic
     gravity: Callable[[Array], Array]
     home: Array
@@ -129,7 +129,7 @@ class Parts:
             raise WorldError(f"{mechanism.name} has no posture 'home', to which a machine moves at its start")
         home = mechanism.posture("home")
         require_stable(arm, settings, home)
-        plant = Plant(arm, Physics.of(arm, settings.coulomb(mechanism)))
+        plant = MotorPlant(arm, Physics.of(arm, settings.coulomb(mechanism)))
         # A machine evaluates one pose per tick; compiled now, the first tick takes no longer than the others.
         kin.program.forward.compile_one()
         kin.program.inverse.compile_one()

@@ -14,9 +14,9 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.model.trainer import MODEL
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.controllers.trainer import Phase
+from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, SEQUENCE, TICK
-from twin.simulation.machine.comparison import Comparison
+from twin.simulation.machine.comparison import MachineComparison
 from twin.simulation.machine.itp import ahead, number_of, pack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine import Machine, Parts
@@ -44,7 +44,7 @@ class Modelled(Block):
     def __init__(self, robot: str, parts: Parts, cue: Cue, q: Array) -> None:
         """Start with the model and the machine at joint values q (n,)."""
         self.robot = robot
-        self._comparison = Comparison(parts, cue, q)
+        self._comparison = MachineComparison(parts, cue, q)
         self._model = Machine(parts, q=q)
         self._model.stand(q)
         self._forward = parts.kin.forward
@@ -77,7 +77,7 @@ class Modelled(Block):
         measured = now[f"{name}.measured"]
         phase = int(now[f"{name}.phase"][0])
         answers = run[ANSWERS] > 0.5
-        alone = phase in (Phase.REHEARSE, Phase.JUDGED)
+        alone = phase in (TrainerPhase.REHEARSE, TrainerPhase.JUDGED)
         down = answers and run[LEVEL] < Level.PEDAL_UP and not alone  # the machine is stopped or moves to home
         if given[9] > 0.5 or down:
             self._stand(measured)
@@ -96,7 +96,7 @@ class Modelled(Block):
         comparison = self._comparison
         together = model.level == Level.PEDAL_DN and run[LEVEL] == Level.PEDAL_DN
         force = np.zeros(3)
-        if phase in (Phase.TELEOPERATE, Phase.REPLAY) and together and answers:
+        if phase in (TrainerPhase.TELEOPERATE, TrainerPhase.REPLAY) and together and answers:
             force = comparison.force
         model_speed = float(np.linalg.norm(self._speed))
         machine_speed = float(np.linalg.norm(comparison.speeds[0]))

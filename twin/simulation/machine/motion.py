@@ -24,7 +24,7 @@ from twin.reference.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionEquations:
     """Symbols and terms of the equations of motion for n active joints and m tree joints.
 
     Attributes:
@@ -54,7 +54,7 @@ class _BodyMotion:
     a: Any
 
 
-def motion(mechanism: Mechanism) -> Motion:
+def motion(mechanism: Mechanism) -> MotionEquations:
     """Return the equations of motion of a mechanism without loops; its passive joints follow active ones by couplings.
 
     Raises:
@@ -105,7 +105,7 @@ def motion(mechanism: Mechanism) -> Motion:
     tau = ca.DM(S).T @ efforts
     M = ca.jacobian(tau, qdd)
     b = ca.substitute(tau, qdd, ca.DM.zeros(n))
-    return Motion(q, qd, factors, fall, M, b)
+    return MotionEquations(q, qd, factors, fall, M, b)
 
 
 def _across(joint: Joint, parent: _BodyMotion, x: Any, xd: Any, xdd: Any) -> tuple[Any, Any, _BodyMotion]:

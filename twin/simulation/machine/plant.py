@@ -102,7 +102,7 @@ class Physics:
         return np.concatenate([self.factors, self.rotors, self.viscous, self.coulomb, self.fall, *self.stops])
 
 
-class Plant:
+class MotorPlant:
     """Simulates a robot that moves under motor torques.
 
     Attributes:
@@ -121,7 +121,7 @@ class Plant:
         self._step = _kernel(arm).single()
         self._state = np.zeros(2 * len(arm.mechanism.active))
 
-    def another(self, physics: Physics | None = None) -> Plant:
+    def another(self, physics: Physics | None = None) -> MotorPlant:
         """Return a plant of the same robot, at joint values 0 and at rest, without compiling again.
 
         Raises:

@@ -43,10 +43,10 @@ _UNITS: dict[str, _Unit] = {
     "homing_speed": "1",
     "grasp_step": "rad",
 }
-"""Unit of each number in `Numbers`."""
+"""Unit of each number in `SoftwareParameters`."""
 
 
-class Numbers(Table):
+class SoftwareParameters(Table):
     """Parameters of the control software; the file's notes explain them."""
 
     counts_per_turn: Number
@@ -61,7 +61,7 @@ class Numbers(Table):
     grasp_step: Number
 
 
-class Limits(Table):
+class DacLimits(Table):
     """Largest counts of the DAC for each mode (skill of the operator)."""
 
     advanced: Positive
@@ -92,7 +92,7 @@ class Motor(Sourced):
     name: Identifier
     torque_per_amp: Positive
     counts_per_amp: Positive
-    dac: Limits
+    dac: DacLimits
     gear: Positive
     kp: NotNegative
     kd: NotNegative
@@ -129,7 +129,7 @@ class Settings(Table):
     packet_version: Annotated[int, Field(ge=0, lt=2**32)]
     mode: Mode
     overdrive: Policy
-    number: Numbers
+    number: SoftwareParameters
     released: Released = Field(default_factory=Released)
     motor: list[Motor] = Field(min_length=1)
     joint: list[JointFriction] = Field(min_length=1)
@@ -152,7 +152,7 @@ class Settings(Table):
     def parameters(self) -> list[Parameter]:
         """Return the numbers of the control software and the joints' friction with their provenance."""
         parameters = []
-        for name in Numbers.model_fields:
+        for name in SoftwareParameters.model_fields:
             number: Number = getattr(self.number, name)
             parameters.append(Parameter(name, number.value, number.unit, number.value, number.provenance, number.note))
         for joint in self.joint:

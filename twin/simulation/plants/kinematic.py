@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.formula.flow import attach
-from twin.simulation.limits import Limits
+from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 
 
@@ -20,7 +20,7 @@ class Kinematic(Block):
     controllers.
     """
 
-    def __init__(self, robot: str, q: ArrayLike, limits: Limits) -> None:
+    def __init__(self, robot: str, q: ArrayLike, limits: JointLimits) -> None:
         """Start at joint values q (n,) in m or rad."""
         self.q, self._tick = np.array(q, float), np.zeros(1)
         self._command, self._q, self._encoder = (f"{robot}.{n}" for n in ("command", "q", "encoder"))

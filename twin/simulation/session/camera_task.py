@@ -15,7 +15,7 @@ from twin.model.body import Body
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pedals import CAMERA
 from twin.simulation.session import aligned, movement, picture, upper_side
-from twin.simulation.session.picture import Surface
+from twin.simulation.session.picture import ColouredSurface
 from twin.simulation.world import Recording
 
 AGREE = 0.05 * DEG
@@ -57,7 +57,7 @@ class AlignMeasures:
 
 
 def measure(
-    kept: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: Sight, lens: Array
+    kept: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: CameraView, lens: Array
 ) -> AlignMeasures:
     """Return the measures of a session of the camera task.
 
@@ -96,7 +96,7 @@ def _time(t: Array, driven: np.ndarray, lens: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Sight:
+class CameraView:
     """Surfaces in the World, and the pose of a camera that looks at them.
 
     Attributes:
@@ -104,11 +104,11 @@ class Sight:
         T_world_camera: (4, 4) pose of the camera: z along the view, y down in the picture.
     """
 
-    surfaces: Sequence[Surface]
+    surfaces: Sequence[ColouredSurface]
     T_world_camera: Array
 
 
-def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
+def in_picture(sight: CameraView, view: float) -> tuple[float | None, str]:
     """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if this angle cannot be measured."""
     drawn = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
     if sum(drawn.covered.values()) > _COVERED:
@@ -125,12 +125,12 @@ def in_picture(sight: Sight, view: float) -> tuple[float | None, str]:
         return None, str(error)
 
 
-def surfaces(owner: str, bodies: Sequence[Body], Ts_world_body: Mapping[str, Array]) -> list[Surface]:
+def surfaces(owner: str, bodies: Sequence[Body], Ts_world_body: Mapping[str, Array]) -> list[ColouredSurface]:
     """Return the surfaces of bodies at poses (4, 4) in the World."""
     placed = []
     for body in bodies:
         T = Ts_world_body[body.name]
         for mesh in body.meshes:
             vertices = mesh.vertices @ T[:3, :3].T + T[:3, 3]
-            placed.append(Surface(owner, mesh.name, vertices, np.asarray(mesh.triangles), mesh.color_rgba[:3]))
+            placed.append(ColouredSurface(owner, mesh.name, vertices, np.asarray(mesh.triangles), mesh.color_rgba[:3]))
     return placed

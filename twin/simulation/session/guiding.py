@@ -1,6 +1,6 @@
 """Judge, sample by sample, how a ring is guided along a wire: steps, touches of the wire, drops, collisions, events.
 
-A page shows the results of a `Referee` during the task; for a report, a second `Referee` judges the recorded signals.
+A page shows the results of a `GuidingReferee` during the task; for a report, a second one judges the recorded signals.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from twin.kinematics import Kinematics
 from twin.model.guide import GuideTable
 from twin.model.movable import Movable
 from twin.simulation import console_scene, contact_scene
-from twin.simulation.contact_scene import Course
+from twin.simulation.contact_scene import WireCourse
 from twin.simulation.session.referee import InstrumentReferee, Runs
 from twin.simulation.session.rings import crossing
 from twin.simulation.setup import Setup
@@ -95,7 +95,7 @@ class GuideMeasures:
         }
 
 
-class Referee(InstrumentReferee):
+class GuidingReferee(InstrumentReferee):
     """Judges, sample by sample, a running task in which a ring is guided along a wire.
 
     Signals: those of `InstrumentReferee`, `<ring>.pose`, `<ring>.holder`, `<ring>.rubs` and `<robot>.q`.
@@ -108,7 +108,7 @@ class Referee(InstrumentReferee):
         self,
         guide: GuideTable,
         ring: Movable,
-        course: Course,
+        course: WireCourse,
         robots: Sequence[str],
         first: str,
         tools: Mapping[str, Callable[[Array], Array]],
@@ -259,7 +259,7 @@ class Referee(InstrumentReferee):
         self._steps[step] = None
 
     @classmethod
-    def of(cls, setup: Setup, period: float) -> Referee:
+    def of(cls, setup: Setup, period: float) -> GuidingReferee:
         """Return the referee of the task in `setup`."""
         if setup.task is None or setup.task.guide is None:
             raise TwinError(f"{setup.label} has no ring to guide")

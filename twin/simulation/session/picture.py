@@ -30,7 +30,7 @@ edge is measured to an eighth of a pixel at every slope; samples that are spread
 
 
 @dataclass(frozen=True)
-class Surface:
+class ColouredSurface:
     """Triangles of one colour: owner, name, corners (n, 3) in m in the World, indices (m, 3), linear colour (3,)."""
 
     owner: str
@@ -53,7 +53,7 @@ class Picture:
     covered: dict[str, float]
 
 
-def draw(surfaces: Sequence[Surface], name: str, T_world_camera: Array, view: float) -> Picture:
+def draw(surfaces: Sequence[ColouredSurface], name: str, T_world_camera: Array, view: float) -> Picture:
     """Draw the box around a surface.
 
     Args:
@@ -93,7 +93,7 @@ def draw(surfaces: Sequence[Surface], name: str, T_world_camera: Array, view: fl
     return Picture(picture, _covered(surfaces, box, alone))
 
 
-def _covered(surfaces: Sequence[Surface], box: _Box, alone: _Box) -> dict[str, float]:
+def _covered(surfaces: Sequence[ColouredSurface], box: _Box, alone: _Box) -> dict[str, float]:
     """Return {owner: fraction of the samples in `alone` that show this owner in `box` instead}."""
     whole = alone.owner >= 0
     hidden = whole & (box.owner != alone.owner)
@@ -104,7 +104,9 @@ def _covered(surfaces: Sequence[Surface], box: _Box, alone: _Box) -> dict[str, f
     return covered
 
 
-def _project(surfaces: Sequence[Surface], T_world_camera: Array, focal: float) -> tuple[np.ndarray, Array, Array]:
+def _project(
+    surfaces: Sequence[ColouredSurface], T_world_camera: Array, focal: float
+) -> tuple[np.ndarray, Array, Array]:
     """Return surface indices (k,), corners (k, 3, 3) and shades (k,) of the triangles that face the lens.
 
     A corner is given by column, row and inverse depth. A triangle that reaches behind the lens is cut.

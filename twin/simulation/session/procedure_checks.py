@@ -25,7 +25,7 @@ _SHUT = 1 - 1e-9
 
 
 @dataclass(frozen=True)
-class Check:
+class ProcedureCheck:
     """Result of a check.
 
     Attributes:
@@ -57,7 +57,7 @@ class ProcedureMeasures:
         slipped: largest distance in m by which something slipped in the jaws.
     """
 
-    checks: Sequence[Check]
+    checks: Sequence[ProcedureCheck]
     time: float
     paths: Mapping[str, float]
     clips: int
@@ -242,7 +242,7 @@ class ProcedureReferee(Block):
         """Whether the vessel of the procedure is cut."""
         return self._t_cut < np.inf
 
-    def checks(self) -> list[Check]:
+    def checks(self) -> list[ProcedureCheck]:
         """Return the five stages in order, then the checks of the whole session."""
         stages = [self._expose(), self._show(), self._clip(), self._cut(), self._remove()]
         return [*stages, self._spared(), self._other_vessels()]
@@ -255,7 +255,7 @@ class ProcedureReferee(Block):
         energy = float(self.energy.sum())
         return ProcedureMeasures(checks, time, dict(self._paths), len(self.closed), energy, self._pull, self._slipped)
 
-    def _expose(self) -> Check:
+    def _expose(self) -> ProcedureCheck:
         p = self.procedure
         done = self._last_lift >= p.lift_mm * MM
         when = "when the first clip was placed" if self.closed else "at the end"
@@ -264,9 +264,9 @@ class ProcedureReferee(Block):
             f"(required: {p.lift_mm:g} mm)"
         )
         lost = bool(self.closed) and not done
-        return Check("expose", done, self._t_lifted if done else None, text, lost)
+        return ProcedureCheck("expose", done, self._t_lifted if done else None, text, lost)
 
-    def _show(self) -> Check:
+    def _show(self) -> ProcedureCheck:
         p = self.procedure
         longest = self._longest_run * self.period
         when = " before the first clip" if self.closed else ""
@@ -276,9 +276,9 @@ class ProcedureReferee(Block):
         )
         done = self._t_shown is not None
         lost = bool(self.closed) and not done
-        return Check("show", done, self._t_shown, text, lost)
+        return ProcedureCheck("show", done, self._t_shown, text, lost)
 
-    def _clip(self) -> Check:
+    def _clip(self) -> ProcedureCheck:
         p = self.procedure
         wanted = p.clips_kept + p.clips_taken
         times = sorted(clip.t for clip in self._shut() if clip.t <= self._t_cut)
@@ -297,17 +297,17 @@ class ProcedureReferee(Block):
         done = len(times) >= wanted
         too_few = len(times) + len(self._clips) < wanted
         lost = not done and (self.cut or too_few)
-        return Check("clip", done, times[wanted - 1] if done else None, text, lost)
+        return ProcedureCheck("clip", done, times[wanted - 1] if done else None, text, lost)
 
     def _shut(self) -> list[Closed]:
         """Return the clips that close the vessel of the procedure."""
         return [clip for clip in self.closed if clip.on == self._number and clip.closes]
 
-    def _cut(self) -> Check:
+    def _cut(self) -> ProcedureCheck:
         vessel = self._vessels[self._number]
         cut_segments = np.flatnonzero(self._cuts[self._number])
         if not len(cut_segments):
-            return Check("cut", False, None, f"the {spoken(vessel.name)} is not cut")
+            return ProcedureCheck("cut", False, None, f"the {spoken(vessel.name)} is not cut")
         low = vessel.arc[cut_segments[0]]
         high = vessel.arc[cut_segments[-1] + 1]
         taken = sum(clip.at < low for clip in self._shut())
@@ -320,9 +320,9 @@ class ProcedureReferee(Block):
         text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on the organ's side, {kept} on the other side"
         if open_ends:
             text += f"; the end on {' and '.join(open_ends)} is open: bile leaks"
-        return Check("cut", not open_ends, None if open_ends else self._t_cut, text, bool(open_ends))
+        return ProcedureCheck("cut", not open_ends, None if open_ends else self._t_cut, text, bool(open_ends))
 
-    def _remove(self) -> Check:
+    def _remove(self) -> ProcedureCheck:
         p = self.procedure
         free = int(self.freed.sum())
         text = (
@@ -330,9 +330,9 @@ class ProcedureReferee(Block):
             f"the middle of the {spoken(p.organ)} is {self.out / MM:.0f} mm from the nearest port "
             f"(allowed: {p.out_mm:g} mm)"
         )
-        return Check("remove", self.removed, self._t_removed if self.removed else None, text)
+        return ProcedureCheck("remove", self.removed, self._t_removed if self.removed else None, text)
 
-    def _spared(self) -> Check:
+    def _spared(self) -> ProcedureCheck:
         p = self.procedure
         worst = max(self._depths, key=self._depths.__getitem__)
         depth = self._depths[worst]
@@ -341,9 +341,9 @@ class ProcedureReferee(Block):
             f"(allowed: {p.depth_mm:g} mm)"
         )
         done = depth <= p.depth_mm * MM
-        return Check("organs", done, None, text, not done)
+        return ProcedureCheck("organs", done, None, text, not done)
 
-    def _other_vessels(self) -> Check:
+    def _other_vessels(self) -> ProcedureCheck:
         wrong = []
         for k, vessel in enumerate(self._vessels):
             if k == self._number:
@@ -353,7 +353,7 @@ class ProcedureReferee(Block):
             if clips or self._cuts[k].any():
                 wrong.append(f"{clips} clips on and {cuts} cuts of the {spoken(vessel.name)}")
         text = "; ".join(wrong) or "no other vessel was clipped or cut"
-        return Check("vessels", not wrong, None, text, bool(wrong))
+        return ProcedureCheck("vessels", not wrong, None, text, bool(wrong))
 
 
 def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:

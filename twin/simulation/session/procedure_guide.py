@@ -12,7 +12,7 @@ from twin.core.units import MM
 from twin.model.tool import Kind
 from twin.simulation.console_scene import hands_of
 from twin.simulation.plants.tissue.operating import Grasped
-from twin.simulation.session.procedure_checks import Check, Closed, ProcedureReferee
+from twin.simulation.session.procedure_checks import Closed, ProcedureCheck, ProcedureReferee
 from twin.simulation.session.referee import Event
 from twin.simulation.setup import Setup
 
@@ -137,7 +137,7 @@ class ProcedureGuide(ProcedureReferee):
             "events": [[round(event.t, 1), event.tone, event.text] for event in self.events[-5:]],
         }
 
-    def _tell_change(self, check: Check, state: str) -> None:
+    def _tell_change(self, check: ProcedureCheck, state: str) -> None:
         """Add an event if the state of a check is not the one before."""
         before = self._told.get(check.name)
         if before is None:
@@ -161,7 +161,7 @@ class ProcedureGuide(ProcedureReferee):
 
     # -- what to do next ---------------------------------------------------------------------------------------
 
-    def _hint(self, checks: Sequence[Check]) -> str:
+    def _hint(self, checks: Sequence[ProcedureCheck]) -> str:
         """Return an instruction for the next step of the first stage that is not done."""
         p = self.procedure
         states = {check.name: _state(check) for check in checks}
@@ -223,7 +223,7 @@ class ProcedureGuide(ProcedureReferee):
         return self.robots[0]
 
 
-def _state(check: Check) -> Literal["done", "open", "failed"]:
+def _state(check: ProcedureCheck) -> Literal["done", "open", "failed"]:
     if check.done:
         return "done"
     return "failed" if check.lost else "open"

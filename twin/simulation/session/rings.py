@@ -1,6 +1,6 @@
 """Evaluate a task with rings sample by sample: transferred and dropped rings, collisions of instruments, time, events.
 
-A page shows the results of a `Referee` during the task; for a report, a second `Referee` judges the recorded signals.
+A page shows the results of a `RingsReferee` during the task; for a report, a second one judges the recorded signals.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class BoardMeasures:
         ]
 
 
-class Referee(InstrumentReferee):
+class RingsReferee(InstrumentReferee):
     """Judges a task with rings while it is performed.
 
     Signals: those of `InstrumentReferee`, `<ring>.pose` and `<ring>.holder`.
@@ -158,8 +158,8 @@ class Referee(InstrumentReferee):
 def measure(
     kept: Recording, task: ConsoleTask, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
 ) -> BoardMeasures:
-    """Return the measures of a task with transfers from recorded signals; for the other arguments, see `Referee`."""
-    referee = Referee(task, objects, pegs, robots, kept.dt)
+    """Return the measures of a task with transfers from recorded signals; other arguments: see `RingsReferee`."""
+    referee = RingsReferee(task, objects, pegs, robots, kept.dt)
     referee.see_all(kept)
     return referee.measures()
 

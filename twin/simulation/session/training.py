@@ -16,7 +16,7 @@ from twin.core.units import MM
 from twin.kinematics import Kinematics
 from twin.model.trainer import MODEL, TrainerTable
 from twin.simulation import machine_scene
-from twin.simulation.controllers.trainer import Phase, Why, told
+from twin.simulation.controllers.trainer import TrainerPhase, Why, told
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.session import movement
@@ -26,17 +26,17 @@ _LAG = 0.3
 """Maximum delay in s between record and replay that the comparison of their paths compensates."""
 
 _NAMES = {
-    Phase.TELEOPERATE: "teleoperation",
-    Phase.REHEARSE: "rehearsal in the model",
-    Phase.JUDGED: "judged",
-    Phase.REPLAY: "replay on the machine",
-    Phase.DONE: "replayed",
-    Phase.STOPPED: "refused or stopped",
+    TrainerPhase.TELEOPERATE: "teleoperation",
+    TrainerPhase.REHEARSE: "rehearsal in the model",
+    TrainerPhase.JUDGED: "judged",
+    TrainerPhase.REPLAY: "replay on the machine",
+    TrainerPhase.DONE: "replayed",
+    TrainerPhase.STOPPED: "refused or stopped",
 }
 
 
 @dataclass(frozen=True)
-class Step:
+class TrainingSpan:
     """Time span of a session in which the trainer is in one phase.
 
     Attributes:
@@ -47,7 +47,7 @@ class Step:
         text: why a record was refused or ended, or a replay stopped; "" otherwise.
     """
 
-    phase: Phase
+    phase: TrainerPhase
     begin: float
     end: float
     deviation: float
@@ -85,7 +85,7 @@ class Training:
     t: Array
     deviation: Array
     limit: float
-    steps: tuple[Step, ...]
+    steps: tuple[TrainingSpan, ...]
     cue: tuple[float, float]
     stops: int
     silent: float
@@ -93,7 +93,7 @@ class Training:
     @property
     def led(self) -> float:
         """Largest deviation in m during teleoperation; nan without teleoperation."""
-        deviations = [step.deviation for step in self.steps if step.phase == Phase.TELEOPERATE]
+        deviations = [step.deviation for step in self.steps if step.phase == TrainerPhase.TELEOPERATE]
         return max(deviations, default=float("nan"))
 
     def rows(self) -> Iterator[tuple[str, ...]]:
@@ -119,9 +119,9 @@ class Training:
             yield warning("training.silent", self.robot, f"the machine did not answer for {self.silent:.2f} s")
         for step in self.steps:
             begin = f"{step.begin:.1f} s"
-            if step.phase == Phase.STOPPED and step.text.startswith("the replay"):
+            if step.phase == TrainerPhase.STOPPED and step.text.startswith("the replay"):
                 yield disagreement("training.replay", self.robot, step.text, when=begin)
-            if step.phase == Phase.REHEARSE and step.text:
+            if step.phase == TrainerPhase.REHEARSE and step.text:
                 reason = step.text.partition(". Press")[0]  # without what the person had to do next
                 yield warning("training.record", self.robot, reason, when=begin)
 
@@ -150,7 +150,7 @@ def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -
     """Return the measures of a machine from the kept signals of a session; `kin`: the machine's equations."""
     force = np.linalg.norm(kept[f"{robot}.cue"], axis=1)
     cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * kept.dt))
-    alone = np.isin(kept[f"{robot}.phase"][:, 0], (Phase.REHEARSE, Phase.JUDGED))
+    alone = np.isin(kept[f"{robot}.phase"][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
     deviation = np.where(alone, np.nan, kept[f"{robot}.deviation"][:, 0])
     steps = _steps(kept, table, robot, kin, deviation)
     run = kept[f"{robot}.run"]
@@ -162,7 +162,9 @@ def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -
     return Training(robot, kept.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
 
 
-def _steps(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics, deviation: Array) -> tuple[Step, ...]:
+def _steps(
+    kept: Recording, table: TrainerTable, robot: str, kin: Kinematics, deviation: Array
+) -> tuple[TrainingSpan, ...]:
     """Return the phases in order; deviation (k,) in m, nan while the model moves alone."""
     t = kept.t
     phase = kept[f"{robot}.phase"]
@@ -177,16 +179,16 @@ def _steps(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics, de
     for a, b in itertools.pairwise(edges):
         number, why, value = phase[a]
         record = float("nan")
-        if number == Phase.REHEARSE and why != Why.FULL:  # at the limit of the record, the model is at rest
+        if number == TrainerPhase.REHEARSE and why != Why.FULL:  # at the limit of the record, the model is at rest
             rehearsed = model[a:b]
-        elif number == Phase.REPLAY and rehearsed is not None:
+        elif number == TrainerPhase.REPLAY and rehearsed is not None:
             record = _apart(tip[a:b], rehearsed, longest_lag)
         part = deviation[a:b]
         largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
         text = told(Why(int(why)), float(value), bounds, robot)
         begin = float(t[a])
         end = float(t[a] + (b - a) * kept.dt)
-        steps.append(Step(Phase(int(number)), begin, end, largest, record, text))
+        steps.append(TrainingSpan(TrainerPhase(int(number)), begin, end, largest, record, text))
     return tuple(steps)
 
 

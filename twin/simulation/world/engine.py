@@ -15,7 +15,7 @@ from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
 from twin.reference import Assembly, ReferenceModel
-from twin.simulation.frame import Frame
+from twin.simulation.frame import WorldFrame
 from twin.simulation.world.block import Block, Hazard
 from twin.simulation.world.recording import Recording
 from twin.simulation.world.signals import Signals, put
@@ -207,10 +207,10 @@ class World:
         rows = np.array(self._log, float).reshape(-1, sum(sizes.values()))
         return Recording(self.dt, dict(sizes), rows)
 
-    def frame(self) -> Frame:
+    def frame(self) -> WorldFrame:
         """Return the link poses and vertices at the current time; the World does not change."""
         poses = self.link_poses()
-        return Frame(self.t, poses, self._fields(poses))
+        return WorldFrame(self.t, poses, self._fields(poses))
 
     def fields(self) -> dict[str, Array]:
         """Return {name of a deformable: vertices (n, 3) in m in the World}; faster than `frame`."""

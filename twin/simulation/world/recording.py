@@ -1,6 +1,6 @@
 """Recording of a World, one row with all signals per tick, and its file format.
 
-A `twin-world` file is one line of JSON (`Head`), followed by the rows as little-endian float64, row by row.
+A `twin-world` file is one line of JSON (`RecordingHead`), followed by the rows as little-endian float64, row by row.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class SignalTable(Table):
     size: Annotated[int, Field(ge=1)]
 
 
-class Head(Table):
+class RecordingHead(Table):
     """First line of a `twin-world` file. All values are SI; a row holds the signals at the end of its tick."""
 
     schema_: Annotated[Literal["twin-world"], Field(alias="schema")]
@@ -116,7 +116,7 @@ def read_recording(path: Path) -> Recording:
         with path.open("rb") as file:
             line = file.readline(_LONGEST_HEAD)
             rest = os.fstat(file.fileno()).st_size - len(line)
-            head = Head.model_validate_json(line)
+            head = RecordingHead.model_validate_json(line)
             sizes = {s.name: s.size for s in head.signals}
             width = sum(sizes.values())
             wanted = 8 * head.ticks * width  # 8 bytes per value

@@ -13,7 +13,7 @@ from twin.core.units import DEG, MM
 from twin.model.alignment import Alignment
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
-from twin.simulation.controllers.trainer import Phase
+from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.session import movement
 from twin.simulation.session.camera_task import AlignMeasures
 from twin.ui.report.curves import thin
@@ -137,7 +137,7 @@ def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignm
 
 def _deviation(ax: Axes, found: ConsoleSession) -> None:
     """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
-    colors = {Phase.REHEARSE: GRID, Phase.REPLAY: NEAR}
+    colors = {TrainerPhase.REHEARSE: GRID, TrainerPhase.REPLAY: NEAR}
     for k, machine in enumerate(found.training):
         times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
         ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)

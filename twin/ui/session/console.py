@@ -58,7 +58,7 @@ _OWED = 0.1
 _NICE = 10
 """Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
 
-Referee = rings.Referee | guiding.Referee | CameraReferee | ProcedureGuide
+Referee = rings.RingsReferee | guiding.GuidingReferee | CameraReferee | ProcedureGuide
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
 
@@ -190,9 +190,9 @@ class LiveConsole:
         if task.transfers:
             pegs = contact_scene.pegs(self.scene, setup.props, task)
             robots = list(console_scene.hands_of(self.scene))
-            return rings.Referee(task, self.objects, pegs, robots, SAMPLE)
+            return rings.RingsReferee(task, self.objects, pegs, robots, SAMPLE)
         if task.guide is not None:
-            return guiding.Referee.of(setup, SAMPLE)
+            return guiding.GuidingReferee.of(setup, SAMPLE)
         if task.alignment is not None:
             return CameraReferee(self._camera, SAMPLE)
         if task.procedure is not None:

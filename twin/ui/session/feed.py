@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.simulation.frame import Frame
+from twin.simulation.frame import WorldFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Feed(Protocol):
     def surfaces(self) -> Mapping[str, FieldSurface]: ...  # noqa: D102
     @property
     def duration(self) -> float: ...  # noqa: D102
-    def at(self, t: float) -> Frame: ...  # noqa: D102
+    def at(self, t: float) -> WorldFrame: ...  # noqa: D102
 
 
 @runtime_checkable
@@ -63,8 +63,8 @@ class FollowingFeed(Feed, Protocol):
         ...
 
 
-def vertices_of(frame: Frame, name: str, surface: FieldSurface) -> Array:
-    """Return the vertices (n, 3) of the surface `name` in a `Frame`, in m in the world frame.
+def vertices_of(frame: WorldFrame, name: str, surface: FieldSurface) -> Array:
+    """Return the vertices (n, 3) of the surface `name` in a `WorldFrame`, in m in the world frame.
 
     Raises:
         TwinError: the vertices are missing or not finite, or a triangle refers to a vertex that does not exist.

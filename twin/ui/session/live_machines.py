@@ -8,7 +8,7 @@ from twin.api.machine import Machines
 from twin.core.json_types import JsonObject
 from twin.model.scene import Scene
 from twin.simulation import machine_scene
-from twin.simulation.controllers.trainer import MODE, VIEW, Mode, Phase, Why, asked, mode_of, told
+from twin.simulation.controllers.trainer import MODE, VIEW, Mode, TrainerPhase, Why, asked, mode_of, told
 from twin.simulation.devices.given import GivenHands
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
 from twin.simulation.machine.exchange import Exchange
@@ -79,7 +79,7 @@ class LiveMachines:
                 level = Level(int(run[LEVEL])).name
             robots[name] = {
                 "level": level,
-                "phase": Phase(int(phase)).name.lower(),
+                "phase": TrainerPhase(int(phase)).name.lower(),
                 "why": told(Why(int(reason)), float(value), bounds, name) or None,
                 "problem": link.problem or None,
             }

@@ -12,7 +12,7 @@ from twin.core.units import MM
 from twin.model.body import Body
 from twin.model.tissue import Tissue
 from twin.simulation.console_scene import ORGANS
-from twin.simulation.frame import Frame
+from twin.simulation.frame import WorldFrame
 from twin.simulation.plants.tissue import Organs, Tool
 from twin.simulation.world import World
 from twin.ui.session.feed import FieldSurface
@@ -83,9 +83,9 @@ class OrganFeed:
             self._fields = {name: self.organs.vertices(name) for name in self.surfaces}
         return moved
 
-    def at(self, t: float) -> Frame:
+    def at(self, t: float) -> WorldFrame:
         """Return the present vertices as a frame of time `t` in s."""
-        return Frame(t, {}, self._fields)
+        return WorldFrame(t, {}, self._fields)
 
 
 class WorldFeed:
@@ -126,7 +126,7 @@ class WorldFeed:
         self._shown = values
         return moved
 
-    def at(self, t: float) -> Frame:
+    def at(self, t: float) -> WorldFrame:
         """Return the present vertices as a frame of time `t` in s."""
         world = self._world()
         name = self._organ.name
@@ -135,4 +135,4 @@ class WorldFeed:
         attached = world.signals[f"{name}.freed"] < 0.5
         # The octahedron of a cell that is free shrinks to a point: the triangles of a surface never change.
         marks = cells[:, None] + attached[:, None, None] * _OCTAHEDRON
-        return Frame(t, {}, world.fields() | {self._bed: marks.reshape(-1, 3)})
+        return WorldFrame(t, {}, world.fields() | {self._bed: marks.reshape(-1, 3)})

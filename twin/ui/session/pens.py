@@ -17,7 +17,7 @@ from twin.core.units import DEG
 from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers import camera
 from twin.simulation.controllers.following import SCALE
-from twin.simulation.controllers.jaw import Grip
+from twin.simulation.controllers.jaw import GripParameters
 from twin.simulation.devices.given import HandState
 from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.plan_view import RESTS
@@ -203,7 +203,7 @@ class Pens:
         self.use(client)
         pen = self.pens[hand]
         pen.used = True
-        pen.grip = Grip().travel * float(np.clip(part, 0, 1))
+        pen.grip = GripParameters().travel * float(np.clip(part, 0, 1))
 
     def aim(self, client: str, coordinate: int, value: float) -> None:
         """Move one coordinate of the camera by both hands; the other coordinates do not change.

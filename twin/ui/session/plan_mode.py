@@ -26,13 +26,13 @@ from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
 from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.planned import OFF
-from twin.simulation.controllers.trainer import Phase as TrainerPhase
+from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.setup import Member
 from twin.simulation.world import World
 from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck, work
 
-Phase = Literal["off", "aim", "plan", "preview", "run"]
+PlanPhase = Literal["off", "aim", "plan", "preview", "run"]
 
 _SPEED = 60 * MM
 """Largest speed of a tool in m/s in a planned motion (ASSUMED: well below the limits of the joints)."""
@@ -128,7 +128,7 @@ class PlanMode:
         self._clear()
 
     def _clear(self) -> None:
-        self.phase: Phase = "off"
+        self.phase: PlanPhase = "off"
         self.hand = ""
         self.robot = ""
         self.said = ""

@@ -9,10 +9,10 @@ import numpy as np
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.ui.session.plan_mode import Phase, PlanMode, Preview
+from twin.ui.session.plan_mode import PlanMode, PlanPhase, Preview
 from twin.ui.session.plan_work import SHOWN
 
-RESTS: tuple[Phase, ...] = ("plan", "preview", "run")
+RESTS: tuple[PlanPhase, ...] = ("plan", "preview", "run")
 """Phases of planning mode in which the hands move neither an arm nor the target."""
 
 _PAUSE = 0.6

@@ -24,7 +24,7 @@ from twin.model.console import CameraTable
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers.following import SCALE
-from twin.simulation.controllers.jaw import Grip
+from twin.simulation.controllers.jaw import GripParameters
 from twin.simulation.controllers.pivot import FULCRUMS
 from twin.ui.session import plan_view
 from twin.ui.session.console import LiveConsole
@@ -417,7 +417,7 @@ class ConsoleFront(ViewerPage):
             self._set(self._direct, "fulcrum", self.console.reading["fulcrum"] == "direct")
         self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
         for hand, slider in self._jaws.items():
-            self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / Grip().travel), 0.5)
+            self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / GripParameters().travel), 0.5)
         for k, (slider, (_, unit, step), x) in enumerate(
             zip(self._camera, _CAMERA, self.console.camera_at, strict=True)
         ):

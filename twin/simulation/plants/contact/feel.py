@@ -16,7 +16,7 @@ from twin.formula import symbolic
 from twin.formula.flow import attach
 from twin.simulation.local_plane import COUNT, SIZE, WIDTH, LocalPlane, rows
 from twin.simulation.plants.contact.gripper import Gripper
-from twin.simulation.plants.contact.levers import Levers
+from twin.simulation.plants.contact.levers import ToolLevers
 from twin.simulation.plants.contact.shapes import NONE, GeomOwner
 from twin.simulation.proxy import proxy
 
@@ -97,7 +97,7 @@ class Feel:
         self._bodies = m.geom_bodyid.tolist()
         self._hands: list[int] = []
         self._link_index: dict[int, int] = {}  # body -> index in `Gripper.links`, without the hand
-        self._levers: list[Levers] = []
+        self._levers: list[ToolLevers] = []
         self._proxies: list[_Proxy] = []
         self._addresses: list[list[int]] = []  # of the links' free joints in qpos
         self.outputs: dict[str, Array] = {}
@@ -111,7 +111,7 @@ class Feel:
             self._addresses.append(addresses)
             self._hands.append(m.body(bodies[0]).id)
             # Different phases: the instruments do not compute their levers in the same step.
-            self._levers.append(Levers(gripper, 2 * k))
+            self._levers.append(ToolLevers(gripper, 2 * k))
             self._proxies.append(_Proxy())
             self.outputs[f"{gripper.robot}.{NAME}"] = np.zeros(SIZE)
         self._items = [m.body(name).id for name in objects]

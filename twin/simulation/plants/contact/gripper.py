@@ -23,7 +23,7 @@ _TURN = 0.1
 
 
 @dataclass(frozen=True)
-class Jaw:
+class GripperJaw:
     """A jaw: a link that turns about an axis of the tool's body in proportion to the value of the jaw's joint.
 
     Attributes:
@@ -89,7 +89,7 @@ class Gripper:
             inward.append((names.index(joint.name), joint))
         self.links = tuple(links)
         self.jaw = -1
-        self.jaws: tuple[Jaw, ...] = ()
+        self.jaws: tuple[GripperJaw, ...] = ()
         if mechanism.auxiliary:
             self.jaw = names.index(mechanism.auxiliary[0].name)
             self.jaws = _jaws(mechanism, tool.body, self.jaw)
@@ -164,7 +164,7 @@ def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
     return list(reversed(wrist))
 
 
-def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[Jaw, ...]:
+def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[GripperJaw, ...]:
     """Return the links that the jaw's joint turns relative to the hand, from two solutions of the reference model."""
     model = ReferenceModel(mechanism)
     q = np.zeros(len(mechanism.active))
@@ -187,7 +187,7 @@ def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[Jaw, ...]:
         # the points of the axis do not move; their equation has rank 2, and its shortest solution is taken
         solution = np.linalg.lstsq(np.eye(3) - D[:3, :3], D[:3, 3], rcond=None)
         point = np.asarray(solution[0], float)
-        jaws.append(Jaw(body, rotation / angle, point, angle / _TURN, T_hand_closed))
+        jaws.append(GripperJaw(body, rotation / angle, point, angle / _TURN, T_hand_closed))
     return tuple(jaws)
 
 
@@ -200,7 +200,7 @@ def grip_frame(mechanism: Mechanism) -> Array:
         WorldError: the robot has no jaws.
     """
     tool = mechanism.frame(mechanism.tool)
-    jaws: tuple[Jaw, ...] = ()
+    jaws: tuple[GripperJaw, ...] = ()
     if mechanism.auxiliary:
         names = [joint.name for joint in mechanism.active]
         jaws = _jaws(mechanism, tool.body, names.index(mechanism.auxiliary[0].name))

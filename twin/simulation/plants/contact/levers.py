@@ -19,7 +19,7 @@ _OLD = 20
 """Number of steps without a call after which all joints are computed."""
 
 
-class Levers:
+class ToolLevers:
     """Twists of the links of an instrument per displacement of its tool at constant orientation.
 
     The effects of all joints are computed at the first call. Later, the effect of one joint is computed again every

@@ -5,9 +5,9 @@
 how much of a vessel the endoscope sees.
 """
 
-from twin.simulation.plants.tissue.operating import Instrument, Operating, clips_of
+from twin.simulation.plants.tissue.operating import Operating, OperatingRobot, clips_of
 from twin.simulation.plants.tissue.organs import Organs, Tool
 from twin.simulation.plants.tissue.plant import Links, Tissues
 from twin.simulation.plants.tissue.sight import Sight
 
-__all__ = ["Instrument", "Links", "Operating", "Organs", "Sight", "Tissues", "Tool", "clips_of"]
+__all__ = ["Links", "Operating", "OperatingRobot", "Organs", "Sight", "Tissues", "Tool", "clips_of"]

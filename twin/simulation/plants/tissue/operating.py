@@ -62,7 +62,7 @@ _LOOK = 12
 
 
 @dataclass(frozen=True)
-class Instrument:
+class OperatingRobot:
     """A robot that carries tools.
 
     Attributes:
@@ -159,7 +159,7 @@ class Operating(Tissues):
         self,
         tissues: Sequence[Tissue],
         robots: Sequence[Links],
-        instruments: Sequence[Instrument],
+        instruments: Sequence[OperatingRobot],
         vessels: Sequence[Vessel],
         tools: Mapping[str, ToolTable],
         procedure: ProcedureTable,
@@ -255,7 +255,7 @@ class Operating(Tissues):
 
     # -- tools -----------------------------------------------------------------------------------------------
 
-    def _use(self, k: int, instrument: Instrument, signals: Signals) -> None:
+    def _use(self, k: int, instrument: OperatingRobot, signals: Signals) -> None:
         """Change the tool, move the jaws, or apply the cautery of instrument k, as the signals request."""
         robot = instrument.robot
         state = self._states[robot]
@@ -286,7 +286,7 @@ class Operating(Tissues):
             held.p = held.p + tip - self._tip_before[k]
             self._tip_before[k] = tip.copy()
 
-    def _change_tool(self, instrument: Instrument, state: _State, signals: Signals) -> None:
+    def _change_tool(self, instrument: OperatingRobot, state: _State, signals: Signals) -> None:
         """Change to the requested tool, if the jaws hold nothing and the instrument is drawn back to its port."""
         requested = signals.now[f"{instrument.robot}.tool"][0]
         wanted = self._tool_names[int(np.clip(requested, 0, len(self._tool_names) - 1))]
@@ -333,7 +333,7 @@ class Operating(Tissues):
             return self._hold.grips[k]
         return self._tubes[state.holds - 1].held[k]
 
-    def _open(self, k: int, instrument: Instrument, state: _State) -> None:
+    def _open(self, k: int, instrument: OperatingRobot, state: _State) -> None:
         if state.holds == Grasped.ORGAN:
             self._hold.release(k)
             self.organs.mute(instrument.robot, False)
@@ -400,7 +400,7 @@ class Operating(Tissues):
                 self._freed[cell] = 1.0
                 self._hold.let_go(int(self._organ.held[cell]))
 
-    def _release_torn(self, k: int, instrument: Instrument) -> None:
+    def _release_torn(self, k: int, instrument: OperatingRobot) -> None:
         """Release a point that has slipped out of the jaws."""
         state = self._states[instrument.robot]
         held = self._held(k, state)
@@ -473,7 +473,7 @@ class Operating(Tissues):
                 T[:3, 3] = self._tubes[clip.on].at(clip.at)
             values[f"clip_{k}.pose"] = T.ravel()
 
-    def _applier(self) -> Instrument:
+    def _applier(self) -> OperatingRobot:
         """Return the instrument that carries the clip applier; the first instrument, if none carries it."""
         for instrument in self._instruments:
             tool = self._tools[self._states[instrument.robot].tool]
