@@ -432,7 +432,9 @@ def test_the_workspace_comes_in_pieces_and_goes(sils, monkeypatch):
         def start(self, job):
             self.started.append(job)
             rows = np.arange(6000.0, dtype=np.float32)
-            self.left[:] = [workspace.Chunk(np.stack([rows] * 3, 1), rows, n, 40_000) for n in (20_000, 40_000)]
+            self.left[:] = [
+                workspace.WorkspaceChunk(np.stack([rows] * 3, 1), rows, n, 40_000) for n in (20_000, 40_000)
+            ]
 
         def poll(self):
             return self.left.pop(0) if self.left else None

@@ -29,7 +29,7 @@ def test_a_text_that_is_no_document_is_a_problem_and_the_reader_connects_again(m
         return contextlib.nullcontext(Socket())
 
     monkeypatch.setattr(watched, "connect", connect)
-    monkeypatch.setattr(watched, "_AGAIN", 0.0)
+    monkeypatch.setattr(watched, "_PAUSE", 0.0)
     reader._read()
     assert len(tries) == 2
     assert "no valid document" in reader.problem

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -11,9 +11,11 @@ from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
+from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.body import Frame
 from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.model.scene import Place
 from twin.ui.headset.protocol import sevens
 from twin.ui.session.desk import Desk
@@ -40,14 +42,26 @@ def describe(
 
     m = desk.mechanism
     tool = m.frame(m.tool)
-    default = "" if robot.files is None else robot.cad.description.default_protocol
-    default = default if place is None else place.protocol_name
+    title = ""
+    default = ""
+    if robot.files is not None:
+        title = robot.cad.description.title
+        default = robot.cad.description.default_protocol
+    name = robot.name
+    T_world_base = np.eye(4)
+    scenery = None
+    if place is None:
+        scenery = _scenery(robot, desk, protocols, patients)
+    else:
+        default = place.protocol_name
+        name = place.name
+        T_world_base = place.T_world_base
     order = [j.name for j in m.active]
     return {
         "schema": "twin-robot",
         "version": 1,
-        "name": robot.name if place is None else place.name,
-        "title": "" if robot.files is None else robot.cad.description.title,
+        "name": name,
+        "title": title,
         "model_hash": model_hash(robot.mechanism),
         "frame": "z-up right-handed",
         "base": m.base,
@@ -55,16 +69,39 @@ def describe(
         "joints": [_joint(j, order) for j in m.joints],
         "tool": {"link": tool.body, "T_link_tool": pose(tool.T_body_frame)},
         "frames": [_frame(f) for f in m.frames],
-        "points": [{"name": p.name, "link": p.body, "point": numbers(p.p_body)} for p in m.points],
-        "protocols": [{"name": n, "title": _title(robot, p), "is_default": n == default} for n, p in protocols.items()],
+        "points": _points(m),
+        "protocols": _protocols(robot, protocols, default),
         "postures": list(desk.postures),
         "variants": _variants(desk),
         "has_equations": desk.kin is not None,
         "has_workspace": desk.kin is not None and desk.kin.closed_inverse,
-        "scenery": None if place is not None else _scenery(robot, desk, protocols, patients),
-        "assumed": [f"{p.name}: {p.note}" for p in m.parameters if p.provenance == "ASSUMED"],
-        "T_world_base": pose(np.eye(4) if place is None else place.T_world_base),
+        "scenery": scenery,
+        "assumed": assumptions(m.parameters),
+        "T_world_base": pose(T_world_base),
     }
+
+
+def assumptions(parameters: Iterable[Parameter]) -> list[str]:
+    """Return a text "name: note" for each assumed parameter."""
+    texts = []
+    for parameter in parameters:
+        if parameter.provenance == "ASSUMED":
+            texts.append(f"{parameter.name}: {parameter.note}")
+    return texts
+
+
+def _points(m: Mechanism) -> list[JsonObject]:
+    entries = []
+    for point in m.points:
+        entries.append({"name": point.name, "link": point.body, "point": numbers(point.p_body)})
+    return entries
+
+
+def _protocols(robot: Robot, protocols: Mapping[str, str], default: str) -> list[JsonObject]:
+    entries = []
+    for name, source in protocols.items():
+        entries.append({"name": name, "title": _title(robot, source), "is_default": name == default})
+    return entries
 
 
 def _joint(j: Joint, order: list[str]) -> JsonObject:
@@ -99,9 +136,17 @@ def _variants(desk: Desk) -> list[str]:
     """Return the values that the message `variant` accepts: for each variant not in use, "name" and "equation=name"."""
     if desk.kin is None:
         return []
-    own = desk.kin.variants
-    single = [f"{e}={v}" for e, vs in desk.kin.choices.items() for v in vs if v != own[e]]
-    return list(dict.fromkeys([*(s.partition("=")[2] for s in single), *single]))
+    names: list[str] = []
+    full_names = []
+    for equation, choices in desk.kin.choices.items():
+        for name in choices:
+            if name == desk.kin.variants[equation]:
+                continue
+            full_names.append(f"{equation}={name}")
+            # several equations may have a variant of the same name
+            if name not in names:
+                names.append(name)
+    return names + full_names
 
 
 def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Patient]:
@@ -113,22 +158,26 @@ def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[
     out = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):  # reported when a client requests the protocol
-            if (patient := patient_of(robot, robot.protocol(source), floor)) is not None:
+            patient = patient_of(robot, robot.protocol(source), floor)
+            if patient is not None:
                 out[name] = patient
     return out
 
 
 def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> JsonObject:
     """Return the floor's height in m and, for each protocol, its patient or the reason why it has no patient."""
-    none = {}
+    reasons = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):
             if name not in patients:
-                none[name] = none_there(robot, robot.protocol(source))
+                reasons[name] = none_there(robot, robot.protocol(source))
+    entries = {}
+    for name, patient in patients.items():
+        entries[name] = {"replaces": list(patient.replaces), "assumed": patient.assumed}
     return {
         "floor": floor_of(desk.mechanism, desk.assembly.link_poses),
-        "patients": {n: {"replaces": list(p.replaces), "assumed": p.assumed} for n, p in patients.items()},
-        "no_patient": none,
+        "patients": entries,
+        "no_patient": reasons,
     }
 
 

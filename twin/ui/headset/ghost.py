@@ -35,24 +35,31 @@ class Ghost:
         self._chosen: str | None = None
         self._playback: Playback | None = None
         self._track: Array | None = None
-        self._solved = self._failures = 0
+        self._solved = 0
+        self._failures = 0
         self._next = 0.0
 
     def forget(self, name: str | None) -> None:
         """Hide the ghost until the next call of `choose`, and store `name` as the name of the variant."""
-        self.name, self._track, self._kin = name, None, None
+        self.name = name
+        self._track = None
+        self._kin = None
 
     def choose(self, name: str | None) -> str:
         """Set the variant of the equations (None: no ghost); return why it cannot be used, or "" if it can."""
-        self._kin, self._chosen, self._track, self._solved = None, name, None, 0
+        self._kin = None
+        self._chosen = name
+        self._track = None
+        self._solved = 0
         if name is None:
             return ""
         equation, _, variant = name.partition("=")
+        variants = {equation: variant} if variant else name
         try:
-            self._kin = self._desk.robot.kinematics({equation: variant} if variant else name, {})
+            self._kin = self._desk.robot.kinematics(variants, {})
         except TwinError as error:
             return str(error)
-        self._begin()
+        self._restart()
         return ""
 
     def follow(self, playback: Playback) -> None:
@@ -61,8 +68,10 @@ class Ghost:
         if self._chosen is not None:
             self.choose(self._chosen)
 
-    def _begin(self) -> None:
-        self._solved = self._failures = 0
+    def _restart(self) -> None:
+        """Forget the poses at the samples of the protocol."""
+        self._solved = 0
+        self._failures = 0
         self._next = 0.0
         if self._playback is not None:
             self._track = np.full((len(self._playback.t), 7), np.nan)
@@ -78,18 +87,25 @@ class Ghost:
         A sample without a solution takes a hundred times as long as a sample with a solution. Therefore, some samples
         are skipped after a sample without a solution, and more samples after each further one in succession.
         """
-        track, playback, kin = self._track, self._playback, self._kin
+        track = self._track
+        playback = self._playback
+        kin = self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):
             return False
-        rows = slice(self._solved, self._solved + (1 if self._failures else _CHUNK))
+        count = 1 if self._failures else _CHUNK
+        rows = slice(self._solved, self._solved + count)
         try:
             Ts = kin.forward_many(playback.q[rows], playback.Ts_base_tool[rows])
         except KinematicsError:
             Ts = np.full((len(playback.q[rows]), 4, 4), np.nan)
         good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)))
         track[rows][good] = wire.sevens(Ts[good])
-        self._failures = 0 if good[-1] else self._failures + 1
-        self._solved = rows.stop + (0 if good[-1] else 2 ** min(self._failures, 6))
+        self._solved = rows.stop
+        if good[-1]:
+            self._failures = 0
+        else:
+            self._failures += 1
+            self._solved += 2 ** min(self._failures, 6)
         return True
 
     @property
@@ -108,7 +124,8 @@ class Ghost:
         """Return the ghost's tool pose (7,) at the joint values of the desk; None without a ghost or a solution."""
         if self.name is None or self._kin is None:
             return None
-        now, start = self._desk.assembly, time.monotonic()
+        now = self._desk.assembly
+        start = time.monotonic()
         if start < self._next:
             return None
         try:

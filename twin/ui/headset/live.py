@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from twin.core.errors import unknown
@@ -34,12 +34,16 @@ class Live:
     def __init__(self, twins: Sequence[Twin], clock: Clock, feed: Feed | None = None) -> None:
         """Create the source for robots that use this clock."""
         self.twins = {t.name: t for t in twins}
-        self.clock, self.feed, self._bends = clock, feed, Bends(feed)
+        self.clock = clock
+        self.feed = feed
+        self._bends = Bends(feed)
         self.send: Callable[[JsonObject], object] = lambda document: None
         self._bends.send = lambda document: self.send(document)
         self.alone = feed is None and len(twins) == 1 and twins[0].place is None
-        self._tick, self._sent, self._seq = -1, -HEARTBEAT, 0
-        self._told: tuple[Any, ...] = ()
+        self._tick = -1.0
+        self._tick_of_frame = -float(HEARTBEAT)
+        self._seq = 0
+        self._sent_key: tuple[Any, ...] = ()
         for twin in twins:
             twin.send = self._sender(twin)
             twin.planned = self._planned
@@ -48,20 +52,30 @@ class Live:
     @property
     def version(self) -> int:
         """Version of the stream protocol."""
-        return wire.ALONE if self.alone else wire.VERSION
+        if self.alone:
+            return wire.ALONE
+        return wire.VERSION
 
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links: "<link>" in version 1 of the stream protocol, "<robot>/<link>" in version 2."""
-        return self._names({n: t.links for n, t in self.twins.items()})
+        names: list[str] = []
+        for robot, twin in self.twins.items():
+            names += self._full_names(robot, twin.links)
+        return tuple(names)
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all active joints: "<joint>" in version 1 of the stream protocol, "<robot>/<joint>" in version 2."""
-        return self._names({n: t.robot.joints for n, t in self.twins.items()})
+        names: list[str] = []
+        for robot, twin in self.twins.items():
+            names += self._full_names(robot, twin.robot.joints)
+        return tuple(names)
 
-    def _names(self, of: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-        return tuple(n if self.alone else f"{robot}/{n}" for robot, names in of.items() for n in names)
+    def _full_names(self, robot: str, names: Sequence[str]) -> Sequence[str]:
+        if self.alone:
+            return names
+        return [f"{robot}/{name}" for name in names]
 
     def close(self) -> None:
         """End all processes and threads."""
@@ -87,19 +101,31 @@ class Live:
         for twin in twins:
             twin.look()
         self._bends.follow(self._links, passed, self.clock.time)
-        key = (*(t.content_key for t in twins), self._bends.packed)
-        if key == self._told and tick - self._sent < HEARTBEAT:
+        contents = [twin.content_key for twin in twins]
+        key = (*contents, self._bends.packed)
+        if key == self._sent_key and tick - self._tick_of_frame < HEARTBEAT:
             return None
-        self._told, self._sent = key, tick
+        self._sent_key = key
+        self._tick_of_frame = tick
+        seq = self._seq
         self._seq += 1
-        robots = [t.frame(self._seq - 1, server_time) for t in twins]
+        robots = []
+        held = False
+        for twin in twins:
+            robots.append(twin.frame(seq, server_time))
+            held = held or twin.holder is not None
         if self.alone:
             return robots[0]
-        flags = wire.PLAYING * self.clock.playing | wire.HELD * any(t.holder for t in twins)
-        return pack_scene(self._seq - 1, server_time, self.clock.time, flags, robots, self._bends.packed)
+        flags = wire.PLAYING * self.clock.playing | wire.HELD * held
+        return pack_scene(seq, server_time, self.clock.time, flags, robots, self._bends.packed)
 
     def _links(self) -> dict[str, dict[str, Array]]:
-        return {r: {n: self.twins[r].pose_of(n) for n in names} for r, names in self._bends.needs.items()}
+        """Return T_world_link (4, 4) of the links that bend the deformables, by robot and link."""
+        poses = {}
+        for robot, names in self._bends.needs.items():
+            twin = self.twins[robot]
+            poses[robot] = {name: twin.pose_of(name) for name in names}
+        return poses
 
     def _planned(self) -> None:
         """Restart all robots, because the protocol of one robot has changed."""
@@ -111,8 +137,10 @@ class Live:
                 twin.stand()
 
     def _measure(self) -> None:
-        durations = [t.duration for t in self.twins.values()]
-        self.clock.duration = max([*durations, 0.0 if self.feed is None else self.feed.duration])
+        """Set the clock's duration to that of the longest protocol or deformation."""
+        durations = [twin.duration for twin in self.twins.values()]
+        durations.append(0.0 if self.feed is None else self.feed.duration)
+        self.clock.duration = max(durations)
 
     def _stand(self) -> None:
         """Move all robots to the clock's time; a robot whose protocol has ended stays at the end."""
@@ -124,7 +152,7 @@ class Live:
 
     def holds(self, client: str) -> bool:
         """Return whether a client has grabbed at least one robot."""
-        return any(t.holder == client for t in self.twins.values())
+        return client in [twin.holder for twin in self.twins.values()]
 
     def release(self, client: str) -> None:
         """Release all grabs of a client."""
@@ -139,8 +167,10 @@ class Live:
         """
         if isinstance(message, wire.RobotMessage):
             if isinstance(message, wire.ReleaseMessage) and message.robot is None:
-                return self.release(client)
-            return self._of(client, message).ask(client, message)
+                self.release(client)
+            else:
+                self._of(client, message).ask(client, message)
+            return
         if not isinstance(message, wire.SpeedMessage | wire.LoopMessage | wire.SeekMessage | wire.PlayMessage):
             raise RefusedError("refused", f"`{message.type}` is for a console: this server has no console")
         for twin in self.twins.values():
@@ -153,7 +183,6 @@ class Live:
             self._time(message)
             for twin in self.twins.values():
                 twin.let_go(client)
-        return None
 
     def _of(self, client: str, message: wire.RobotMessage) -> Twin:
         """Return the robot to which a request applies.
@@ -165,23 +194,24 @@ class Live:
             if message.robot not in self.twins:
                 raise RefusedError("unknown", unknown("robot", message.robot, self.twins))
             return self.twins[message.robot]
-        meant = list(self.twins.values())
-        if isinstance(message, wire.DragMessage) and len(meant) > 1:
-            meant = [t for t in meant if t.holder == client]
-            if not meant:
+        twins = list(self.twins.values())
+        if isinstance(message, wire.DragMessage) and len(twins) > 1:
+            twins = [twin for twin in twins if twin.holder == client]
+            if not twins:
                 raise RefusedError("not_held", "grab first, then drag")
-        if len(meant) > 1:
-            names = ", ".join(t.name for t in meant)
+        if len(twins) > 1:
+            names = ", ".join(twin.name for twin in twins)
             raise RefusedError(
                 "invalid", f"robot: required, as the message could be for several robots; name one of {names}"
             )
-        return meant[0]
+        return twins[0]
 
     def _time(self, message: wire.SeekMessage | wire.PlayMessage) -> None:
         if not self.clock.duration > 0:
-            why = [(n, t.why_not) for n, t in self.twins.items()]
-            text = why[0][1] if self.alone else "; ".join(f"{n}: {w}" for n, w in why)
-            raise RefusedError("refused", f"no protocol is planned yet: {text}")
+            reasons = []
+            for name, twin in self.twins.items():
+                reasons.append(twin.why_not if self.alone else f"{name}: {twin.why_not}")
+            raise RefusedError("refused", f"no protocol is planned yet: {'; '.join(reasons)}")
         if isinstance(message, wire.SeekMessage):
             self.clock.seek(message.t)
         elif message.on:
@@ -197,11 +227,18 @@ class Live:
         return lambda document: self.send(self._signed(twin, document))
 
     def _signed(self, twin: Twin, document: JsonObject) -> JsonObject:
-        return document if self.alone else {**document, "robot": twin.name}
+        """Return a document of a robot with the robot's name, which version 1 of the stream protocol lacks."""
+        if self.alone:
+            return document
+        return {**document, "robot": twin.name}
 
     def welcome(self) -> list[JsonObject]:
         """Return the documents for a new client: tip paths and workspaces."""
-        return [self._signed(t, d) for t in self.twins.values() for d in t.welcome()]
+        documents = []
+        for twin in self.twins.values():
+            for document in twin.welcome():
+                documents.append(self._signed(twin, document))
+        return documents
 
     def state(self) -> JsonObject:
         """Return the document `state`: the clock, and the state of each robot."""
@@ -214,6 +251,9 @@ class Live:
             "speed": clock.speed,
             "loop": clock.loop,
         }
-        if self.alone:
-            return shared | next(iter(self.twins.values())).state()
-        return {**shared, "robots": [{"name": n, **t.state()} for n, t in self.twins.items()]}
+        robots = []
+        for name, twin in self.twins.items():
+            if self.alone:
+                return shared | twin.state()
+            robots.append({"name": name, **twin.state()})
+        return {**shared, "robots": robots}

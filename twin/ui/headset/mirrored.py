@@ -25,16 +25,20 @@ class Mirrored:
         send: function that sends a document to all clients.
     """
 
-    replays, alone, version = False, False, wire.VERSION
+    replays = False
+    alone = False
+    version = wire.VERSION
 
     def __init__(self, mirror: Mirror) -> None:
         """Show the robot of a mirror."""
         self.mirror = mirror
         self.send: Callable[[JsonObject], object] = lambda document: None
-        names = [b.name for b in mirror.robot.mechanism.bodies]
+        names = [body.name for body in mirror.robot.mechanism.bodies]
         robots = (mirror.name, mirror.ghost)
         self._posed = Posed(dict.fromkeys(robots, names), dict.fromkeys(robots, np.eye(4)))
-        self._seq, self._sent, self._told = 0, float(-HEARTBEAT), float(-DEVIATIONS)
+        self._seq = 0
+        self._tick_of_frame = float(-HEARTBEAT)
+        self._tick_of_deviations = float(-DEVIATIONS)
         self._shown: Array | None = None
 
     @property
@@ -45,14 +49,18 @@ class Mirrored:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all active joints, "<robot>/<joint>"."""
-        return tuple(f"{n}/{j.name}" for n in self._posed.bodies for j in self.mirror.robot.mechanism.active)
+        names = []
+        for robot in self._posed.bodies:
+            for joint in self.mirror.robot.mechanism.active:
+                names.append(f"{robot}/{joint.name}")
+        return tuple(names)
 
     @property
     def about_machines(self) -> JsonObject:
         """The data of the machine for the file /scene.json."""
-        m = self.mirror
-        joints = [[j.name, j.is_angle] for j in m.robot.mechanism.active]
-        return {"models": {m.name: m.ghost}, "joints": {m.name: joints}, "limit": None, "trains": False}
+        mirror = self.mirror
+        joints = [[joint.name, joint.is_angle] for joint in mirror.robot.mechanism.active]
+        return {"models": {mirror.name: mirror.ghost}, "joints": {mirror.name: joints}, "limit": None, "trains": False}
 
     def close(self) -> None:
         """End the connection to the machine."""
@@ -62,29 +70,33 @@ class Mirrored:
         """Read the newest state; return a frame if a joint has moved or `HEARTBEAT` ticks have passed, else None."""
         mirror = self.mirror
         mirror.step()
-        if tick >= self._told + DEVIATIONS:
-            self._told, apart = tick, mirror.deviation
-            joints = np.round(apart["joints"], 6).tolist()
-            robots = {mirror.name: {"tip": round(apart["tip"], 7), "joints": joints, "cue": 0.0}}
+        if tick >= self._tick_of_deviations + DEVIATIONS:
+            self._tick_of_deviations = tick
+            deviation = mirror.deviation
+            joints = np.round(deviation["joints"], 6).tolist()
+            robots = {mirror.name: {"tip": round(deviation["tip"], 7), "joints": joints, "cue": 0.0}}
             self.send({"type": "deviations", "time": round(server_time, 3), "robots": robots})
         signals = mirror.world.signals
-        values = [signals[f"{n}.q"] for n in self._posed.bodies]
+        values = [signals[f"{name}.q"] for name in self._posed.bodies]
         row = np.concatenate(values)
-        if self._shown is not None and np.array_equal(row, self._shown) and tick - self._sent < HEARTBEAT:
+        if self._shown is not None and np.array_equal(row, self._shown) and tick - self._tick_of_frame < HEARTBEAT:
             return None
-        self._shown, self._sent = row, tick
+        self._shown = row
+        self._tick_of_frame = tick
+        seq = self._seq
         self._seq += 1
         self._posed.look(mirror.links)
-        parts = [
-            self._posed.pack(n, self._seq - 1, server_time, q) for n, q in zip(self._posed.bodies, values, strict=True)
-        ]
-        return pack_scene(self._seq - 1, server_time, 0.0, 0, parts, ())
+        parts = []
+        for name, q in zip(self._posed.bodies, values, strict=True):
+            parts.append(self._posed.pack(name, seq, server_time, q))
+        return pack_scene(seq, server_time, 0.0, 0, parts, ())
 
     def state(self) -> JsonObject:
         """Return the document `state`: run level of the machine, and the reason if the robot does not follow."""
-        m = self.mirror
-        one = {"level": m.level, "phase": "follow", "why": None, "problem": m.problem or None}
-        return wire.still(self._posed.bodies) | {"machines": {"view": "real", "mode": "", "robots": {m.name: one}}}
+        mirror = self.mirror
+        machine = {"level": mirror.level, "phase": "follow", "why": None, "problem": mirror.problem or None}
+        machines = {"view": "real", "mode": "", "robots": {mirror.name: machine}}
+        return wire.still(self._posed.bodies) | {"machines": machines}
 
     def welcome(self) -> list[JsonObject]:
         """Return no documents: a new client needs only the state."""

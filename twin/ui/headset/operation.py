@@ -62,7 +62,9 @@ class Operation(LiveConsole):
     device: Packets
     _device_type = Packets
 
-    replays, alone, version = False, False, wire.VERSION
+    replays = False
+    alone = False
+    version = wire.VERSION
 
     def __init__(self, loaded: LoadedScene, exercise: Exercise = NO_TASK) -> None:
         """Create the World with the robots at the places of the scene.
@@ -80,43 +82,58 @@ class Operation(LiveConsole):
         self.send: Callable[[JsonObject], object] = lambda document: None
         self._bends = Bends(self.feed)
         self._bends.send = lambda document: self.send(document)
-        bodies = {n: [b.name for b in m.mechanism.bodies] for n, m in self.shown.items()}
-        bases = {n: self._places[n].T_world_base for n in self.shown}
-        objects = {wire.OBJECTS: [item.name for item in self.objects]} if self.objects else {}
-        self._posed = Posed(bodies | objects, bases | {wire.OBJECTS: np.eye(4)})
-        self._tick, self._sent, self._seq = -1.0, float(-HEARTBEAT), 0
+        bodies: dict[str, list[str]] = {}
+        bases: dict[str, Array] = {}
+        for name, member in self.shown.items():
+            bodies[name] = [body.name for body in member.mechanism.bodies]
+            bases[name] = self._places[name].T_world_base
+        self._plans = PlanDocuments(self.planning, {name: bodies[name] for name in self.members})
+        if self.objects:
+            bodies[wire.OBJECTS] = [item.name for item in self.objects]
+            bases[wire.OBJECTS] = np.eye(4)
+        self._posed = Posed(bodies, bases)
+        self._tick = -1.0
+        self._tick_of_frame = float(-HEARTBEAT)
+        self._tick_of_deviations = float(-DEVIATIONS)
+        self._seq = 0
         self._shown: Array | None = None
         self._links: dict[str, dict[str, Array]] = {}
-        self._told: tuple[bytes, ...] = ()
+        self._sent_bends: tuple[bytes, ...] = ()
         self._forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
-        self._curve = -DEVIATIONS
-        self._plans = PlanDocuments(self.planning, {n: bodies[n] for n in self.members})
 
     @property
     def about(self) -> JsonObject:
         """The data of the console for the file /scene.json."""
-        table, tools = self.table, self.scene.tools
+        table = self.table
+        tools = []
+        for name, tool in self.scene.tools.items():
+            tools.append({"name": name, "title": tool.title, "kind": tool.kind, "does": DOES[tool.kind]})
         return {
-            "hands": {hand: list(getattr(table, hand)) for hand in HANDS},
+            "hands": {"right": list(table.right), "left": list(table.left)},
             "camera": table.camera,
             "scale": list(SCALE),
             "patience": self.device.patience,
             "fulcrum": bool(table.instrument_mm),
             "task": self.referee is not None,
             "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
-            "tools": [{"name": n, "title": t.title, "kind": t.kind, "does": DOES[t.kind]} for n, t in tools.items()],
+            "tools": tools,
         }
 
     @property
     def about_machines(self) -> JsonObject | None:
         """The data of the machines for the file /scene.json; None without machines."""
-        if self.machines is None or (t := self.scene.trainer) is None:
+        trainer = self.scene.trainer
+        if self.machines is None or trainer is None:
             return None
-        joints = {n: [[j.name, j.is_angle] for j in self.members[n].mechanism.active] for n in t.robots}
+        models = {}
+        joints = {}
+        for robot in trainer.robots:
+            models[robot] = robot + MODEL
+            joints[robot] = [[joint.name, joint.is_angle] for joint in self.members[robot].mechanism.active]
         return {
-            "models": {n: n + MODEL for n in t.robots},
+            "models": models,
             "joints": joints,
-            "limit": t.cue.tol_mm * MM,
+            "limit": trainer.cue.tol_mm * MM,
             "trains": True,
         }
 
@@ -124,7 +141,12 @@ class Operation(LiveConsole):
         """Return whether the gripper of a hand moves a joint of an arm or the jaws of a tool."""
         if self.task is not None and self.task.procedure is not None:
             return True
-        return any(self.members[n].kin.auxiliary.any() for n in getattr(self.table, hand))
+        arms = self.table.right if hand == "right" else self.table.left
+        for arm in arms:
+            has_auxiliary_joint = self.members[arm].kin.auxiliary.any()
+            if has_auxiliary_joint:
+                return True
+        return False
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -134,7 +156,11 @@ class Operation(LiveConsole):
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all active joints, "<robot>/<joint>"."""
-        return tuple(f"{n}/{j.name}" for n, m in self.shown.items() for j in m.mechanism.active)
+        names = []
+        for robot, member in self.shown.items():
+            for joint in member.mechanism.active:
+                names.append(f"{robot}/{joint.name}")
+        return tuple(names)
 
     def listen(self, host: str, port: int) -> None:
         """Receive the states of the hands by UDP at an address and a port (0: any free port).
@@ -171,7 +197,9 @@ class Operation(LiveConsole):
         `tick` is in units of 1 / RATE s and may have a fraction; `server_time` is the time of the frame in s on the
         monotonic clock.
         """
-        passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
+        passed = 0.0
+        if self._tick >= 0:
+            passed = (tick - self._tick) / RATE
         self._tick = tick
         scale = self.reading["scale"]
         for text in self.advance(passed):
@@ -183,42 +211,55 @@ class Operation(LiveConsole):
         self._send_deviations(tick)
         for document in self._plans.news():
             self.send(document)
-        poses = [self.world.signals[f"{item.name}.pose"] for item in self.objects]
-        row = np.concatenate([*(self.world.signals[f"{n}.q"] for n in self.shown), *poses])
+        row = self.state_row()
         moved = self._shown is None or not np.array_equal(row, self._shown)
         if moved:
             self._shown = row
             self._look()
         self._bends.follow(lambda: self._links, passed, self.world.t)
-        bent = self._bends.packed is not self._told
-        if not moved and not bent and tick - self._sent < HEARTBEAT:
+        bends = self._bends.packed
+        if not moved and bends is self._sent_bends and tick - self._tick_of_frame < HEARTBEAT:
             return None
-        self._sent, self._told = tick, self._bends.packed
+        self._tick_of_frame = tick
+        self._sent_bends = bends
+        seq = self._seq
         self._seq += 1
-        robots = [self._pack(name, server_time) for name in self._posed.bodies]
-        return pack_scene(self._seq - 1, server_time, self.world.t, 0, robots, self._bends.packed)
+        signals = self.world.signals
+        robots = []
+        for name in self._posed.bodies:
+            # the movable objects are sent as a robot without joints
+            q = signals[f"{name}.q"] if name in self.shown else np.zeros(0)
+            robots.append(self._posed.pack(name, seq, server_time, q))
+        return pack_scene(seq, server_time, self.world.t, 0, robots, bends)
 
     def _send_forces(self) -> None:
         """Send the forces on the hands to all clients if a force has changed."""
-        forces = {hand: [round(float(x), 3) + 0.0 for x in force] for hand, force in self.forces().items()}
+        forces = {}
+        for hand, force in self.forces().items():
+            forces[hand] = [round(float(component), 3) + 0.0 for component in force]  # + 0.0: no negative zero
         if forces != self._forces:
             self._forces = forces
             self.send({"type": "forces", **forces})
 
     def _send_deviations(self, tick: float) -> None:
         """Send the deviations of the machines from their models to all clients, 20 times a second."""
-        if self.machines is None or tick < self._curve + DEVIATIONS:
+        if self.machines is None or tick < self._tick_of_deviations + DEVIATIONS:
             return
-        self._curve = tick
-        robots = {
-            name: {"tip": round(d["tip"], 7), "joints": np.round(d["joints"], 6).tolist(), "cue": round(d["cue"], 4)}
-            for name, d in self.deviations().items()
-        }
+        self._tick_of_deviations = tick
+        robots = {}
+        for name, deviation in self.deviations().items():
+            robots[name] = {
+                "tip": round(deviation["tip"], 7),
+                "joints": np.round(deviation["joints"], 6).tolist(),
+                "cue": round(deviation["cue"], 4),
+            }
         self.send({"type": "deviations", "time": round(self.world.t, 3), "robots": robots})
 
     @property
     def _chunk(self) -> int:
-        return 1 if self.owner == UDP else super()._chunk  # a force acts for one step
+        if self.owner == UDP:
+            return 1  # a force acts for one step
+        return super()._chunk
 
     def _before_steps(self, parts: int) -> None:
         super()._before_steps(parts)
@@ -232,27 +273,32 @@ class Operation(LiveConsole):
 
     def _exchange(self, packets: PacketHands, parts: int) -> None:
         """Receive packets for the next steps of the World, and send the forces."""
-        t, udp = self.world.t, self.owner == UDP
+        t = self.world.t
+        udp = self.owner == UDP
         packets.socket.holder = None if udp or self.silent else self.owner
         if packets.socket.pump(t, parts):
             self.own(UDP)
         elif udp and packets.silent(t):
             self.release(UDP)
         if self.owner == UDP:
-            packets.answer([self.world.signals[f"{hand}.force"] for hand in HANDS], t)
+            forces = [self.world.signals[f"{hand}.force"] for hand in HANDS]
+            packets.answer(forces, t)
 
     def _look(self) -> None:
-        self._links = links = self.world.link_poses()
-        self._posed.look({**links, wire.OBJECTS: {item.name: links[item.name][item.name] for item in self.objects}})
+        """Read the poses of links and movable objects."""
+        self._links = self.world.link_poses()
+        objects = {item.name: self._links[item.name][item.name] for item in self.objects}
+        self._posed.look({**self._links, wire.OBJECTS: objects})
 
     def _publish(self) -> None:
         """Add the newest report to `files`."""
-        if (made := self.report()) is not None and made[1] is not None and REPORT.format(made[0]) not in self.files:
-            self.files[REPORT.format(made[0])] = File(made[1], "text/html; charset=utf-8", policy=_PAPER)
-
-    def _pack(self, name: str, server_time: float) -> bytes:
-        q = self.world.signals[f"{name}.q"] if name in self.shown else np.zeros(0)
-        return self._posed.pack(name, self._seq - 1, server_time, q)
+        report = self.report()
+        if report is None:
+            return
+        number, html, _ = report
+        path = REPORT.format(number)
+        if html is not None and path not in self.files:
+            self.files[path] = File(html, "text/html; charset=utf-8", policy=_PAPER)
 
     # -- requests of clients --------------------------------------------------------------------------
 
@@ -267,37 +313,49 @@ class Operation(LiveConsole):
             RefusedError: the request is refused; nothing has changed.
         """
         if isinstance(message, wire.ReleaseMessage):
-            return self.release(client)
+            self.release(client)
+            return
         try:
-            if isinstance(message, wire.HandsMessage):
-                return self._hands(client, message)
-            if isinstance(message, wire.ScaleMessage):
-                return self.rescale(client, message.value)
-            if isinstance(message, wire.TaskMessage):
-                return (self.restart if message.do == "restart" else self.end)(client)
-            if isinstance(message, wire.HapticsMessage):
-                return self.feel(client, message.on)
-            if isinstance(message, wire.FulcrumMessage):
-                return self.choose_fulcrum(client, message.mode)
-            if isinstance(message, wire.TrainingMessage):
-                return self.train(client, Mode[message.mode.upper()])
-            if isinstance(message, wire.ButtonMessage):
-                return self.press(client, message.button)
-            if isinstance(message, wire.PlanMessage):
-                return self.plan(client, message.do, message.hand)
-            if isinstance(message, wire.ToolMessage):
-                return self.take_tool(client, message.hand, message.name)
+            known = self._apply(client, message)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
         except TwinError as error:
             raise RefusedError("refused", str(error)) from None
-        raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
+        if not known:
+            raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
+
+    def _apply(self, client: str, message: wire.Message) -> bool:
+        """Apply a request to the console; return False if the request is not for a console."""
+        match message:
+            case wire.HandsMessage():
+                self._hands(client, message)
+            case wire.ScaleMessage():
+                self.rescale(client, message.value)
+            case wire.TaskMessage(do="restart"):
+                self.restart(client)
+            case wire.TaskMessage():
+                self.end(client)
+            case wire.HapticsMessage():
+                self.feel(client, message.on)
+            case wire.FulcrumMessage():
+                self.choose_fulcrum(client, message.mode)
+            case wire.TrainingMessage():
+                self.train(client, Mode[message.mode.upper()])
+            case wire.ButtonMessage():
+                self.press(client, message.button)
+            case wire.PlanMessage():
+                self.plan(client, message.do, message.hand)
+            case wire.ToolMessage():
+                self.take_tool(client, message.hand, message.name)
+            case _:
+                return False
+        return True
 
     def _hands(self, client: str, message: wire.HandsMessage) -> None:
-        states = [
-            HandState(k, message.clutch, message.camera, message.number, wire.pose_of(hand.pose), hand.grip)
-            for k, hand in enumerate((message.right, message.left))
-        ]
+        states = []
+        for k, hand in enumerate((message.right, message.left)):
+            pose = wire.pose_of(hand.pose)
+            states.append(HandState(k, message.clutch, message.camera, message.number, pose, hand.grip))
         self.give(client, *states)
 
     # -- documents ------------------------------------------------------------------------------------
@@ -308,13 +366,19 @@ class Operation(LiveConsole):
 
     def state(self) -> JsonObject:
         """Return the document `state`: controlled arms, arms at a limit, and the reason if nothing moves."""
+        document = wire.still(self.shown) | {"console": self.reading}
         machines = self.reading["machines"]
-        more = {} if machines is None else {"machines": machines}
-        return wire.still(self.shown) | {"console": self.reading} | more
+        if machines is not None:
+            document["machines"] = machines
+        return document
 
     def _read(self) -> JsonObject:
-        packets = None if self.packets is None else self.packets.state(self.world.t, self.world.signals)
-        return super()._read() | {"packets": packets, "mqtt": None if self.tablet is None else self.tablet.state}
+        reading = super()._read() | {"packets": None, "mqtt": None}
+        if self.packets is not None:
+            reading["packets"] = self.packets.state(self.world.t, self.world.signals)
+        if self.tablet is not None:
+            reading["mqtt"] = self.tablet.state
+        return reading
 
     def _warn(self, text: str) -> None:
         """Write a message to the log, and send it to all clients."""

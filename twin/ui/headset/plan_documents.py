@@ -9,6 +9,7 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.ui.headset.protocol import floats, sevens
 from twin.ui.session.plan_mode import PlanMode, Preview
+from twin.ui.session.plan_view import curve
 from twin.ui.session.plan_work import SHOWN
 
 
@@ -17,26 +18,33 @@ class PlanDocuments:
 
     def __init__(self, mode: PlanMode, bodies: Mapping[str, Sequence[str]]) -> None:
         """Set the planning mode; `bodies`: names of the bodies, by arm, in the order of the links in a frame."""
-        self._mode, self._bodies = mode, bodies
-        self._seen, self._parts = mode.changes, 0
+        self._mode = mode
+        self._bodies = bodies
+        self._changes = mode.changes
+        self._parts = 0
         self._ghost: Mapping[str, np.ndarray] = mode.ghost
         self._preview: Preview | None = None
 
     def news(self) -> list[JsonObject]:
         """Return the documents whose content has changed since the last call."""
-        mode, out = self._mode, []
-        if mode.changes == self._seen:
+        mode = self._mode
+        out: list[JsonObject] = []
+        if mode.changes == self._changes:
             return out
-        self._seen = mode.changes
+        self._changes = mode.changes
         if mode.ghost is not self._ghost:
             self._ghost = mode.ghost
             out.append(self._target())
-        if mode.preview is not self._preview:
-            self._preview, self._parts = mode.preview, 0
-            out.append(self._plan(mode.preview))
-        if (p := mode.preview) is not None and (parts := len(p.clear) + (p.proven is not None)) != self._parts:
-            self._parts = parts
-            out.append(self._clearance(p))
+        preview = mode.preview
+        if preview is not self._preview:
+            self._preview = preview
+            self._parts = 0
+            out.append(self._plan(preview))
+        if preview is not None:
+            parts = len(preview.clear) + (preview.proven is not None)
+            if parts != self._parts:
+                self._parts = parts
+                out.append(self._clearance(preview))
         return out
 
     def all(self) -> list[JsonObject]:
@@ -46,43 +54,55 @@ class PlanDocuments:
             return []
         out = [self._target()]
         if mode.preview is not None:
-            out += [self._plan(mode.preview), self._clearance(mode.preview)]
+            out.append(self._plan(mode.preview))
+            out.append(self._clearance(mode.preview))
         return out
 
     def _target(self) -> JsonObject:
+        robot = self._mode.robot
         ghost = self._mode.ghost
-        links = [ghost[n] for n in self._bodies.get(self._mode.robot, ())] if ghost else []
-        return {"type": "target", "robot": self._mode.robot, "poses": floats(_sevens(np.array(links)))}
+        links = []
+        if ghost:
+            links = [ghost[name] for name in self._bodies.get(robot, ())]
+        return {"type": "target", "robot": robot, "poses": floats(_sevens(np.array(links)))}
 
     def _plan(self, preview: Preview | None) -> JsonObject:
         robot = self._mode.robot
         if preview is None:
             return {"type": "plan", "robot": robot, "poses": "", "tip": "", "tree": "", "every": SHOWN, "duration": 0.0}
-        found = preview.found
-        rows = [found.links.index(n) for n in self._bodies[robot]]
-        tip = found.Ts[:: max(1, len(found.Ts) // 200), :3, 3]
+        motion = preview.found
+        columns = [motion.links.index(name) for name in self._bodies[robot]]
+        stride = max(1, len(motion.Ts) // 200)
         return {
             "type": "plan",
             "robot": robot,
-            "poses": floats(_sevens(found.shown[:, rows])),
-            "tip": floats(tip),
-            "tree": floats(found.tree),
+            "poses": floats(_sevens(motion.shown[:, columns])),
+            "tip": floats(motion.Ts[::stride, :3, 3]),
+            "tree": floats(motion.tree),
             "every": SHOWN,
-            "duration": found.duration,
+            "duration": motion.duration,
         }
 
     def _clearance(self, preview: Preview) -> JsonObject:
-        clear, proven = preview.clear, preview.proven
-        return {
+        times, distances = curve(preview)
+        document: JsonObject = {
             "type": "clearance",
             "robot": self._mode.robot,
-            "t": [round(float(t), 4) for c in clear for t in c.t],
-            "distance": [round(float(d), 6) for c in clear for d in c.distance],
-            "proven": None if proven is None else round(proven.proven, 6),
-            "found": None if proven is None else round(proven.found, 6),
-            "bodies": [] if proven is None else list(proven.bodies),
+            "t": [round(float(t), 4) for t in times],
+            "distance": [round(float(d), 6) for d in distances],
+            "proven": None,
+            "found": None,
+            "bodies": [],
         }
+        certificate = preview.proven
+        if certificate is not None:
+            document["proven"] = round(certificate.proven, 6)
+            document["found"] = round(certificate.found, 6)
+            document["bodies"] = list(certificate.bodies)
+        return document
 
 
 def _sevens(Ts: np.ndarray) -> np.ndarray:
-    return sevens(Ts) if Ts.size else np.zeros((0, 7))
+    if not Ts.size:
+        return np.zeros((0, 7))
+    return sevens(Ts)

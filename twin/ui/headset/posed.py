@@ -27,14 +27,25 @@ class Posed:
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, "<robot>/<link>"."""
-        return tuple(f"{robot}/{name}" for robot, names in self.bodies.items() for name in names)
+        links = []
+        for robot, names in self.bodies.items():
+            for name in names:
+                links.append(f"{robot}/{name}")
+        return tuple(links)
 
     def look(self, links: Mapping[str, Mapping[str, Array]]) -> None:
         """Store the link poses T_world_link (4, 4) of all robots, by robot and link."""
-        drawn = [self._T_base_world[n] @ np.stack([links[n][b] for b in names]) for n, names in self.bodies.items()]
-        counts = np.cumsum([len(Ts) for Ts in drawn])[:-1]
-        for name, poses in zip(self.bodies, np.split(wire.sevens(np.concatenate(drawn)), counts), strict=True):
-            self._sevens[name] = wire.near_signs(poses, self._sevens.get(name))
+        Ts_base_link = []
+        for robot, names in self.bodies.items():
+            Ts_world_link = np.stack([links[robot][name] for name in names])
+            Ts_base_link.append(self._T_base_world[robot] @ Ts_world_link)
+        # the poses of all robots are converted in one call, which is faster
+        poses = wire.sevens(np.concatenate(Ts_base_link))
+        first = 0
+        for robot, names in self.bodies.items():
+            last = first + len(names)
+            self._sevens[robot] = wire.near_signs(poses[first:last], self._sevens.get(robot))
+            first = last
 
     def pack(self, name: str, seq: int, server_time: float, q: Array) -> bytes:
         """Return the part of a scene's frame for the robot `name` with the active joint values q (n,).

@@ -31,8 +31,11 @@ LONGEST = 30 * 60
 LARGEST = 200_000_000
 """Maximum total size in bytes of the frames, documents and requests of a recording."""
 
-FILES, IN_ALL = 50, 1_000_000_000
-"""Maximum number of recordings by one server, and their maximum total size in bytes."""
+FILES = 50
+"""Maximum number of recordings by one server."""
+
+IN_ALL = 1_000_000_000
+"""Maximum total size in bytes of the recordings by one server."""
 
 _ENTRY = 64
 """Approximate overhead in bytes of each entry in the file."""
@@ -57,7 +60,10 @@ class StreamRecording:
         version: int = wire.ALONE,
     ) -> None:
         """Begin the first recording; in version `wire.VERSION`, `robot` is the scene's name, `links` are its links."""
-        self.path, self._stem, self._saved, self._written = Path(path), Path(path).stem, 0, 0
+        self.path = Path(path)
+        self._stem = self.path.stem
+        self._saved = 0
+        self._written = 0
         self._version = version
         self._of = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
         self.running = False
@@ -65,7 +71,9 @@ class StreamRecording:
 
     def begin(self, tick: int) -> None:
         """Begin a recording at a tick; an earlier recording must be finished."""
-        self.running, self._first, self._size = True, tick, 0
+        self.running = True
+        self._first = tick
+        self._size = 0
         self._frames: list[tuple[int, bytes]] = []
         self._documents: list[tuple[int, JsonObject]] = []
         self._requests: list[tuple[int, str, JsonObject]] = []
@@ -117,20 +125,34 @@ class StreamRecording:
             self.running = False
             return lambda: None
         self.running = False
-        path, frames, documents, requests = self.path, self._frames, self._documents, self._requests
+        # `write` may run while the next recording has begun
+        path = self.path
+        frames = self._frames
+        documents = self._documents
+        requests = self._requests
         self._saved += 1
-        self._written, self._size = self._written + self._size, 0
+        self._written += self._size
+        self._size = 0
         self.path = path.with_name(f"{self._stem}-{self._saved + 1}{path.suffix}")
 
         def write() -> None:
+            request_entries = []
+            for tick, client, message in requests:
+                request_entries.append({"tick": tick, "client": client, "message": message})
+            document_entries = []
+            for tick, document in documents:
+                document_entries.append({"tick": tick, "document": document})
+            frame_entries = []
+            for tick, frame in frames:
+                frame_entries.append({"tick": tick, "frame": base64.b64encode(frame).decode()})
             data = {
                 "schema": "twin-stream-session",
                 "version": self._version,
                 **self._of,
                 "rate": RATE,
-                "requests": [{"tick": t, "client": c, "message": m} for t, c, m in requests],
-                "documents": [{"tick": t, "document": d} for t, d in documents],
-                "frames": [{"tick": t, "frame": base64.b64encode(f).decode()} for t, f in frames],
+                "requests": request_entries,
+                "documents": document_entries,
+                "frames": frame_entries,
             }
             with atomic_folder(path.parent) as work:
                 (work / path.name).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
@@ -181,21 +203,30 @@ class Replay:
             where, what = first_mistake(error)
             raise TwinError(f"{path}: {where}: {what}; give a file written by --record") from error
         if (file.robot, file.model_hash) != (robot, model_hash):
-            what = f"of '{file.robot}'" if file.robot != robot else "of an earlier version of the robot"
+            what = "of an earlier version of the robot"
+            if file.robot != robot:
+                what = f"of '{file.robot}'"
             raise TwinError(f"{path}: the session is {what}, not of the present '{robot}': record it again")
+        self._frames: dict[int, bytes] = {}
+        unpack = wire.unpack if file.version == wire.ALONE else unpack_scene
         try:
-            self._frames = {f.tick: base64.b64decode(f.frame, validate=True) for f in file.frames}
+            for entry in file.frames:
+                self._frames[entry.tick] = base64.b64decode(entry.frame, validate=True)
+            # a frame that no client could read is refused before the replay
             for frame in self._frames.values():
-                (wire.unpack if file.version == wire.ALONE else unpack_scene)(frame)
+                unpack(frame)
         except (binascii.Error, TwinError) as error:
             raise TwinError(f"{path}: frames: {error}") from error
         self._documents: dict[int, list[JsonObject]] = {}
-        for d in file.documents:
-            self._documents.setdefault(d.tick, []).append(d.document)
+        for entry in file.documents:
+            self._documents.setdefault(entry.tick, []).append(entry.document)
         # A document may follow the last frame, because no frames are sent while the robot does not move.
-        self.last, self.version = max(self._frames.keys() | self._documents.keys()), int(file.version)
+        self.last = max(self._frames.keys() | self._documents.keys())
+        self.version = int(file.version)
         self.send: Callable[[JsonObject], object] = lambda document: None
-        self._at, self._running, self._begun = -1, False, False
+        self._at = -1
+        self._running = False
+        self._begun = False
         self._state: JsonObject = {"type": "state"}
         self._others: dict[tuple[str, str], JsonObject] = {}
 
@@ -223,8 +254,14 @@ class Replay:
 
     def welcome(self) -> list[JsonObject]:
         """Start the replay if this is the first client; return the last played document `path` of each robot."""
-        self._running, self._begun = self._running or not self._begun, True
-        return [d for (kind, _), d in self._others.items() if kind == "path"]
+        if not self._begun:
+            self._begun = True
+            self._running = True
+        paths = []
+        for (kind, _), document in self._others.items():
+            if kind == "path":
+                paths.append(document)
+        return paths
 
     def ask(self, client: str, message: wire.Message) -> None:
         """Play, pause or seek; refuse other requests.

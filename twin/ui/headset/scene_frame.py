@@ -67,8 +67,12 @@ def pack_field(vertices: Array) -> bytes:
     v = np.asarray(vertices, float).reshape(-1, 3)
     if len(v) > VERTICES:
         raise TwinError(f"a deformable of {len(v)} vertices exceeds the maximum of {VERTICES}: send a coarser surface")
-    low = (v.min(axis=0) if len(v) else np.zeros(3)).astype("<f4")
-    step = ((v.max(axis=0) - low) / LEVELS if len(v) else np.zeros(3)).astype("<f4")
+    low = np.zeros(3, "<f4")
+    step = np.zeros(3, "<f4")
+    if len(v):
+        low = v.min(axis=0).astype("<f4")
+        # the largest value is quantised from the rounded `low`, from which a client computes it back
+        step = ((v.max(axis=0) - low) / LEVELS).astype("<f4")
     parts = np.divide(v - low, step, out=np.zeros_like(v), where=step > 0)
     levels = np.clip(np.rint(parts), 0, LEVELS).astype("<u2").tobytes()
     return _BOX.pack(len(v), *low.tolist(), *step.tolist()) + levels + bytes(-len(levels) % 4)
@@ -85,7 +89,9 @@ def unpack_scene(data: bytes) -> SceneFrame:
     magic, seq, server_time, time, robots, fields, flags = _HEADER.unpack_from(data)
     if magic != MAGIC:
         raise TwinError(f"frame of a scene: begins with {magic:#010x}, not with {MAGIC:#010x}")
-    at, parts, bends = _HEADER.size, [], []
+    at = _HEADER.size
+    parts = []
+    bends = []
     for _ in range(robots):
         end = at + wire.size_of(data[at:])
         parts.append(wire.unpack(data[at:end]))
@@ -99,7 +105,8 @@ def unpack_scene(data: bytes) -> SceneFrame:
         if n > VERTICES or len(data) < end:
             raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} with {n} vertices ends at byte {end}")
         levels = np.frombuffer(data, "<u2", 3 * n, at).reshape(n, 3)
-        low, step = np.array(box[:3], np.float32), np.array(box[3:], np.float32)
+        low = np.array(box[:3], np.float32)
+        step = np.array(box[3:], np.float32)
         bends.append(low + step * levels.astype(np.float32))
         at = end
     if at != len(data):
@@ -113,4 +120,6 @@ def unpack_any(data: bytes) -> wire.RobotFrame | SceneFrame:
     Raises:
         TwinError: the message is not a valid frame of a robot or of a scene.
     """
-    return unpack_scene(data) if data[:4] == MAGIC.to_bytes(4, "little") else wire.unpack(data)
+    if data[:4] == MAGIC.to_bytes(4, "little"):
+        return unpack_scene(data)
+    return wire.unpack(data)

@@ -23,7 +23,7 @@ from twin.model.trainer import MODEL
 from twin.ui.access.responses import File
 from twin.ui.headset import files
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.description import describe, numbers, pose
+from twin.ui.headset.description import assumptions, describe, numbers, pose
 from twin.ui.headset.live import Live
 from twin.ui.headset.twin import Twin
 from twin.ui.session.desk import Desk
@@ -40,7 +40,11 @@ if TYPE_CHECKING:
 _ROBOTS = "robots/{}/"
 """URL path of the folder with the files of a robot in a scene; {} is the name of the robot's place."""
 
-_PROPS, _OBJECTS = "props.glb", "objects.glb"
+_PROPS = "props.glb"
+_OBJECTS = "objects.glb"
+
+_FOLLOWS = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
+"""Entries of robot.json that a robot lacks if clients cannot move it alone."""
 
 Endpoint = tuple[str, int]
 """Host and port."""
@@ -69,7 +73,8 @@ class Served:
     @property
     def hello(self) -> JsonObject:
         """Entries of the first document `hello` for a client: name of the robot or scene, and hash of the geometry."""
-        return {"robot" if self.live.alone else "scene": self.name, "model_hash": self.model_hash}
+        kind = "robot" if self.live.alone else "scene"
+        return {kind: self.name, "model_hash": self.model_hash}
 
 
 def of_robot(
@@ -85,7 +90,10 @@ def of_robot(
     twin = Twin(robot, source, protocol, plans, clock)
     about = twin.description
     own = files.robot_files(glb_bytes(robot.mechanism), about)
-    own |= files.patient_files({n: glb_bytes(p.mechanism, (), p.poses) for n, p in twin.patients.items()})
+    patients = {}
+    for name, patient in twin.patients.items():
+        patients[name] = glb_bytes(patient.mechanism, (), patient.poses)
+    own |= files.patient_files(patients)
     scene = _describe(robot.name, about["title"], [{**about, "files": "", "ports": []}], feed)
     scene["model_hash"] = about["model_hash"]
     own |= files.scene_file(scene)
@@ -99,8 +107,11 @@ def of_scene(loaded: LoadedScene, plans: bool = True) -> Served:
     `plans`: whether the robots plan and play their protocols.
     """
     clock = Clock()
-    twins = [Twin(loaded.robots[p.name], p.robot, p.protocol, plans, clock, p) for p in loaded.scene.places]
-    return _placed(loaded, Live(twins, clock, loaded.feed), [t.description for t in twins])
+    twins = []
+    for place in loaded.scene.places:
+        twins.append(Twin(loaded.robots[place.name], place.robot, place.protocol, plans, clock, place))
+    live = Live(twins, clock, loaded.feed)
+    return _placed(loaded, live, [twin.description for twin in twins])
 
 
 def of_console(
@@ -126,23 +137,30 @@ def of_console(
     # It imports MuJoCo and the simulation, which a single robot does not need.
     from twin.ui.headset.operation import Operation
 
-    operation, scene, robots = Operation(loaded, exercise), loaded.scene, loaded.robots
+    operation = Operation(loaded, exercise)
+    scene = loaded.scene
+    robots = dict(loaded.robots)
     if loaded.machines is not None:
-        robots = {**robots, **{p.name: robots[p.name.removesuffix(MODEL)] for p in scene.models}}
+        for model in scene.models:
+            robots[model.name] = robots[model.name.removesuffix(MODEL)]
         scene = replace(scene, places=(*scene.places, *scene.models))
+    if topic is None:
+        topic = f"twin/{scene.name}/scale"
     try:
         if packets is not None:
             operation.listen(*packets)
         if mqtt is not None:
-            operation.connect(*mqtt, f"twin/{scene.name}/scale" if topic is None else topic)
+            operation.connect(*mqtt, topic)
     except TwinError:
         operation.close()
         raise
-    about = [describe(robots[p.name], Desk(robots[p.name]), {}, {}, p) for p in scene.places]
-    nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
-    props = alignment.beside(loaded.props, None if exercise.task is None else exercise.task.alignment)
-    shown = LoadedScene(scene, robots, props, operation.feed)
-    return _placed(shown, operation, [a | nothing for a in about])
+    about = []
+    for place in scene.places:
+        robot = robots[place.name]
+        about.append(describe(robot, Desk(robot), {}, {}, place) | _FOLLOWS)
+    goal = None if exercise.task is None else exercise.task.alignment
+    props = alignment.beside(loaded.props, goal)
+    return _placed(LoadedScene(scene, robots, props, operation.feed), operation, about)
 
 
 def of_mirror(mirror: Mirror) -> Served:
@@ -150,60 +168,80 @@ def of_mirror(mirror: Mirror) -> Served:
     from twin.exchange.formats.glb.write import glb_bytes
     from twin.ui.headset.mirrored import Mirrored
 
-    robot, own, placed = mirror.robot, {}, []
-    glb, live = glb_bytes(robot.mechanism), Mirrored(mirror)
-    nothing = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
+    robot = mirror.robot
+    glb = glb_bytes(robot.mechanism)
+    live = Mirrored(mirror)
+    own: dict[str, File] = {}
+    robots = []
+    preload = []
     for name in (mirror.name, mirror.ghost):
         folder = _ROBOTS.format(name)
         place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
-        one = describe(robot, Desk(robot), {}, {}, place) | nothing
-        own |= files.robot_files(glb, one, folder)
-        placed.append({**one, "files": folder, "ports": []})
-    described = _describe(mirror.name, f"{placed[0]['title']}: its machine", placed, None)
+        about = describe(robot, Desk(robot), {}, {}, place) | _FOLLOWS
+        own |= files.robot_files(glb, about, folder)
+        robots.append({**about, "files": folder, "ports": []})
+        preload.append(f"{folder}robot.glb")
+    described = _describe(mirror.name, f"{robots[0]['title']}: its machine", robots, None)
     described["machines"] = live.about_machines
-    text = json.dumps(described, sort_keys=True).encode()
-    described["model_hash"] = "sha256:" + hashlib.sha256(text).hexdigest()
+    described["model_hash"] = _hash_of(described)
     own |= files.scene_file(described)
-    preload = tuple(f"{_ROBOTS.format(n)}robot.glb" for n in (mirror.name, mirror.ghost))
-    return Served(live, mirror.name, described["model_hash"], own, preload)
+    return Served(live, mirror.name, described["model_hash"], own, tuple(preload))
 
 
 def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[JsonObject]) -> Served:
+    """Return the content for robots at their places; `about`: content of robot.json of each robot."""
     from twin.exchange.formats.glb.write import glb_bytes
 
-    scene, robots, props, own, placed = loaded.scene, loaded.robots, loaded.props, {}, []
-    for place, one in zip(scene.places, about, strict=True):
+    scene = loaded.scene
+    own: dict[str, File] = {}
+    robots = []
+    preload = []
+    for place, about_robot in zip(scene.places, about, strict=True):
         folder = _ROBOTS.format(place.name)
-        own |= files.robot_files(glb_bytes(robots[place.name].mechanism), one, folder)
-        placed.append({**one, "files": folder, "ports": _ports(place)})
-    described = _describe(scene.name, scene.title, placed, loaded.feed)
-    described["cameras"] = _cameras(scene, robots)
-    if not isinstance(live, Live) and live.task is not None and (a := live.task.alignment) is not None:
-        next(c for c in described["cameras"] if c["name"] == live.table.camera)["line"] = a.line
-    described["assumed"] = [f"{p.name}: {p.note}" for p in scene.parameters if p.provenance == "ASSUMED"]
+        own |= files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), about_robot, folder)
+        robots.append({**about_robot, "files": folder, "ports": _ports(place)})
+        preload.append(f"{folder}robot.glb")
+    described = _describe(scene.name, scene.title, robots, loaded.feed)
+    described["cameras"] = _cameras(scene, loaded.robots)
+    described["assumed"] = assumptions(scene.parameters)
+    late: dict[str, File] = {}
     if not isinstance(live, Live):
+        late = live.files
+        if live.task is not None and live.task.alignment is not None:
+            for camera in described["cameras"]:
+                if camera["name"] == live.table.camera:
+                    camera["line"] = live.task.alignment.line
         described["console"] = live.about
-        if (machines := live.about_machines) is not None:
+        machines = live.about_machines
+        if machines is not None:
             described["machines"] = machines
         if live.objects:
-            glb = glb_bytes(together(live.objects, wire.OBJECTS))
-            own |= files.glb_file(_OBJECTS, glb)
+            own |= files.glb_file(_OBJECTS, glb_bytes(together(live.objects, wire.OBJECTS)))
             described["objects"] = {"file": _OBJECTS, "names": [item.name for item in live.objects]}
-    preload = [f"{_ROBOTS.format(p.name)}robot.glb" for p in scene.places]
+    props = loaded.props
     if props is not None:
         glb = glb_bytes(props)
         own |= files.glb_file(_PROPS, glb)
         digest = hashlib.sha256(glb).hexdigest()
         described["props"] = {"name": props.name, "file": _PROPS, "sha256": digest}
         preload.append(_PROPS)
-    text = json.dumps(described, sort_keys=True).encode()
-    described["model_hash"] = "sha256:" + hashlib.sha256(text).hexdigest()
+    described["model_hash"] = _hash_of(described)
     own |= files.scene_file(described)
-    late = {} if isinstance(live, Live) else live.files
     return Served(live, scene.name, described["model_hash"], own, tuple(preload), late)
 
 
+def _hash_of(described: JsonObject) -> str:
+    """Return the hash of the content of scene.json, with which a client notices another geometry."""
+    text = json.dumps(described, sort_keys=True).encode()
+    return "sha256:" + hashlib.sha256(text).hexdigest()
+
+
 def _describe(name: str, title: str, robots: Sequence[JsonObject], feed: Feed | None) -> JsonObject:
+    """Return the content of scene.json for robots, without cameras, props and console."""
+    fields = []
+    if feed is not None:
+        for field_name, surface in feed.surfaces.items():
+            fields.append(_field(field_name, surface))
     return {
         "schema": "twin-scene",
         "version": 1,
@@ -213,7 +251,7 @@ def _describe(name: str, title: str, robots: Sequence[JsonObject], feed: Feed | 
         "robots": list(robots),
         "props": None,
         "cameras": [],
-        "fields": [] if feed is None else [_field(n, s) for n, s in feed.surfaces.items()],
+        "fields": fields,
         "assumed": [],
     }
 
@@ -230,27 +268,34 @@ def _field(name: str, surface: FieldSurface) -> JsonObject:
 
 def _ports(place: Place) -> list[JsonObject]:
     """Return the ports in the patient that a robot uses, with positions in the robot's base frame."""
-    T = spatial.inverse(place.T_world_base)
-    return [
-        {"trocar": trocar, "name": place.ports[trocar], "at": numbers((T @ np.append(p, 1.0))[:3])}
-        for trocar, p in place.p_world_ports.items()
-    ]
+    T_base_world = spatial.inverse(place.T_world_base)
+    entries = []
+    for trocar, p_world in place.p_world_ports.items():
+        p_base = (T_base_world @ np.append(p_world, 1.0))[:3]
+        entries.append({"trocar": trocar, "name": place.ports[trocar], "at": numbers(p_base)})
+    return entries
 
 
 def _cameras(scene: Scene, robots: Mapping[str, Robot]) -> list[JsonObject]:
-    out = []
+    """Return the cameras of a scene.
+
+    Raises:
+        TwinError: a robot lacks the frame of its camera.
+    """
+    entries = []
     for name, camera in scene.cameras.items():
-        frame = next((f for f in robots[camera.robot].mechanism.frames if f.name == camera.frame), None)
+        frames = {frame.name: frame for frame in robots[camera.robot].mechanism.frames}
+        frame = frames.get(camera.frame)
         if frame is None:
             raise TwinError(f"{scene.file}: camera '{name}': {camera.robot} has no frame '{camera.frame}'")
-        out.append(
-            {
-                "name": name,
-                "robot": camera.robot,
-                "link": frame.body,
-                "T_link_camera": pose(frame.T_body_frame @ camera.in_frame),
-                "view": camera.view_deg * DEG,
-                **({} if (s := camera.stereo) is None else {"stereo": [s.baseline_mm * MM, s.converge_mm * MM]}),
-            }
-        )
-    return out
+        entry = {
+            "name": name,
+            "robot": camera.robot,
+            "link": frame.body,
+            "T_link_camera": pose(frame.T_body_frame @ camera.in_frame),
+            "view": camera.view_deg * DEG,
+        }
+        if camera.stereo is not None:
+            entry["stereo"] = [camera.stereo.baseline_mm * MM, camera.stereo.converge_mm * MM]
+        entries.append(entry)
+    return entries

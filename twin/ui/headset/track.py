@@ -54,7 +54,9 @@ def path(track: StreamedPlayback | None) -> JsonObject:
 
 def number(value: float | None) -> float | None:
     """Return a number for JSON; None if it is not finite."""
-    return float(f"{value:.9g}") if value is not None and np.isfinite(value) else None
+    if value is None or not np.isfinite(value):
+        return None
+    return float(f"{value:.9g}")
 
 
 def trocars(desk: Desk, playback: Playback | None, time: float) -> list[JsonObject]:
@@ -62,16 +64,19 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[JsonObje
 
     The error is the distance from the trocar to the shaft axis. The depth is the insertion depth of the tip.
     """
-    found = () if playback is None else in_trocars(desk, rcm_at(playback, time))
-    return [
-        {
-            "name": t.name,
-            "at": [number(v) for v in t.place],
-            "error_m": number(t.error),
-            "depth_m": number(t.depth),
-        }
-        for t in found
-    ]
+    if playback is None:
+        return []
+    entries = []
+    for trocar in in_trocars(desk, rcm_at(playback, time)):
+        entries.append(
+            {
+                "name": trocar.name,
+                "at": [number(coordinate) for coordinate in trocar.place],
+                "error_m": number(trocar.error),
+                "depth_m": number(trocar.depth),
+            }
+        )
+    return entries
 
 
 def apart(shown: DisplayedState, links: tuple[str, ...], tool: JsonMapping) -> float | None:
@@ -88,13 +93,23 @@ def measured(reading: RobotReading | None, ghost: float | None) -> JsonObject:
     With a ghost, the residual in the document is `ghost`. Without a ghost, the residual is the largest difference, a
     length or an angle, between equations and mechanism.
     """
-    residual = None if reading is None or ghost is not None else reading.residual
-    length = ghost if residual is None or residual.is_angle else residual.size
-    return {
-        "gap_m": None if reading is None else number(reading.gap),
-        "residual_m": number(length),
-        "residual_rad": number(residual.size) if residual is not None and residual.is_angle else None,
-        "scope": None if ghost is not None or reading is None else reading.scope or None,
-        "rcm_error_m": None if reading is None else number(reading.rcm_error),
-        "depth_m": None if reading is None else number(reading.depth),
+    out: JsonObject = {
+        "gap_m": None,
+        "residual_m": number(ghost),
+        "residual_rad": None,
+        "scope": None,
+        "rcm_error_m": None,
+        "depth_m": None,
     }
+    if reading is None:
+        return out
+    out["gap_m"] = number(reading.gap)
+    out["rcm_error_m"] = number(reading.rcm_error)
+    out["depth_m"] = number(reading.depth)
+    if ghost is not None:
+        return out
+    out["scope"] = reading.scope or None
+    residual = reading.residual
+    if residual is not None:
+        out["residual_rad" if residual.is_angle else "residual_m"] = number(residual.size)
+    return out

@@ -29,6 +29,7 @@ from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
 from twin.ui.session.desk import Desk, MoveResult
 from twin.ui.session.instruments import RobotReading
+from twin.ui.session.patient import Patient
 from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
 from twin.ui.session.trocars import rcm_at
 
@@ -67,14 +68,17 @@ class Twin:
             place: the robot's place in a scene, which has its own surroundings. None: there is no scene, and the
                 patients of the robot's protocols can be shown.
         """
-        self.robot, self.source, self.place = robot, source, place
+        self.robot = robot
+        self.source = source
+        self.place = place
         self.send: Callable[[JsonObject], object] = lambda document: None
         self.planned: Callable[[], object] = lambda: None
         self.desk = Desk(robot)
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock() if clock is None else clock
         self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
-        self._ghost, self._reach = Ghost(self.desk), ReachablePoints(self.desk, source)
+        self._ghost = Ghost(self.desk)
+        self._reach = ReachablePoints(self.desk, source)
         self._hold: ClientHold | None = None
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
@@ -83,16 +87,28 @@ class Twin:
         self._wanted = ""
         self._reading: RobotReading | None = None
         self._failed = ""
-        self._tick, self._looked = -1, -LOOK
-        self._moved, self._wish = -1, None
+        self._tick = -1.0
+        self._tick_of_reading = -float(LOOK)
+        self._tick_of_move = -1.0
+        self._wish: Callable[[], MoveResult] | None = None
         self._shown = self._of(self.desk.assembly, None)
-        self.patients = {} if place is not None else description.patients_of(robot, self.desk, self._protocols)
+        self.patients: dict[str, Patient] = {}
+        if place is None:
+            self.patients = description.patients_of(robot, self.desk, self._protocols)
         self.description = description.describe(robot, self.desk, self._protocols, self.patients, place)
-        first = next((n for n, p in self._protocols.items() if p == protocol), None)
-        if first is None:
-            first = next((p["name"] for p in self.description["protocols"] if p["is_default"]), None)
+        first = self._first_protocol(protocol)
         if first is not None and plans:
             self._plan(first)
+
+    def _first_protocol(self, protocol: str | None) -> str | None:
+        """Return the name of the initial protocol, or of the default one; None if there is neither."""
+        for name, source in self._protocols.items():
+            if source == protocol:
+                return name
+        for about in self.description["protocols"]:
+            if about["is_default"]:
+                return about["name"]
+        return None
 
     def close(self) -> None:
         """End all processes and threads."""
@@ -114,16 +130,18 @@ class Twin:
 
     def look(self) -> None:
         """Update the readings every `LOOK` ticks, and send new workspace points."""
-        if self._tick - self._looked >= LOOK:
-            self._looked = self._tick
+        if self._tick - self._tick_of_reading >= LOOK:
+            self._tick_of_reading = self._tick
             self._look()
         for document in self._reach.poll():
             self.send(document)
 
     def pose_of(self, link: str) -> Array:
         """Return T_world_link (4, 4) of a link as it is displayed."""
-        T = wire.pose_of(self._shown.poses[self.links.index(link)])
-        return T if self.place is None else self.place.T_world_base @ T
+        T_base_link = wire.pose_of(self._shown.poses[self.links.index(link)])
+        if self.place is None:
+            return T_base_link
+        return self.place.T_world_base @ T_base_link
 
     @property
     def content_key(self) -> tuple[Any, ...]:
@@ -139,24 +157,32 @@ class Twin:
     @property
     def duration(self) -> float:
         """Duration of the protocol in s; 0 without a protocol."""
-        return 0.0 if self._track is None else self._track.playback.duration
+        if self._track is None:
+            return 0.0
+        return self._track.playback.duration
 
     @property
     def why_not(self) -> str:
         """Reason why there is no protocol to play; "" if there is a protocol."""
         if self._track is not None:
             return ""
-        return "the protocol is being planned" if self._planner is not None else self._failed or "none is loaded"
+        if self._planner is not None:
+            return "the protocol is being planned"
+        return self._failed or "none is loaded"
 
     @property
     def name(self) -> str:
         """Name of the robot's place in the scene; without a scene, the robot's own name."""
-        return self.robot.name if self.place is None else self.place.name
+        if self.place is None:
+            return self.robot.name
+        return self.place.name
 
     @property
     def called(self) -> str:
         """Name of the robot in messages: the name of its place in a scene, else "the robot"."""
-        return "the robot" if self.place is None else self.place.name
+        if self.place is None:
+            return "the robot"
+        return self.place.name
 
     @property
     def clip_time(self) -> float:
@@ -181,7 +207,9 @@ class Twin:
     @property
     def holder(self) -> str | None:
         """Identifier of the client that holds the robot; None: no client."""
-        return None if self._hold is None else self._hold.client
+        if self._hold is None:
+            return None
+        return self._hold.client
 
     def ask(self, client: str, message: wire.RobotMessage) -> None:
         """Handle a request of a client.
@@ -190,24 +218,26 @@ class Twin:
             RefusedError: the request is refused; nothing has changed.
         """
         if isinstance(message, wire.DragMessage):
-            return self._drag(client, message)
-        if isinstance(message, wire.ReleaseMessage):
-            return self.release(client)
-        if isinstance(message, wire.VariantMessage):
-            return self._variant(message.name)
-        if isinstance(message, wire.WorkspaceMessage):
-            return self._reach.ask(message.on)
-        self.leave_to(client)
-        if isinstance(message, wire.GrabMessage):
-            return self._grab(client, message)
-        if isinstance(message, wire.PostureMessage):
+            self._drag(client, message)
+        elif isinstance(message, wire.ReleaseMessage):
+            self.release(client)
+        elif isinstance(message, wire.VariantMessage):
+            self._variant(message.name)
+        elif isinstance(message, wire.WorkspaceMessage):
+            self._reach.ask(message.on)
+        elif isinstance(message, wire.GrabMessage):
+            self.leave_to(client)
+            self._grab(client, message)
+        elif isinstance(message, wire.PostureMessage):
+            self.leave_to(client)
             self._posture(message.name)
+            self.let_go(client)
         else:
+            self.leave_to(client)
             if message.name not in self._protocols:
                 raise RefusedError("unknown", unknown("protocol", message.name, self._protocols))
             self._plan(message.name)
-        self.let_go(client)
-        return None
+            self.let_go(client)
 
     def leave_to(self, client: str) -> None:
         """Check that no other client holds the robot.
@@ -225,7 +255,7 @@ class Twin:
 
     def release(self, client: str) -> None:
         """Release the robot if this client holds it, and clear the message about the last refused request."""
-        if self._hold is not None and self._hold.client == client:
+        if self.holder == client:
             self._hold = None
             self._shown = replace(self._shown, reason="")
             self._worker.ask("let go", self.desk.let_go, lambda _: None)
@@ -239,11 +269,15 @@ class Twin:
 
     def _leave_track(self) -> None:
         """Stop playing, and set the desk to the present pose of the protocol."""
-        self.clock.playing, self._wish = False, None
+        self.clock.playing = False
+        self._wish = None
         self._worker.drop("look", "move")
         if self._track is None or self._sample is None:
             return
-        track, k, desk = self._track, self._sample, self.desk
+        # the job runs later, when these attributes may have changed
+        track = self._track
+        k = self._sample
+        desk = self.desk
         self._sample = None
 
         def job() -> None:
@@ -252,12 +286,10 @@ class Twin:
         self._worker.ask("settle", job, lambda _: None)
 
     def _drag(self, client: str, message: wire.DragMessage) -> None:
-        hold = self._hold
-        if hold is not None and hold.client != client:
-            raise RefusedError("held", f"{hold.client} holds {self.called}")
-        if hold is None:
+        self.leave_to(client)
+        if self._hold is None:
             raise RefusedError("not_held", "grab first, then drag")
-        self._move(move_of(hold, message, self.desk))
+        self._move(move_of(self._hold, message, self.desk))
 
     def _posture(self, name: str) -> None:
         if name not in self.desk.postures:
@@ -285,19 +317,21 @@ class Twin:
 
     def _move(self, move: Callable[[], MoveResult]) -> None:
         """Execute the newest request for a move of the desk, at most one per tick, and display the result."""
-        if self._moved == self._tick:  # only one solution is displayed per tick
+        if self._tick_of_move == self._tick:  # only one solution is displayed per tick
             self._wish = move
             return
-        self._moved, self._wish = self._tick, None
+        self._tick_of_move = self._tick
+        self._wish = None
         hold = self._hold
 
         def job() -> tuple[DisplayedState, bool]:
-            moved = move()
-            reason = "" if moved.more else moved.reason
-            return self._of(self.desk.assembly, self._ghost.here(), reason), moved.more
+            result = move()
+            # a move that continues has not been refused
+            reason = "" if result.more else result.reason
+            return self._of(self.desk.assembly, self._ghost.here(), reason), result.more
 
-        def done(found: tuple[DisplayedState, bool]) -> None:
-            shown, more = found
+        def done(result: tuple[DisplayedState, bool]) -> None:
+            shown, more = result
             if hold is not None and self._hold is not hold:  # already released: ignore the refused target
                 shown = replace(shown, reason="")
             elif more and self._wish is None and self._sample is None:
@@ -313,7 +347,7 @@ class Twin:
 
     def _show(self, shown: DisplayedState) -> None:
         """Display a state, with each quaternion's sign chosen for continuity with the previously displayed state."""
-        last = getattr(self, "_shown", shown)
+        last = self._shown
         ghost = shown.ghost
         if ghost is not None and last.ghost is not None:
             ghost = wire.near_signs(ghost[None], last.ghost[None])[0]
@@ -332,20 +366,26 @@ class Twin:
         if track is None:
             return
         k = int(np.clip(round(self.clock.time * RATE), 0, len(track.playback.t) - 1))
-        self._sample, self._wish = k, None
+        self._sample = k
+        self._wish = None
         self._worker.drop("move")
         self._show(DisplayedState(track.poses[k], track.playback.q[k], self._ghost.at(k)))
 
     def _look(self) -> None:
-        track, k, time = self._track, self._sample, self.clock.time
         if self._worker.waits("look"):
             return
+        # the job runs later, when these attributes may have changed
+        track = self._track
+        k = self._sample
+        time = self.clock.time
         desk = self.desk
 
         def job() -> RobotReading:
-            if track is not None and k is not None:
+            if track is None:
+                return instruments.read(desk)
+            if k is not None:
                 desk.show(desk.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
-            return instruments.read(desk, None if track is None else rcm_at(track.playback, time))
+            return instruments.read(desk, rcm_at(track.playback, time))
 
         def done(reading: RobotReading) -> None:
             self._reading = reading
@@ -374,7 +414,8 @@ class Twin:
         if self._planner is not None:
             self._planner.close()
         self.clock.playing = False
-        self._wanted, self._failed = name, ""
+        self._wanted = name
+        self._failed = ""
         self._planner = Planner(self.source, self._protocols[name])
 
     def _take_plan(self) -> None:
@@ -386,15 +427,17 @@ class Twin:
             self._failed = str(answer)
             self._failure(f"{self._wanted}: {answer}")
             return
-        playback, desk = answer, self.desk
+        playback = answer
+        desk = self.desk
 
         def job() -> StreamedPlayback:
-            protocol = (robot := self.robot).protocol(self._protocols[playback.protocol])
-            if (bound := robot.bound(protocol)) is not desk.robot:
+            protocol = self.robot.protocol(self._protocols[playback.protocol])
+            bound = self.robot.bound(protocol)
+            if bound is not desk.robot:
                 desk.bind(bound)
             desk.speak_of(protocol)
             links = desk.model.link_poses(playback.x)
-            poses = np.stack([wire.sevens(links[n]) for n in self.links], axis=1)
+            poses = np.stack([wire.sevens(links[name]) for name in self.links], axis=1)
             self._ghost.follow(playback)
             return StreamedPlayback(playback, poses)
 
@@ -411,21 +454,31 @@ class Twin:
 
     def state(self) -> JsonObject:
         """Return the robot's part of the document `state`."""
-        playback = None if self._track is None else self._track.playback
+        playback = None
+        protocol = None
+        phases: list[list[Any]] = []
+        phase = None
+        if self._track is not None:
+            playback = self._track.playback
+            protocol = playback.protocol
+            phases = [list(phase) for phase in playback.phases]
+            if self._sample is not None:
+                phase = playback.phase(self.clip_time)
         shown = self._shown
-        inside = trocars(self.desk, playback, self.clock.time)
+        distance_to_ghost = apart(shown, self.links, self.description["tool"])
+        trocar_entries = trocars(self.desk, playback, self.clock.time)
         return {
             "time": self.clip_time,
             "duration": self.duration,
-            "protocol": None if playback is None else playback.protocol,
-            "phases": [] if playback is None else [list(p) for p in playback.phases],
-            "phase": None if playback is None or self._sample is None else playback.phase(self.clip_time),
+            "protocol": protocol,
+            "phases": phases,
+            "phase": phase,
             "planning": self._wanted if self._planner is not None else None,
             "holder": self.holder,
             "reason": shown.reason or self._failed or None,
-            **measured(self._reading, apart(shown, self.links, self.description["tool"])),
-            "rcm": inside[0]["at"] if inside else None,
-            "trocars": inside,
+            **measured(self._reading, distance_to_ghost),
+            "rcm": trocar_entries[0]["at"] if trocar_entries else None,
+            "trocars": trocar_entries,
             "variant": self._ghost.name,
             "workspace": self._reach.on,
             "postures": list(self.desk.postures),

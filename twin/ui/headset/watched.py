@@ -20,8 +20,11 @@ from twin.ui.headset import protocol as wire
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.feed import FieldSurface
 
-_AGAIN, _PATIENCE = 1.0, 10.0
-"""Times in s: pause between two attempts to connect; maximum time until the server answers."""
+_PAUSE = 1.0
+"""Time in s between two attempts to connect."""
+
+_PATIENCE = 10.0
+"""Maximum time in s until the server answers."""
 
 
 class Watched:
@@ -41,18 +44,25 @@ class Watched:
         Raises:
             TwinError: no server answers, or the server shows a different scene.
         """
-        self._port, self._scene, self.problem = port, scene, ""
+        self._port = port
+        self._scene = scene
+        self.problem = ""
         self.reading: JsonObject | None = None
         self._frame: bytes | None = None
         self._stop = threading.Event()
         about = self._about()
         self._model = about["model_hash"]
-        self._links = {r["name"]: r["links"] for r in about["robots"]}
+        self._links: dict[str, Sequence[str]] = {}
+        for robot in about["robots"]:
+            self._links[robot["name"]] = robot["links"]
         self.robots: Sequence[str] = tuple(self._links)
         self.objects: Sequence[str] = tuple(about.get("objects", {}).get("names", ()))
         if self.objects:
             self._links[wire.OBJECTS] = self.objects
-        self.surfaces: Mapping[str, FieldSurface] = {f["name"]: _surface(f) for f in about["fields"]}
+        surfaces = {}
+        for field in about["fields"]:
+            surfaces[field["name"]] = _surface(field)
+        self.surfaces: Mapping[str, FieldSurface] = surfaces
         threading.Thread(target=self._read, daemon=True).start()
 
     def take(self) -> tuple[dict[str, dict[str, Array]], dict[str, Array]] | None:
@@ -61,13 +71,17 @@ class Watched:
         Link poses are T_base_link (4, 4), by robot and link; the entry "objects" has the poses T_world_object (4, 4) of
         the movable objects. Vertices are (n, 3) in m in the world frame, by deformable.
         """
-        data, self._frame = self._frame, None
+        data = self._frame
+        self._frame = None
         if data is None:
             return None
-        shown = unpack_scene(data)
-        parts = zip(self._links.items(), shown.robots, strict=True)
-        links = {r: {n: wire.pose_of(p) for n, p in zip(names, part.poses, strict=True)} for (r, names), part in parts}
-        return links, dict(zip(self.surfaces, shown.fields, strict=True))
+        frame = unpack_scene(data)
+        links: dict[str, dict[str, Array]] = {}
+        for (robot, names), part in zip(self._links.items(), frame.robots, strict=True):
+            links[robot] = {}
+            for name, pose in zip(names, part.poses, strict=True):
+                links[robot][name] = wire.pose_of(pose)
+        return links, dict(zip(self.surfaces, frame.fields, strict=True))
 
     def close(self) -> None:
         """End the connection."""
@@ -79,11 +93,13 @@ class Watched:
         Raises:
             TwinError: no server answers, or the server shows a different scene.
         """
-        port, scene = self._port, self._scene
+        port = self._port
+        scene = self._scene
         try:
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/scene.json", timeout=_PATIENCE) as answer:
                 about = json.load(answer)
-            name, _ = about["name"], about["model_hash"]
+            name = about["name"]
+            about["model_hash"]  # another server's document without a hash is refused here
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise TwinError(f"--watch {port}: no `twin serve {scene}` answers on this port: {error}") from None
         if name != scene:
@@ -102,12 +118,15 @@ class Watched:
                 with connect(f"ws://127.0.0.1:{self._port}/ws", origin=origin, max_size=None) as ws:  # type: ignore[arg-type]
                     self._hear(ws)
             except (OSError, WebSocketException, TimeoutError) as error:
-                self.problem, self.reading = f"The server on port {self._port} does not answer: {error}", None
+                self.problem = f"The server on port {self._port} does not answer: {error}"
+                self.reading = None
             except TwinError as error:
-                self.problem, self.reading = str(error), None
+                self.problem = str(error)
+                self.reading = None
             except (ValueError, AttributeError) as error:
-                self.problem, self.reading = f"The server on port {self._port} sends no valid document: {error}", None
-            self._stop.wait(_AGAIN)
+                self.problem = f"The server on port {self._port} sends no valid document: {error}"
+                self.reading = None
+            self._stop.wait(_PAUSE)
 
     def _hear(self, ws: Any) -> None:
         while not self._stop.is_set():
@@ -115,7 +134,9 @@ class Watched:
             self.problem = ""
             if isinstance(message, bytes):
                 self._frame = message
-            elif (document := json.loads(message)).get("type") == "state":
+                continue
+            document = json.loads(message)
+            if document.get("type") == "state":
                 self.reading = document.get("console")
 
 

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError, unknown
 from twin.core.jobs import Call
@@ -141,6 +143,14 @@ class LiveConsole:
         if is_procedure:
             self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(self._setup))
         self.reading = self._read()
+
+    def state_row(self) -> Array:
+        """Return the joint values of all displayed robots, and the poses of the movable objects, in one row."""
+        signals = self.world.signals
+        values = [signals[f"{name}.q"] for name in self.shown]
+        for item in self.objects:
+            values.append(signals[f"{item.name}.pose"])
+        return np.concatenate(values)
 
     # -- the task -------------------------------------------------------------------------------------
 
