@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -33,7 +33,6 @@ from twin.exchange.read.source import (
     assemble,
     possible,
     stated_gravity,
-    warning,
 )
 from twin.model.body import TOOL, Body, Frame, Point
 from twin.model.inertia import Inertia
@@ -68,18 +67,27 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
             gone = _without_missing(spec, path, missing)
             model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise SourceError(f"{path}: MuJoCo rejects the file: {' '.join(str(error).split())}") from error
+        raise SourceError(f"{path}: MuJoCo rejects the file: {_one_line(error)}") from error
     reader = _Mjcf(path, model, gone, root)
     reader.findings += missing
-    reader.findings += [warning("mujoco", f"MuJoCo: {' '.join(str(w.message).split())}", path.name) for w in told]
+    for caught in told:
+        reader.findings.warn("mujoco", f"MuJoCo: {_one_line(caught.message)}", path.name)
     return reader.read()
+
+
+def _one_line(message: object) -> str:
+    """Return a message with each run of white space replaced by one space."""
+    return " ".join(str(message).split())
 
 
 def refuse_nan(path: Path) -> None:
     """Raise `SourceError` if a number is NaN: MuJoCo never finishes compiling an ellipsoid whose size is NaN."""
-    for number, line in enumerate(read_bytes(path, "MJCF").decode(errors="replace").splitlines(), 1):
+    text = read_bytes(path, "MJCF").decode(errors="replace")
+    for number, line in enumerate(text.splitlines(), 1):
         for name, value in _ATTRIBUTE.findall(line):
-            if "nan" in (tokens := value.lower().split()) and all(map(_is_number, tokens)):
+            tokens = value.lower().split()
+            # Only numbers: "nan" may also be a word of a name or a text.
+            if "nan" in tokens and all(map(_is_number, tokens)):
                 raise SourceError(f"{path}:{number}: {name} = '{value[:80]}' contains a number that is not finite")
 
 
@@ -99,17 +107,27 @@ class _Mjcf:
     def __init__(self, path: Path, model, missing: _Missing, root: str | None) -> None:
         import mujoco
 
-        self.path, self.m, self.mujoco = path, model, mujoco
-        self.missing, self.root = missing, root
+        self.path = path
+        self.m = model
+        self.mujoco = mujoco
+        self.missing = missing
+        self.root = root
         self.findings = Findings()
         self.efforts: dict[str, float] = {}
 
     def _name(self, kind: str, i: int) -> str:
+        code = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}")
         try:
-            name = self.mujoco.mj_id2name(self.m, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind}"), i)
+            name = self.mujoco.mj_id2name(self.m, code, i)
         except UnicodeDecodeError as error:
             raise SourceError(f"{self.path}: the name of {kind.lower()} {i} is not UTF-8") from error
         return name or f"{kind.lower()}{i}"
+
+    def _names(self, kind: str, count: int) -> list[str]:
+        """Return the identifiers of all objects of one kind, by number."""
+        stated = [self._name(kind, i) for i in range(count)]
+        identifiers = Names(kind.lower(), stated, self.findings)
+        return [identifiers[name] for name in stated]
 
     def read(self) -> Imported:
         m = self.m
@@ -117,13 +135,11 @@ class _Mjcf:
             raise SourceError(f"{self.path}: the model has a flexible body, but only rigid bodies are supported")
         if m.nskin:  # for display only: a surface that bends with the bodies
             self.findings.warn("skin", f"{m.nskin} skins are not imported: only rigid bodies are shown.", "skin")
-        names = Names("body", (self._name("BODY", i) for i in range(m.nbody)), self.findings)
-        self.bodies = [names[self._name("BODY", i)] for i in range(m.nbody)]
-        joint_names = Names("joint", (self._name("JOINT", i) for i in range(m.njnt)), self.findings)
-        self.joints = [joint_names[self._name("JOINT", i)] for i in range(m.njnt)]
+        self.bodies = self._names("BODY", m.nbody)
+        self.joints = self._names("JOINT", m.njnt)
         kept = chosen(m, self.path, self.root, self._name, self.findings)
         self.motors = read_motors(m, kept, self.joints, self._name, self.findings)
-        self.drives = dict(self._actuators())
+        self.drives = self._actuators()
         self.drives |= dict.fromkeys(self.motors.joints)
         if not m.nu:
             self.drives = dict.fromkeys(self._all_driven(kept))
@@ -131,49 +147,82 @@ class _Mjcf:
         joints: list[Joint] = []
         for i in kept[1:]:
             joints += self._hang(i, extra)
-        meshes, partly = shown(m, self.bodies, self._name, self.findings)
+        bodies = self._bodies(kept) + extra
+        couplings = self._equalities(kept, joints)
+        self.findings += _left_out(m, self._name, self.motors.tendons)
+        frames, points = self._sites(kept)
+        first_name = m.names[: m.names.index(b"\0")]  # all names of the model in a row; the first is that of the model
+        name = first_name.decode("utf-8", "replace") or self.path.stem
+        present = {joint.name for joint in joints}
+        efforts = {joint: effort for joint, effort in self.efforts.items() if joint in present}
+        start = self._coordinates(kept, m.qpos0)
+        out = assemble(
+            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts, start
+        )
+        gravity = self._gravity()
+        keys = self._keys(kept)
+        driven = {self.joints[k] for k in self.drives}
+        postures: dict[str, dict[str, float]] = {}
+        for key, values in keys.items():
+            postures[key] = {joint: value for joint, value in values.items() if joint in driven}
+        mechanism = replace(
+            out.mechanism,
+            actuators=self.motors.actuators,
+            transmissions=self.motors.transmissions,
+            gravity=gravity,
+            points=tuple(points),
+            postures=postures,
+        )
+        return replace(out, mechanism=mechanism, keys=keys)
+
+    def _bodies(self, kept: Sequence[int]) -> list[Body]:
+        meshes, partly = shown(self.m, self.bodies, self._name, self.findings)
         bodies: list[Body] = []
         for i in kept:
             whole = i not in partly and self._name("BODY", i) not in self.missing.shapeless
             bodies.append(Body(self.bodies[i], tuple(meshes[i]), self._inertia(i), whole))
-        bodies += extra
-        used = {j.name for j in joints}
+        return bodies
+
+    def _equalities(self, kept: Sequence[int], joints: list[Joint]) -> list[Coupling]:
+        """Return the couplings of the robot, and append the joints that close its loops to `joints`."""
         couplings: list[Coupling] = []
-        for i in range(m.neq):
-            tied = tied_by(m, i)
-            if tied <= set(kept):
+        used = {joint.name for joint in joints}
+        for i in range(self.m.neq):
+            tied = tied_by(self.m, i)
+            if tied.issubset(kept):
                 self._equality(i, joints, couplings, used)
-            elif tied & set(kept):
+            elif not tied.isdisjoint(kept):
                 where = self._name("EQUALITY", i)
                 text = f"equality '{where}' is left out, because it acts on a body that is left out."
                 self.findings.warn("equality", text, where)
-        self.findings += _left_out(m, self._name, self.motors.tendons)
-        site_names = Names("site", (self._name("SITE", i) for i in range(m.nsite)), self.findings)
-        # In files that twin exported, the site frame_NAME marks the frame NAME, and point_NAME the point NAME; one of
-        # the frames is the tool.
-        prefix = "frame_" if f"frame_{TOOL}" in site_names else ""
-        frames, points = [], []
-        for i in range(m.nsite):
+        return couplings
+
+    def _sites(self, kept: Sequence[int]) -> tuple[list[Frame], list[Point]]:
+        """Return the sites of the robot, as frames and points.
+
+        In files that twin exported, the site frame_NAME marks the frame NAME, and point_NAME the point NAME; one of the
+        frames is the tool. In all other files, a site is a frame of its name.
+        """
+        m = self.m
+        names = self._names("SITE", m.nsite)
+        exported = f"frame_{TOOL}" in [self._name("SITE", i) for i in range(m.nsite)]
+        frames: list[Frame] = []
+        points: list[Point] = []
+        for i, name in enumerate(names):
             if m.site_bodyid[i] not in kept:
                 continue
-            name, body = site_names[self._name("SITE", i)], self.bodies[m.site_bodyid[i]]
-            if prefix and name.startswith("point_"):
+            body = self.bodies[m.site_bodyid[i]]
+            if exported and name.startswith("point_"):
                 points.append(Point(name.removeprefix("point_"), body, m.site_pos[i].copy()))
-            else:
-                frames.append(Frame(name.removeprefix(prefix), body, _pose(m.site_pos[i], m.site_quat[i])))
-        name = (m.names[: m.names.index(b"\0")] or b"").decode("utf-8", "replace") or self.path.stem
-        efforts = {n: e for n, e in self.efforts.items() if n in {j.name for j in joints}}
-        start = {self.joints[k]: float(m.qpos0[m.jnt_qposadr[k]]) for k in self._single(kept)}
-        out = assemble(
-            self.path, name, self.bodies[0], bodies, joints, frames, couplings, self.findings, efforts, start
-        )
-        motors = self.motors
-        moved = replace(out.mechanism, actuators=motors.actuators, transmissions=motors.transmissions)
-        moved = replace(moved, gravity=self._gravity(), points=tuple(points))
-        keys = self._keys(kept)
-        driven = {self.joints[k] for k in self.drives}
-        postures = {n: {j: q for j, q in key.items() if j in driven} for n, key in keys.items()}
-        return replace(out, mechanism=replace(moved, postures=postures), keys=keys)
+                continue
+            if exported:
+                name = name.removeprefix("frame_")
+            frames.append(Frame(name, body, _pose(m.site_pos[i], m.site_quat[i])))
+        return frames, points
+
+    def _coordinates(self, kept: Sequence[int], qpos: Array) -> dict[str, float]:
+        """Return {joint: value in m or rad} at coordinates qpos (nq,), for the joints with one coordinate."""
+        return {self.joints[k]: float(qpos[self.m.jnt_qposadr[k]]) for k in self._single(kept)}
 
     def _gravity(self) -> tuple[float, float, float]:
         """Return the gravitational acceleration in m/s2; zero if the file disables gravity."""
@@ -181,83 +230,104 @@ class _Mjcf:
             return (0.0, 0.0, 0.0)
         return stated_gravity(self.m.opt.gravity, self.findings)
 
-    def _keys(self, kept: list[int]) -> dict[str, dict[str, float]]:
+    def _keys(self, kept: Sequence[int]) -> dict[str, dict[str, float]]:
         """Return {key frame: {joint: value in m or rad}} for the joints with one coordinate."""
-        m, out = self.m, {}
-        for i in range(m.nkey):
-            label = identifier(self._name("KEY", i))
-            label = label if label not in ("home", *out) else f"{label}_key{i}"
-            out[label] = {self.joints[k]: float(m.key_qpos[i, m.jnt_qposadr[k]]) for k in self._single(kept)}
-            self.findings.note("key", f"key frame '{self._name('KEY', i)}' becomes posture '{label}'.", label)
-        return out
+        keys: dict[str, dict[str, float]] = {}
+        for i in range(self.m.nkey):
+            name = self._name("KEY", i)
+            label = identifier(name)
+            if label == "home" or label in keys:  # `home` is the rest pose with closed loops
+                label = f"{label}_key{i}"
+            keys[label] = self._coordinates(kept, self.m.key_qpos[i])
+            self.findings.note("key", f"key frame '{name}' becomes posture '{label}'.", label)
+        return keys
 
-    def _all_driven(self, kept: list[int]) -> list[int]:
+    def _all_driven(self, kept: Sequence[int]) -> list[int]:
         """Return the joints that are driven in a file without actuators: all that have one coordinate and follow none.
 
         If equalities close loops, no joint is driven: the file does not say which of the joints of a loop could be.
         """
-        m, eq = self.m, self.mujoco.mjtEq
+        m = self.m
+        eq = self.mujoco.mjtEq
         followers: set[int] = set()
         for i in range(m.neq):
-            kind = eq(int(m.eq_type[i]))
             if not m.eq_active0[i]:
                 continue
-            if kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD) and tied_by(m, i) <= set(kept):
+            kind = eq(int(m.eq_type[i]))
+            first = int(m.eq_obj1id[i])
+            if kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD) and tied_by(m, i).issubset(kept):
                 return []
             if kind == eq.mjEQ_JOINT:
-                followers.add(int(m.eq_obj1id[i]))
+                followers.add(first)
             if kind == eq.mjEQ_TENDON:
-                followers |= set(list(fixed_tendon(m, int(m.eq_obj1id[i])))[:1])
+                # The first joint of the tendon is taken as the follower of the others.
+                followers.update(list(fixed_tendon(m, first))[:1])
         driven = [k for k in self._single(kept) if k not in followers]
         if driven:
             text = f"the file has no actuators: {len(driven)} joints are imported as driven."
             self.findings.warn("driven", text, self.path.name)
         return driven
 
-    def _single(self, kept: list[int]) -> list[int]:
+    def _single(self, kept: Sequence[int]) -> list[int]:
         """Return the numbers of the joints with one coordinate between the bodies of the robot."""
-        m = self.m
-        return [k for k in range(m.njnt) if m.jnt_type[k] in (_SLIDE, _HINGE) and m.jnt_bodyid[k] in kept]
+        numbers = []
+        for k in range(self.m.njnt):
+            if self.m.jnt_type[k] in (_SLIDE, _HINGE) and self.m.jnt_bodyid[k] in kept:
+                numbers.append(k)
+        return numbers
 
-    def _hang(self, i: int, extra: list[Body]) -> Iterator[Joint]:
-        """Yield the joints between a body and its parent, starting at the parent."""
-        m, body = self.m, self.bodies[i]
+    def _hang(self, i: int, extra: list[Body]) -> list[Joint]:
+        """Return the joints between a body and its parent, starting at the parent.
+
+        The massless bodies between two joints are appended to `extra`.
+        """
+        m = self.m
+        body = self.bodies[i]
         parent = self.bodies[m.body_parentid[i]]
         T = _pose(m.body_pos[i], m.body_quat[i])  # pose in the parent if every coordinate equals its `ref`
-        first, count = m.body_jntadr[i], m.body_jntnum[i]
-        if not count:
-            yield Joint(f"{body}_mount", "fixed", parent, body, T)
-            return
-        for k in range(first, first + count):
+        first = m.body_jntadr[i]
+        last = first + m.body_jntnum[i] - 1
+        if last < first:
+            return [Joint(f"{body}_mount", "fixed", parent, body, T)]
+        joints: list[Joint] = []
+        for k in range(first, last + 1):
+            name = self.joints[k]
             kind = int(m.jnt_type[k])
-            last = k == first + count - 1
-            child = body if last else f"{body}_after_{self.joints[k]}"
-            if not last:
+            child = body
+            if k != last:
+                child = f"{body}_after_{name}"
                 extra.append(Body(child))
-            at = np.eye(4) if kind == _FREE else spatial.pose(p=m.jnt_pos[k])
+            at = np.eye(4)
             ref = np.eye(4)
+            if kind != _FREE:  # MuJoCo ignores the `pos` of a free joint
+                at = spatial.pose(p=m.jnt_pos[k])
             if kind in (_SLIDE, _HINGE):
                 if not np.abs(m.jnt_axis[k]).max() > 0.5:  # not a unit vector: MuJoCo could not normalise the axis
-                    raise SourceError(f"{self.path}: the axis of joint '{self.joints[k]}' has length 0, or is too long")
+                    raise SourceError(f"{self.path}: the axis of joint '{name}' has length 0, or is too long")
                 at = at @ along(m.jnt_axis[k])
                 q0 = float(m.qpos0[m.jnt_qposadr[k]])
-                ref = spatial.pose(p=[0, 0, -q0]) if kind == _SLIDE else spatial.pose(spatial.rotation_z(-q0))
+                ref = spatial.pose(p=[0, 0, -q0])
+                if kind == _HINGE:
+                    ref = spatial.pose(spatial.rotation_z(-q0))
             if kind == _FREE:
-                where = self.joints[k]
-                text = f"joint '{where}' is a free joint: the base of the robot is not fixed to the world."
-                self.findings.warn("free", text, where)
-            yield Joint(
-                self.joints[k],
-                _TYPES[kind],
-                parent,
-                child,
-                T @ at @ ref,
-                at,
-                active=k in self.drives,
-                limits=self._limits(k, kind),
-                drive=self.drives.get(k),
+                text = f"joint '{name}' is a free joint: the base of the robot is not fixed to the world."
+                self.findings.warn("free", text, name)
+            joints.append(
+                Joint(
+                    name,
+                    _TYPES[kind],
+                    parent,
+                    child,
+                    T @ at @ ref,
+                    at,
+                    active=k in self.drives,
+                    limits=self._limits(k, kind),
+                    drive=self.drives.get(k),
+                )
             )
-            parent, T = child, np.eye(4)
+            parent = child
+            T = np.eye(4)
+        return joints
 
     def _limits(self, k: int, kind: int) -> tuple[float, float] | None:
         m = self.m
@@ -270,58 +340,75 @@ class _Mjcf:
         low, high = map(float, m.jnt_range[k])
         return low, high
 
-    def _actuators(self) -> Iterator[tuple[int, Drive | None]]:
-        """Yield (joint number, drive) of the driven joints; the drive is None without a position actuator."""
-        m, trn = self.m, self.mujoco.mjtTrn
+    def _actuators(self) -> dict[int, Drive | None]:
+        """Return {joint number: drive} of the driven joints; the drive is None without a position actuator."""
+        m = self.m
+        trn = self.mujoco.mjtTrn
+        drives: dict[int, Drive | None] = {}
         for i in range(m.nu):
-            name = self._name("ACTUATOR", i)
             if i in self.motors.numbers:
                 continue
-            if trn(int(m.actuator_trntype[i])) == trn.mjTRN_TENDON and (
-                tied := list(fixed_tendon(m, int(m.actuator_trnid[i, 0])))
-            ):
-                others = ", ".join(f"'{self.joints[k]}'" for k in tied[1:])
-                text = (
-                    f"actuator '{name}' pulls a fixed tendon: joint '{self.joints[tied[0]]}' is imported as "
-                    "driven, without gains."
-                )
-                if others:
-                    text += f" The tendon's other joints, {others}, move only if an equality couples them."
-                self.findings.warn("actuator", text, name)
-                yield tied[0], None
-                continue
-            if trn(int(m.actuator_trntype[i])) not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
+            name = self._name("ACTUATOR", i)
+            kind = trn(int(m.actuator_trntype[i]))
+            target = int(m.actuator_trnid[i, 0])
+            if kind == trn.mjTRN_TENDON:
+                tied = list(fixed_tendon(m, target))
+                if tied:
+                    self._warn_of_tendon(name, tied)
+                    drives[tied[0]] = None
+                    continue
+            if kind not in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
                 text = f"actuator '{name}' acts on a spatial tendon, a site or a body, so it drives no joint."
                 self.findings.warn("actuator", text, name)
-                continue
-            k, gear = int(m.actuator_trnid[i, 0]), float(m.actuator_gear[i, 0])
-            if m.jnt_type[k] not in (_SLIDE, _HINGE):
+            elif m.jnt_type[target] not in (_SLIDE, _HINGE):
                 text = (
-                    f"actuator '{name}' drives joint '{self.joints[k]}', which has several coordinates: the actuator "
-                    "is left out."
+                    f"actuator '{name}' drives joint '{self.joints[target]}', which has several coordinates: the "
+                    "actuator is left out."
                 )
                 self.findings.warn("actuator", text, name)
-                continue
-            kp, bias = float(m.actuator_gainprm[i, 0]) * gear**2, m.actuator_biasprm[i]
-            servo = bias[1] < 0 and np.isclose(-bias[1], m.actuator_gainprm[i, 0])
-            effort = float(np.abs(m.actuator_forcerange[i]).max() * abs(gear)) if m.actuator_forcelimited[i] else None
-            if servo and kp > 0:
-                yield k, Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort)
-                continue
-            joint = self.joints[k]
-            if effort is not None:
-                self.efforts[self.joints[k]] = effort
-            text = (
-                f"actuator '{name}' is not a position servo: joint '{joint}' is imported as driven, and the gains of "
-                "the actuator are ignored."
-            )
-            self.findings.warn("actuator", text, name)
-            yield k, None
+            else:
+                drives[target] = self._drive(i, name, self.joints[target])
+        return drives
+
+    def _warn_of_tendon(self, name: str, tied: Sequence[int]) -> None:
+        first, *rest = tied
+        text = f"actuator '{name}' pulls a fixed tendon: joint '{self.joints[first]}' is imported as driven, "
+        text += "without gains."
+        if rest:
+            others = ", ".join(f"'{self.joints[k]}'" for k in rest)
+            text += f" The tendon's other joints, {others}, move only if an equality couples them."
+        self.findings.warn("actuator", text, name)
+
+    def _drive(self, i: int, name: str, joint: str) -> Drive | None:
+        """Return the drive of the actuator with number `i`, for its joint; None if it is not a position servo.
+
+        MuJoCo's gains are for the motor, those of a drive for the joint: the gear ratio counts twice.
+        """
+        m = self.m
+        gear = float(m.actuator_gear[i, 0])
+        gain = m.actuator_gainprm[i, 0]
+        bias = m.actuator_biasprm[i]
+        kp = float(gain) * gear**2
+        effort = None
+        if m.actuator_forcelimited[i]:
+            effort = float(np.abs(m.actuator_forcerange[i]).max() * abs(gear))
+        # A position servo has the force gain * control - gain * length: its bias has the negative gain.
+        if bias[1] < 0 and np.isclose(-bias[1], gain) and kp > 0:
+            return Drive(kp, max(0.0, float(-bias[2] * gear**2)), effort)
+        if effort is not None:
+            self.efforts[joint] = effort
+        text = (
+            f"actuator '{name}' is not a position servo: joint '{joint}' is imported as driven, and the gains of "
+            "the actuator are ignored."
+        )
+        self.findings.warn("actuator", text, name)
+        return None
 
     def _equality(self, i: int, joints: list[Joint], couplings: list[Coupling], used: set[str]) -> None:
-        m, eq = self.m, self.mujoco.mjtEq
+        m = self.m
+        eq = self.mujoco.mjtEq
         name = self._name("EQUALITY", i)
-        kind, data = eq(int(m.eq_type[i])), m.eq_data[i]
+        kind = eq(int(m.eq_type[i]))
         label = identifier(name)
         while label in used:
             label += "_loop"
@@ -331,44 +418,60 @@ class _Mjcf:
         elif kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
             joints.append(self._loop(i, label, kind == eq.mjEQ_WELD))
         elif kind == eq.mjEQ_JOINT:
-            a, b = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
-            if b < 0 or not np.any(data[1:5]):
-                raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
-            if np.any(data[2:5]):
-                raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1")
-            # MuJoCo: a - a_ref = c0 + c1 (b - b_ref)
-            refs = [float(m.qpos0[m.jnt_qposadr[k]]) for k in (a, b)]
-            total = float(data[0]) + refs[0] - float(data[1]) * refs[1]
-            couplings.append(Coupling(label, (self.joints[a], self.joints[b]), (1.0, -float(data[1])), total))
+            couplings.append(self._coupling(i, name, label))
         elif kind == eq.mjEQ_TENDON and m.eq_obj2id[i] < 0:
             couplings.append(self._tendon(i, name, label))
         else:
-            what = "couples two tendons" if kind == eq.mjEQ_TENDON else f"has the type {kind.name[5:].lower()}"
+            what = "couples two tendons"
+            if kind != eq.mjEQ_TENDON:
+                what = f"has the type {kind.name.removeprefix('mjEQ_').lower()}"
             known = "supported are connect, weld, joint and tendon (a single tendon)"
             raise SourceError(f"{self.path}: equality '{name}' {what}, which a mechanism cannot express; {known}")
 
+    def _coupling(self, i: int, name: str, label: str) -> Coupling:
+        """Return the coupling of two joints a and b. MuJoCo: a - a_ref = c0 + c1 (b - b_ref) + c2 (b - b_ref)^2 ..."""
+        m = self.m
+        a = int(m.eq_obj1id[i])
+        b = int(m.eq_obj2id[i])
+        c = m.eq_data[i, :5]
+        if b < 0 or not np.any(c[1:]):
+            raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
+        if np.any(c[2:]):
+            raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1")
+        ratio = float(c[1])
+        a_ref = float(m.qpos0[m.jnt_qposadr[a]])
+        b_ref = float(m.qpos0[m.jnt_qposadr[b]])
+        total = float(c[0]) + a_ref - ratio * b_ref
+        return Coupling(label, (self.joints[a], self.joints[b]), (1.0, -ratio), total)
+
     def _tendon(self, i: int, name: str, label: str) -> Coupling:
         """Return the coupling of a fixed tendon: the sum of coefficient times joint coordinate is constant."""
-        m, k = self.m, int(self.m.eq_obj1id[i])
-        tied = fixed_tendon(m, k)
+        tendon = int(self.m.eq_obj1id[i])
+        tied = fixed_tendon(self.m, tendon)
         if not tied:
             raise SourceError(f"{self.path}: equality '{name}' constrains a spatial tendon, which is not supported")
-        total = float(m.tendon_length0[k] + m.eq_data[i, 0])
+        total = float(self.m.tendon_length0[tendon] + self.m.eq_data[i, 0])
         return Coupling(label, tuple(self.joints[j] for j in tied), tuple(tied.values()), total)
 
     def _loop(self, i: int, label: str, weld: bool) -> Joint:
-        m, data = self.m, self.m.eq_data[i]
-        a, b = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
-        T_a, T_b = np.eye(4), np.eye(4)
+        m = self.m
+        data = m.eq_data[i]
+        a = int(m.eq_obj1id[i])
+        b = int(m.eq_obj2id[i])
+        kind: JointType = "fixed" if weld else "spherical"
         if int(m.eq_objtype[i]) == int(self.mujoco.mjtObj.mjOBJ_SITE):
-            T_a, T_b = (_pose(m.site_pos[s], m.site_quat[s]) for s in (a, b))
-            a, b = int(m.site_bodyid[a]), int(m.site_bodyid[b])
+            T_a = _pose(m.site_pos[a], m.site_quat[a])
+            T_b = _pose(m.site_pos[b], m.site_quat[b])
+            a = int(m.site_bodyid[a])
+            b = int(m.site_bodyid[b])
         elif weld:
             # As in MuJoCo's engine_core_constraint.c: the anchor is data[3:6] in body 1 and data[0:3] in body 2
-            T_a, T_b = _pose(data[3:6], data[6:10]), spatial.pose(p=data[0:3])
+            T_a = _pose(data[3:6], data[6:10])
+            T_b = spatial.pose(p=data[0:3])
         else:
-            T_a, T_b = spatial.pose(p=data[0:3]), spatial.pose(p=data[3:6])
-        return Joint(label, "fixed" if weld else "spherical", self.bodies[a], self.bodies[b], T_a, T_b)
+            T_a = spatial.pose(p=data[0:3])
+            T_b = spatial.pose(p=data[3:6])
+        return Joint(label, kind, self.bodies[a], self.bodies[b], T_a, T_b)
 
     def _inertia(self, i: int) -> Inertia | None:
         m = self.m
@@ -412,16 +515,21 @@ def _without_missing(spec, path: Path, findings: Findings) -> _Missing:
             weightless.add(body.name)
         gone.add(geom.name)
         spec.delete(geom)
+    reported = {finding.where for finding in findings}
     for name, file in lost.items():
-        if all(f.where != file for f in findings):
+        if file not in reported:
+            reported.add(file)
             findings.warn("mesh", f"mesh '{name}': {file} is missing; no body uses it.", file)
+    gone.discard("")  # a geom without a name is in no pair
     for pair in list(spec.pairs):
-        if {pair.geomname1, pair.geomname2} & (gone - {""}):
+        if pair.geomname1 in gone or pair.geomname2 in gone:
             spec.delete(pair)
     _textures(spec, path, findings)
     for body in spec.bodies:
         if body.name in weightless:  # a placeholder that compiles; the reader ignores this mass
-            body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
+            body.explicitinertial = True
+            body.mass = 1.0
+            body.inertia = [1.0, 1.0, 1.0]
             text = f"body '{body.name}' has no mass, because its mesh is missing."
             findings.warn("inertia", text, body.name)
     return _Missing(shapeless, weightless)
@@ -429,20 +537,26 @@ def _without_missing(spec, path: Path, findings: Findings) -> _Missing:
 
 def _textures(spec, path: Path, findings: Findings) -> None:
     for texture in list(spec.textures):
-        files = [f for f in (texture.file, *texture.cubefiles) if f]
-        missing = [f for f in files if not _place(spec, path, spec.texturedir, f).is_file()]
+        missing: list[str] = []
+        for file in (texture.file, *texture.cubefiles):
+            if file and not _place(spec, path, spec.texturedir, file).is_file():
+                missing.append(file)
         if not missing:
             continue
         for material in spec.materials:
-            if texture.name in list(material.textures):
-                material.textures = ["" if t == texture.name else t for t in material.textures]
+            textures = list(material.textures)
+            if texture.name in textures:
+                # Assigned as a whole, because MuJoCo returns a copy of the list.
+                material.textures = ["" if name == texture.name else name for name in textures]
         findings.warn("texture", f"texture '{texture.name}': {missing[0]} does not exist.", missing[0])
         spec.delete(texture)
 
 
 def _place(spec, path: Path, folder: str, file: str) -> Path:
     """Return the path at which MuJoCo searches for a file."""
-    return path.parent / folder / (Path(file).name if spec.strippath else file)
+    if spec.strippath:
+        file = Path(file).name
+    return path.parent / folder / file
 
 
 def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] = ()) -> Findings:
@@ -456,32 +570,47 @@ def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] 
     found = Findings()
     for i in range(m.njnt):
         dof = int(m.jnt_dofadr[i])
-        told = {
-            "stiffness": float(np.ravel(m.jnt_stiffness[i])[0]),
-            "damping": float(np.ravel(m.dof_damping[dof])[0]),
-            "frictionloss": float(m.dof_frictionloss[dof]),
-            "armature": float(m.dof_armature[dof]),
-        }
-        kept = [f"{k} {v:g}" for k, v in told.items() if v]
+        kept = _nonzero(
+            {
+                "stiffness": float(np.ravel(m.jnt_stiffness[i])[0]),
+                "damping": float(np.ravel(m.dof_damping[dof])[0]),
+                "frictionloss": float(m.dof_frictionloss[dof]),
+                "armature": float(m.dof_armature[dof]),
+            }
+        )
         if m.jnt_actfrclimited[i]:
-            kept.append(f"actuatorfrcrange {m.jnt_actfrcrange[i, 0]:g} .. {m.jnt_actfrcrange[i, 1]:g}")
+            low, high = m.jnt_actfrcrange[i]
+            kept.append(f"actuatorfrcrange {low:g} .. {high:g}")
         if kept:
             where = name("JOINT", i)
             found.warn("friction", f"joint '{where}': {_not_imported(kept)}", where)
-    tied = {int(m.eq_obj1id[i]) for i in range(m.neq) if m.eq_type[i] == mujoco.mjtEq.mjEQ_TENDON}
     for i in kept_tendons:
-        told = {k: np.ravel(getattr(m, f"tendon_{k}")[i])[0] for k in ("stiffness", "damping", "frictionloss")}
-        if kept := [f"{k} {v:g}" for k, v in told.items() if v]:
+        kept = _nonzero(
+            {
+                "stiffness": np.ravel(m.tendon_stiffness[i])[0],
+                "damping": np.ravel(m.tendon_damping[i])[0],
+                "frictionloss": np.ravel(m.tendon_frictionloss[i])[0],
+            }
+        )
+        if kept:
             where = name("TENDON", i)
             found.warn("friction", f"tendon '{where}': {_not_imported(kept)}", where)
-    for i in set(range(m.ntendon)) - tied - set(kept_tendons):
-        where = name("TENDON", i)
-        found.warn("tendon", f"tendon '{where}' is not imported: no equality constrains its length.", where)
+    read = set(kept_tendons)
+    for i in range(m.neq):
+        if m.eq_type[i] == mujoco.mjtEq.mjEQ_TENDON:
+            read.add(int(m.eq_obj1id[i]))
+    for i in range(m.ntendon):
+        if i not in read:
+            where = name("TENDON", i)
+            found.warn("tendon", f"tendon '{where}' is not imported: no equality constrains its length.", where)
     for i in range(m.nexclude):
-        a, b = (name("BODY", int(v)) for v in (m.exclude_signature[i] >> 16, m.exclude_signature[i] & 0xFFFF))
+        signature = int(m.exclude_signature[i])  # MuJoCo packs the numbers of both bodies, with 16 bits each
+        a = name("BODY", signature >> 16)
+        b = name("BODY", signature & 0xFFFF)
         found.note("contact", f"contact exclusion of '{a}' and '{b}' is not imported.", a)
     for i in range(m.npair):
-        a, b = (name("GEOM", int(v)) for v in (m.pair_geom1[i], m.pair_geom2[i]))
+        a = name("GEOM", int(m.pair_geom1[i]))
+        b = name("GEOM", int(m.pair_geom2[i]))
         found.note("contact", f"contact pair of '{a}' and '{b}' is not imported.", a)
     if m.neq:
         found.note("soft", "equality constraints are soft in MuJoCo, but exact in the mechanism.", name("EQUALITY", 0))
@@ -493,9 +622,15 @@ def _left_out(m, name: Callable[[str, int], str], kept_tendons: Collection[int] 
     return found
 
 
+def _nonzero(values: Mapping[str, float]) -> list[str]:
+    """Return a text "key value" for each value other than 0."""
+    return [f"{key} {value:g}" for key, value in values.items() if value]
+
+
 def _not_imported(kept: Sequence[str]) -> str:
     """Return the end of a sentence on values that are not imported."""
-    return f"{', '.join(kept)} {'is' if len(kept) == 1 else 'are'} not imported."
+    verb = "is" if len(kept) == 1 else "are"
+    return f"{', '.join(kept)} {verb} not imported."
 
 
 def read(path: Path, options: Options) -> Imported:

@@ -115,26 +115,34 @@ def _rows(m, tendons: Sequence[int], over: Sequence[int], pulls: dict[int, int])
 
 
 def _built(m, found, pulls: dict[int, int], joints: Sequence[str], name: Name, findings: Findings) -> Motors:
-    used = [t for tendons, _ in found for t in tendons]
-    own = named_apart("motor", ((t, name("ACTUATOR", pulls[t])) for t in used), joints, findings)
-    told = {name("TEXT", i): _text(m, i) for i in range(m.ntext)}
-    actuators, transmissions = [], []
+    used: list[int] = []
+    moved: set[int] = set()
+    for tendons, over in found:
+        used += tendons
+        moved.update(over)
+    numbers = {tendon: pulls[tendon] for tendon in used}
+    wanted = [(tendon, name("ACTUATOR", number)) for tendon, number in numbers.items()]
+    labels = named_apart("motor", wanted, joints, findings)
+    texts = {name("TEXT", i): _text(m, i) for i in range(m.ntext)}
+    actuators: list[Actuator] = []
+    transmissions: list[Transmission] = []
+    taken: set[str] = set()
     for tendons, over in found:
         label, tendons, over = _grouped(m, tendons, over, pulls, name)
-        while label in {t.name for t in transmissions}:
+        while label in taken:
             label += "_more"
-        actuators += [_actuator(m, own[t], t, pulls[t], told.get(name("ACTUATOR", pulls[t])), over) for t in tendons]
+        taken.add(label)
+        for tendon in tendons:
+            number = pulls[tendon]
+            text = texts.get(name("ACTUATOR", number))
+            actuators.append(_actuator(m, labels[tendon], tendon, number, text, over))
         matrix = np.linalg.inv(_rows(m, tendons, over, pulls))
         matrix[np.abs(matrix) < 1e-12 * np.abs(matrix).max()] = 0.0  # zero up to rounding
-        transmissions.append(
-            Transmission(label, tuple(joints[j] for j in over), tuple(own[t] for t in tendons), matrix)
-        )
+        moved_joints = tuple(joints[j] for j in over)
+        motors = tuple(labels[tendon] for tendon in tendons)
+        transmissions.append(Transmission(label, moved_joints, motors, matrix))
     return Motors(
-        tuple(actuators),
-        tuple(transmissions),
-        frozenset(j for _, over in found for j in over),
-        frozenset(pulls[t] for t in used),
-        frozenset(used),
+        tuple(actuators), tuple(transmissions), frozenset(moved), frozenset(numbers.values()), frozenset(used)
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from twin.core.errors import SourceError, unknown
-from twin.exchange.read.source import Findings, note, warning
+from twin.exchange.read.source import Findings
 
 WORLD = "world"
 """Value of `root` that selects all robots of the file, which are then read as one mechanism."""
@@ -26,13 +26,14 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
             text = f"body '{name('BODY', b)}' is a mocap body, which a program moves: it is left out."
             findings.warn("mocap", text, name("BODY", b))
     rest = [b for b in range(1, m.nbody) if not _mocap(m, b)]
+    if root == WORLD:
+        return [0, *rest]
     groups = _groups(m)
-    moving = [g for g in groups if any(m.body_jntnum[b] for b in g)]
-    driven = [g for g in moving if any(_drives(m, i) & g for i in range(m.nu))]
+    moving = [group for group in groups if _has_joint(m, group)]
     if root is None:
-        robots = driven or moving
+        robots = _driven(m, moving) or moving
         if len(robots) > 1:
-            tops = ", ".join(_title(m, g, name) for g in robots)
+            tops = ", ".join(_title(group, name) for group in robots)
             raise SourceError(
                 f"{path}: the file has {len(robots)} robots: {tops}. Choose one with --root NAME, or read all as one "
                 f"with --root {WORLD}."
@@ -40,23 +41,37 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
         if len(moving) <= 1:
             return [0, *rest]
         own = robots[0]
-    elif root == WORLD:
-        return [0, *rest]
     else:
         known = {name("BODY", b): b for b in rest}
         if root not in known:
             raise SourceError(f"{path}: --root: {unknown('body', root, [*known, WORLD])}")
-        own = next(g for g in groups if known[root] in g)
+        own = next(group for group in groups if known[root] in group)
+    kept = set(own)
     for group in groups:
-        if group is own or (root is None and group not in moving):
+        if group is own:
             continue
-        title = _title(m, group, name)
-        tell = warning if group in moving else note
-        findings.append(
-            tell("prop", f"body {title} and its children are left out: they do not belong to the robot.", title)
-        )
-    still = set() if root is not None else {b for g in groups if g not in moving for b in g}
-    return [0, *sorted(own | still)]
+        if root is None and group not in moving:
+            kept |= group  # without a choice, bodies that do not move are the surroundings of the only robot
+            continue
+        title = _title(group, name)
+        text = f"body {title} and its children are left out: they do not belong to the robot."
+        if group in moving:
+            findings.warn("prop", text, title)
+        else:
+            findings.note("prop", text, title)
+    return [0, *sorted(kept)]
+
+
+def _has_joint(m, group: set[int]) -> bool:
+    return any(m.body_jntnum[b] for b in group)
+
+
+def _driven(m, groups: list[set[int]]) -> list[set[int]]:
+    """Return the groups of bodies that an actuator moves."""
+    moved: set[int] = set()
+    for i in range(m.nu):
+        moved |= _drives(m, i)
+    return [group for group in groups if group & moved]
 
 
 def _mocap(m, body: int) -> bool:
@@ -68,17 +83,21 @@ def tied_by(m, i: int) -> set[int]:
     """Return the numbers of the bodies, except the world, that the equality constraint with number `i` constrains."""
     import mujoco
 
-    kind, ends = mujoco.mjtEq(int(m.eq_type[i])), [int(m.eq_obj1id[i]), int(m.eq_obj2id[i])]
-    if kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
-        site = int(m.eq_objtype[i]) == int(mujoco.mjtObj.mjOBJ_SITE)
-        out = {int(m.site_bodyid[e]) if site else e for e in ends}
-    elif kind == mujoco.mjtEq.mjEQ_JOINT:
-        out = {int(m.jnt_bodyid[e]) for e in ends if e >= 0}
-    elif kind == mujoco.mjtEq.mjEQ_TENDON:
-        out = set().union(*(_tendon(m, e) for e in ends if e >= 0))
-    else:
-        out = set()
-    return out - {0}
+    eq = mujoco.mjtEq
+    kind = eq(int(m.eq_type[i]))
+    ends = [int(m.eq_obj1id[i])]
+    if m.eq_obj2id[i] >= 0:  # -1: nothing, or the world
+        ends.append(int(m.eq_obj2id[i]))
+    bodies: set[int] = set()
+    for end in ends:
+        if kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
+            site = int(m.eq_objtype[i]) == int(mujoco.mjtObj.mjOBJ_SITE)
+            bodies.add(int(m.site_bodyid[end]) if site else end)
+        elif kind == eq.mjEQ_JOINT:
+            bodies.add(int(m.jnt_bodyid[end]))
+        elif kind == eq.mjEQ_TENDON:
+            bodies |= _tendon(m, end)
+    return bodies - {0}
 
 
 def _tendon(m, i: int) -> set[int]:
@@ -100,28 +119,34 @@ def _drives(m, i: int) -> set[int]:
     """Return the bodies that an actuator moves."""
     import mujoco
 
-    trn, of = mujoco.mjtTrn, int(m.actuator_trnid[i, 0])
+    trn = mujoco.mjtTrn
+    of = int(m.actuator_trnid[i, 0])
     kind = trn(int(m.actuator_trntype[i]))
     if kind in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT):
         return {int(m.jnt_bodyid[of])}
     if kind == trn.mjTRN_TENDON:
         return _tendon(m, of)
-    return {int(m.site_bodyid[of])} if kind == trn.mjTRN_SITE else set()
+    if kind == trn.mjTRN_SITE:
+        return {int(m.site_bodyid[of])}
+    return set()
 
 
 def _groups(m) -> list[set[int]]:
     """Return groups of body numbers: two kinematic trees that an equality or tendon connects are in the same group."""
-    groups: dict[int, set[int]] = {}
-    for b in (b for b in range(1, m.nbody) if not _mocap(m, b)):
-        groups.setdefault(int(m.body_rootid[b]), set()).add(b)
-    out = list(groups.values())
-    for link in [*(tied_by(m, i) for i in range(m.neq)), *(_tendon(m, i) - {0} for i in range(m.ntendon))]:
-        joined = [g for g in out if g & link]
+    trees: dict[int, set[int]] = {}
+    for b in range(1, m.nbody):
+        if not _mocap(m, b):
+            trees.setdefault(int(m.body_rootid[b]), set()).add(b)
+    groups = list(trees.values())
+    links = [tied_by(m, i) for i in range(m.neq)]
+    links += [_tendon(m, i) - {0} for i in range(m.ntendon)]
+    for link in links:
+        joined = [group for group in groups if group & link]
         if len(joined) > 1:
-            out = [g for g in out if g not in joined]
-            out.append(set().union(*joined))
-    return sorted(out, key=min)
+            groups = [group for group in groups if group not in joined]
+            groups.append(set().union(*joined))
+    return sorted(groups, key=min)
 
 
-def _title(m, group: set[int], name: Callable[[str, int], str]) -> str:
+def _title(group: set[int], name: Callable[[str, int], str]) -> str:
     return f"'{name('BODY', min(group))}'"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from twin.core import spatial
+from twin.core.spatial import Array
 from twin.exchange.read.shapes import placed, primitive
 from twin.exchange.read.source import Findings
 from twin.model.body import Mesh
@@ -28,39 +29,67 @@ def shown(
     """
     import mujoco
 
-    geom = mujoco.mjtGeom
     out: list[list[Mesh]] = [[] for _ in range(m.nbody)]
-    free = {i: bool(m.geom_contype[i] == m.geom_conaffinity[i] == 0) for i in range(m.ngeom)}
-    visual = {int(m.geom_bodyid[i]) for i in range(m.ngeom) if free[i]}
-    names = unique((str(i), f"{name('BODY', int(m.geom_bodyid[i]))}_shape") for i in range(m.ngeom))
+    labels: list[tuple[str, str]] = []
+    visual: set[int] = set()
+    for i in range(m.ngeom):
+        body = int(m.geom_bodyid[i])
+        labels.append((str(i), f"{name('BODY', body)}_shape"))
+        if not _collides(m, i):
+            visual.add(body)
+    names = unique(labels)
     hidden: set[int] = set()
     partly = set(visual)
     for i in range(m.ngeom):
-        body, kind, size = int(m.geom_bodyid[i]), geom(int(m.geom_type[i])).name[7:], m.geom_size[i]
-        if body in visual and not free[i]:
+        body = int(m.geom_bodyid[i])
+        if body in visual and _collides(m, i):
             hidden.add(body)
             continue
+        kind = mujoco.mjtGeom(int(m.geom_type[i])).name.removeprefix("mjGEOM_")
         if kind == "MESH":
-            k = m.geom_dataid[i]
-            v, f = m.mesh_vertadr[k], m.mesh_faceadr[k]
-            solid = (m.mesh_vert[v : v + m.mesh_vertnum[k]].astype(float), m.mesh_face[f : f + m.mesh_facenum[k]])
+            vertices, triangles = _mesh(m, int(m.geom_dataid[i]))
         elif kind in _SHAPES:
-            # In MuJoCo, sizes are half the edges of boxes, and half the lengths of cylinders and capsules.
-            wanted = (size[0], 2 * size[1]) if kind in ("CYLINDER", "CAPSULE") else 2 * size if kind == "BOX" else size
-            solid = primitive(_SHAPES[kind], [float(v) for v in wanted])
+            vertices, triangles = primitive(_SHAPES[kind], _size(kind, m.geom_size[i].tolist()))
         else:
             text = f"body '{bodies[body]}': a shape of type {kind.lower()} is not shown."
             findings.warn("shape", text, bodies[body])
             partly.add(body)
             continue
+        rgba = m.geom_rgba[i]
         material = int(m.geom_matid[i])
-        r, g, b, a = map(float, m.geom_rgba[i] if material < 0 else m.mat_rgba[material])
-        if material >= 0 and np.any(m.mat_texid[material] >= 0):
-            text = f"body '{bodies[body]}': the texture of material '{name('MATERIAL', material)}' is not imported."
-            findings.warn("texture", text, bodies[body])
+        if material >= 0:
+            rgba = m.mat_rgba[material]
+            if np.any(m.mat_texid[material] >= 0):
+                label = name("MATERIAL", material)
+                text = f"body '{bodies[body]}': the texture of material '{label}' is not imported."
+                findings.warn("texture", text, bodies[body])
+        r, g, b, a = map(float, rgba)
         T = spatial.pose(spatial.matrix_from_quat_wxyz(m.geom_quat[i]), m.geom_pos[i])
-        out[body].append(placed(names[str(i)], *solid, T, (r, g, b, a)))
+        out[body].append(placed(names[str(i)], vertices, triangles, T, (r, g, b, a)))
     for body in sorted(hidden):
         text = f"body '{bodies[body]}': the colliders are not imported; the visual meshes are used for collision."
         findings.note("collision", text, bodies[body])
     return out, partly
+
+
+def _collides(m, geom: int) -> bool:
+    return bool(m.geom_contype[geom] or m.geom_conaffinity[geom])
+
+
+def _mesh(m, mesh: int) -> tuple[Array, np.ndarray]:
+    vertex = m.mesh_vertadr[mesh]
+    face = m.mesh_faceadr[mesh]
+    vertices = m.mesh_vert[vertex : vertex + m.mesh_vertnum[mesh]].astype(float)
+    return vertices, m.mesh_face[face : face + m.mesh_facenum[mesh]]
+
+
+def _size(kind: str, size: list[float]) -> list[float]:
+    """Return the size of a shape as `primitive` takes it, for its size in MuJoCo.
+
+    In MuJoCo, sizes are half the edges of boxes, and half the lengths of cylinders and capsules.
+    """
+    if kind in ("CYLINDER", "CAPSULE"):
+        return [size[0], 2 * size[1]]
+    if kind == "BOX":
+        return [2 * edge for edge in size]
+    return size
