@@ -10,6 +10,7 @@ import ast
 import os
 import time
 from collections import Counter
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
@@ -195,6 +196,63 @@ def test_a_cure_that_holds_only_for_equal_parameters_is_counted(tmp_path, monkey
     case, formula = changed("lapbot", right, right.replace("b**2", "a"), tmp_path)
     monkeypatch.setattr("twin.validation.explain.repair.coincidences", lambda judge: [])
     assert seeds.outcome(case, formula, tmp_path, 4.0) == seeds.BY_CHANCE
+
+
+def test_a_cure_holds_for_other_values_if_a_derived_parameter_follows(tmp_path):
+    """`square` is a**2 + b**2. If a or b is varied alone, right equations do not close; they do with another square."""
+    right = ("W[1] ** 2 - a**2 - b**2)", "W[1] ** 2 - square)")
+    arguments = ("def arm(W, a, b):", "def arm(W, a, b, square):")
+    parameter = (
+        "        *trocar(400, 0, 300),",
+        '        mm("square", 180, "DERIVED", "squares"),\n        *trocar(400, 0, 300),',
+    )
+    case, formula = changed("lapbot", *right, tmp_path, arguments, parameter)
+    truth = replace(case.truth, symbols={**case.truth.symbols, "square": 0.18})
+    assert coincidences(Judge(formula, None, truth)) == []
+    wrong = ("W[1] ** 2 - a**2 - b**2) / (2 * a * b)", "W[1] ** 2 - square) / (2 * a * a)")
+    case, formula = changed("lapbot", *wrong, tmp_path, arguments, parameter)
+    assert not Judge(formula, None, truth).failing()
+    assert coincidences(Judge(formula, None, truth)) != []
+
+
+@pytest.mark.parametrize("part", [0.2, 0.0], ids=["at once", "late"])
+def test_the_search_goes_on_after_a_cure_that_holds_by_chance(part, tmp_path, monkeypatch):
+    """`a**2` for `a` agrees because a = b: no stage of the search is left out because of it, also if found out late."""
+    right = "acos((W[0] ** 2 + W[1] ** 2 - a**2 - b**2) / (2 * a * b))"
+    case, formula = changed("lapbot", right, right.replace("b**2", "a"), tmp_path)
+    monkeypatch.setattr("twin.validation.explain.repair._CHANCE_PART", part)
+    search = Search(Judge(formula, None, case.truth), deadline=Deadline(30.0))
+    run = search._stage
+    stages = []
+
+    def stage(n, *rest):
+        stages.append(n)
+        return run(n, *rest)
+
+    search._stage = stage
+    search.run(0.0)
+    assert any("a = b" in condition for _, condition in search.by_chance)
+    assert sorted(stages) == list(range(7))
+
+
+def test_an_expression_in_a_function_with_several_calls_is_not_refuted(tmp_path):
+    """All calls of row() have a matrix of the same form, but an edit may change an entry by other amounts in each."""
+    case, formula = changed("lapbot", "-pi / 2 + q6", "pi / 2 + q6", tmp_path)
+    search = Search(Judge(formula, None, case.truth), deadline=Deadline(30.0))
+    search._refute()
+    (row,) = {h.source.path for s in search.judge.steps for h in search.judge.helpers(s) if h.source.name == "row"}
+    assert search._refuted
+    assert row not in {path for path, _, _ in search._refuted}
+
+
+def test_expressions_with_a_swivel_are_unknowns(tmp_path):
+    case, formula = changed("pa10", "sqrt(RL3**2 - a**2)", "sqrt(RL3**2 - a**3)", tmp_path)
+    judge = Judge(formula, None, case.truth)
+    assert judge.step("elbow").free
+    search = Search(judge, deadline=Deadline(30.0))
+    (double,) = (d for d in search._doubles if d.step.equation.name == "elbow")
+    cuts = double.cuts(search.failing, Deadline(30.0))
+    assert "sqrt(RL3**2 - a**3)" in {ast.unparse(cut.node).replace(" ** ", "**") for cut in cuts}
 
 
 @pytest.mark.slow

@@ -34,6 +34,7 @@ class Candidate:
         hollow: whether a repaired row is trivial: it agrees for any values of its symbols.
         dropped: symbols on which a repaired row no longer depends.
         changed: residuals (k, entries) of the changed rows.
+        by_chance: whether the repaired rows agree only for the present values of equal or assumed parameters.
     """
 
     step: Step
@@ -44,6 +45,7 @@ class Candidate:
     changed: dict[Key, Array] = field(default_factory=dict, repr=False)
     hollow: bool = False
     dropped: tuple[str, ...] = ()
+    by_chance: bool = False
 
     def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
@@ -54,8 +56,8 @@ class Candidate:
 
     @property
     def serves(self) -> bool:
-        """Whether the candidate may be proposed: no agreeing row becomes wrong, and no repaired row becomes trivial."""
-        return not self.broken and not self.hollow
+        """Whether the candidate may be proposed: no row becomes wrong or trivial, and rows agree not only by chance."""
+        return not (self.broken or self.hollow or self.by_chance)
 
     @property
     def rank(self) -> tuple[int, int, int, int]:

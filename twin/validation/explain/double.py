@@ -26,6 +26,7 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Expression, Site
 from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.numeric import unguarded
+from twin.validation.explain.required import Required
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import FEWEST, Shift, shifted
 from twin.validation.explain.source import Edit
@@ -136,6 +137,16 @@ class Double:
                 if composed and not seconds:
                     seconds = list(self._composed(cut, shift, deadline))
                 for second in seconds:
+                    yield first, second
+
+    def required(self, firsts: Sequence[Edit], rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of one of `firsts` and an edit from the value that a scalar or vector must then have."""
+        for first in firsts:
+            search = Required(self.judge, self.step, rows, deadline, [first])
+            for site in self.sites:
+                if (first.path, first.function) != (site.source.path, site.source.name):
+                    continue
+                for second in search.edits(site.source, site.statement):
                     yield first, second
 
     def outside(self, edit: Edit, deadline: Deadline) -> bool:

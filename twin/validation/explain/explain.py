@@ -15,6 +15,7 @@ from twin.cad.build import CadModel
 from twin.core.errors import TwinError
 from twin.core.findings import Verdict
 from twin.core.provenance import Parameter
+from twin.core.spatial import Array
 from twin.core.units import display_unit
 from twin.formula.contract import Formula
 from twin.formula.flow import choose
@@ -46,7 +47,7 @@ from twin.validation.explain.source import Edit, diff, patched
 from twin.validation.explain.suspects import shared
 from twin.validation.explain.truth import Truth, gather, sample
 from twin.validation.explain.unvalued import unvalued
-from twin.validation.explain.varied import coincidences
+from twin.validation.explain.varied import coincidences, condition
 from twin.validation.explain.weigh import weigh
 from twin.validation.joint_range import range_errors
 from twin.validation.rows import Tolerances
@@ -137,21 +138,18 @@ def explain(
     Raises:
         TwinError: no row could be judged.
     """
-    laps = _Laps()
-
-    def judged(model: ReferenceModel) -> Judge:
-        return Judge(formula, variants, known(formula, model, parameters, variants=variants), tolerance)
-
+    task = _Task(formula, variants, parameters, tolerance, progress, root, _Laps())
+    laps = task.laps
     corrected: Corrected | None = None
     if cad is not None and cad.noise is None:
-        corrected = correct(formula, cad, judged, lambda f: progress("correct the CAD", f))
+        corrected = correct(formula, cad, task.judge_of, lambda f: progress("correct the CAD", f))
     laps.end("drawing")
     drawn: Judge | None = None
     try:
         truth = truth or known(formula, model, parameters, progress, variants)
         laps.end("sample")
         progress("judge rows", 0.0)
-        drawn = Judge(formula, variants, truth, tolerance)
+        drawn = task.judge(truth)
         laps.end("judge")
     except TwinError:
         if corrected is None or corrected.judge is None:  # otherwise the corrected CAD is used below
@@ -166,63 +164,23 @@ def explain(
         if corrected.agrees or not judge.failing():
             if not drawn:
                 notes.append("the mechanism of the CAD cannot be moved; the rows were judged against the corrected CAD")
-            return made(
-                "unchecked" if skipped or not judge.residuals else "disagree",
-                explained=True,
-                samples=judge.truth.k,
-                invariants=(),
-                rows=tuple(_row(judge, p, [], root) for p in judge.failing()),
-                notes=tuple(notes),
-                lead="drawing",
-            )
+            rows = tuple(_row(judge, p, [], root) for p in judge.failing())
+            return _explained_by_cad(made, judge, skipped, rows, notes, "drawing")
         if corrected.judge is not None and corrected.model is not None:
-            judge, model = corrected.judge, corrected.model
+            judge = corrected.judge
+            model = corrected.model
             notes.append("the corrected CAD does not explain every row; the rows below were judged against it")
     if cad is not None and cad.noise is not None and judge.truth.run is not None:
         made = partial(made, drawing=drawing(cad))
-        judge = Judge(formula, variants, judge.truth, tolerance, limits(cad.noise, cad, judge, parameters))
+        judge = task.judge(judge.truth, limits(cad.noise, cad, judge, parameters))
         laps.end("noise")
         if not judge.failing():
-            return made(
-                "unchecked" if skipped or not judge.residuals else "disagree",
-                explained=True,
-                samples=judge.truth.k,
-                invariants=(),
-                rows=(),
-                notes=tuple(notes),
-                lead="noise",
-            )
+            return _explained_by_cad(made, judge, skipped, (), notes, "noise")
         notes.append("noise of the CAD does not explain every row; the wrong rows differ by more than it can cause")
     if not judge.failing():
-        progress("joint range", 0.0)
-        wider = _over_range(formula, model, variants, parameters, tolerance)
-        laps.end("range")
-        if wider is not None:
-            judge = wider
-            notes.append("the rows agree near the postures; they are wrong in another part of the joint range")
-    by_chance = coincidences(judge) if not judge.failing() else []
-    if any(p.name == judge.truth.free for g in by_chance for p in g):
-        # At the values of the formula, the rows agree; at other states of the redundant mechanism they do not.
-        other = Judge(formula, variants, gather(formula, sample(model, regular=True), model, parameters), tolerance)
-        judge = other if other.failing() else judge
-    notes += [_by_chance(g) for g in by_chance]
+        judge = _elsewhere(task, model, judge, notes)
     if not judge.failing():
-        progress("reach and singularity measures", 0.0)
-        measured = [] if skipped else margins(judge, model, dict(parameters or {}))
-        laps.end("margins")
-        covered = coverage(judge, measured)
-        off = tuple(_margin(judge, m, root) for m in measured if m.status == "disagrees")
-        verdict: Verdict = "unchecked" if skipped or not judge.residuals else "disagree" if off else "agree"
-        return made(
-            verdict,
-            explained=not off,
-            samples=judge.truth.k,
-            invariants=tuple(unvalued(judge)),
-            rows=off,
-            notes=(*notes, *(f"not judged: {text}" for text in covered.left)),
-            judged=covered.rows - len(covered.left),
-            rows_of_formula=covered.rows,
-        )
+        return _agreement(task, made, judge, skipped, model, notes)
     progress("invariants", 0.0)
     violated = (*unvalued(judge), *invariants(judge, model))
     laps.end("invariants")
@@ -241,14 +199,100 @@ def explain(
     )
 
 
+@dataclass(frozen=True)
+class _Task:
+    """What is explained, and how; for the fields, see the arguments of `explain`."""
+
+    formula: Formula
+    variants: Mapping[str, str] | str | None
+    parameters: Mapping[str, float] | None
+    tolerance: Tolerance | None
+    progress: Progress
+    root: Path | None
+    laps: _Laps
+
+    def judge(self, truth: Truth, limits: Mapping[str, Array] | None = None) -> Judge:
+        """Return the judge of the equations at given states; for `limits`, see `Judge`."""
+        return Judge(self.formula, self.variants, truth, self.tolerance, limits)
+
+    def judge_of(self, model: ReferenceModel) -> Judge:
+        """Return the judge of the equations at sampled states of a model."""
+        return self.judge(known(self.formula, model, self.parameters, variants=self.variants))
+
+
+def _explained_by_cad(
+    made: partial[Explanation], judge: Judge, skipped: bool, rows: tuple[Row, ...], notes: Sequence[str], lead: str
+) -> Explanation:
+    """Return the result if the CAD explains every wrong row."""
+    return made(
+        "unchecked" if skipped or not judge.residuals else "disagree",
+        explained=True,
+        samples=judge.truth.k,
+        invariants=(),
+        rows=rows,
+        notes=tuple(notes),
+        lead=lead,
+    )
+
+
+def _elsewhere(task: _Task, model: ReferenceModel, judge: Judge, notes: list[str]) -> Judge:
+    """Return a judge at states at which the rows are wrong, or `judge`, in which they agree; add notes to `notes`.
+
+    The states are all over the joint range, or are those of another value of a redundancy angle.
+    """
+    task.progress("joint range", 0.0)
+    wider = _over_range(task.formula, model, task.variants, task.parameters, task.tolerance)
+    task.laps.end("range")
+    if wider is not None:
+        notes.append("the rows agree near the postures; they are wrong in another part of the joint range")
+        return wider
+    by_chance = coincidences(judge)
+    notes += [_by_chance(group) for group in by_chance]
+    if any(p.name == judge.truth.free for group in by_chance for p in group):
+        # At the values of the formula, the rows agree; at other states of the redundant mechanism they do not.
+        other = task.judge(gather(task.formula, sample(model, regular=True), model, task.parameters))
+        if other.failing():
+            return other
+    return judge
+
+
+def _agreement(
+    task: _Task,
+    made: partial[Explanation],
+    judge: Judge,
+    skipped: bool,
+    model: ReferenceModel,
+    notes: Sequence[str],
+) -> Explanation:
+    """Return the result if all rows that have a value agree: margins of reach and measures are judged as well."""
+    task.progress("reach and singularity measures", 0.0)
+    measured: list[Judged] = []
+    if not skipped:
+        measured = margins(judge, model, dict(task.parameters or {}))
+    task.laps.end("margins")
+    covered = coverage(judge, measured)
+    off = tuple(_margin(judge, m, task.root) for m in measured if m.status == "disagrees")
+    verdict: Verdict = "agree"
+    if skipped or not judge.residuals:
+        verdict = "unchecked"
+    elif off:
+        verdict = "disagree"
+    left = [f"not judged: {text}" for text in covered.left]
+    return made(
+        verdict,
+        explained=not off,
+        samples=judge.truth.k,
+        invariants=tuple(unvalued(judge)),
+        rows=off,
+        notes=(*notes, *left),
+        judged=covered.rows - len(covered.left),
+        rows_of_formula=covered.rows,
+    )
+
+
 def _by_chance(group: Sequence[Parameter]) -> str:
     """Return a note on equations that belong together only for the present values of parameters."""
-    if len(group) > 1:
-        names = " = ".join(p.name for p in group)
-        return f"inverse and forward equations belong together only because {names}: with other values they differ"
-    (p,) = group
-    value = f"{p.name} = {p.shown:g} {p.unit}"
-    return f"inverse and forward equations belong together only for {value}: with other values they differ"
+    return f"inverse and forward equations belong together only {condition(group)}: with other values they differ"
 
 
 def _over_range(
@@ -333,24 +377,23 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
             edited = search.pairs(*edited, budget)
     else:  # one changed number explains everything: only a single edit would be equally simple
         edited = search.run(0.0) if shared(judge, search.targets) else ([], search.failing)
-    for candidate in search.by_chance:
-        texts = "; ".join(e.text for e in candidate.edits)
-        remarks.append(
-            f"`{texts}` makes rows agree only for the present values of equal or assumed parameters; it is no fix"
-        )
+    for candidate, reason in search.by_chance:
+        texts = "; ".join(_phrase(e) for e in candidate.edits)
+        remarks.append(f"`{texts}` makes rows agree only {reason}; it is no fix")
     found, lost = held_out(judge, model, *edited)
     laps.end("repair")
     if identified is None and (lost or not found):
         identified = numbers()
     lead = weigh(found, lost, identified)
     if lead == "edits":
-        return _Cures(search, found, None, (), lead)
+        return _Cures(search, found, None, (), lead, tuple(remarks))
     if lead == "numbers":
         needed = sum(len(f.cures[0][0].edits) for f in found if f.cures)
-        note = f"{needed} edits together would also make the rows agree; one changed number is simpler"
-        return _Cures(search, [], identified, (), lead, (note,) if needed and not lost else ())
+        if needed and not lost:
+            remarks.append(f"{needed} edits together would also make the rows agree; one changed number is simpler")
+        return _Cures(search, [], identified, (), lead, tuple(remarks))
     if lead:
-        return _Cures(search, found, identified, (), lead)
+        return _Cures(search, found, identified, (), lead, tuple(remarks))
     progress("conventions", 0.0)
     conventional = tuple(conventions(judge, conventional))
     laps.end("conventions")

@@ -131,6 +131,8 @@ class Expression:
         """The scalar parts of the expression, itself first."""
         out = []
         for node in expressions(self.node, self.site.parents):
+            if self.deadline.passed:
+                break
             if self._value((), self._span_of(node)) is not None:
                 out.append(node)
         return out
@@ -201,6 +203,8 @@ class Expression:
         found, values = [], []
         start, end = self._span
         for edit in self.site.edits:
+            if self.deadline.passed:
+                break
             if start <= edit.start and edit.end <= end:
                 value = self._value((edit,), self._span)
                 if value is not None:
@@ -214,6 +218,8 @@ class Expression:
             span = self._span_of(part)
             values = np.full((len(inside), self._k), np.nan)
             for row, i in enumerate(inside):
+                if self.deadline.passed:
+                    break
                 value = self._value((singles[i],), span)
                 if value is not None:
                     values[row] = value

@@ -31,7 +31,7 @@ from twin.validation.explain.required import Required
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
-from twin.validation.explain.varied import closes, coincidences
+from twin.validation.explain.varied import closes, coincidences, condition
 
 _WORSE = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
@@ -82,6 +82,9 @@ _REFUTE_PART = 0.25
 _COARSE = 6
 """Number of poses at which most expressions are rejected."""
 
+_CHANCE_PART = 0.2
+"""Maximum part of the remaining time for the question whether edits repair rows only by chance, after each stage."""
+
 _LATE = 3
 """Maximum number of repairs that are confirmed, if the time is over."""
 
@@ -100,11 +103,12 @@ function."""
 class _After:
     """State of a whole formula after edits: number of wrong rows, and whether it holds only by chance.
 
-    By chance means: only for the present values of equal or assumed parameters; see `varied`.
+    By chance means: only for the present values of equal or assumed parameters; see `varied`. `chance` is the
+    condition, "because a = b"; "" if the formula holds in general.
     """
 
     wrong: int
-    by_chance: bool
+    chance: str
 
 
 class Search:
@@ -132,8 +136,8 @@ class Search:
         """Whether the deadline has not ended the search of single edits."""
         self._singles: list[Candidate] = []
         self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
-        self.by_chance: list[Candidate] = []
-        """Edits that make rows agree only for the present values of equal or assumed parameters: no repairs."""
+        self.by_chance: list[tuple[Candidate, str]] = []
+        """Edits that make rows agree only by chance, which are no repairs, and the condition; see `_After`."""
         self._states: dict[tuple[Edit, ...], _After | None] = {}
         self._refuted: list[tuple[Path, int, int]] = []
         self._deferred: list[tuple[list[Step], Edit]] = []
@@ -362,9 +366,11 @@ class Search:
         `budget` is the time limit in s of the search for pairs of edits; 0: single edits only.
         """
         found, left = self._quiet(self._run)
+        if not left:
+            found, left = self._quiet(lambda: self._together(found))
         if left:
             return self.pairs(found, left, budget)
-        return self._quiet(lambda: self._together(found))
+        return found, left
 
     def pairs(self, found: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
         """Search pairs of edits for rows that single edits do not repair; arguments and result are those of `run`."""
@@ -379,50 +385,77 @@ class Search:
             return search()
 
     def _run(self) -> tuple[list[Found], list[Key]]:
-        singles: list[Candidate] = []
-        groups: list[list[Key]] = []
+        self._singles = []
+        self._groups: list[list[Key]] = []
         left = list(self.failing)
+        left_out: list[int] = []
         rest_tried = False
         by_required = False
         # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
         # edits repair the rows, one that repairs more of them is searched where they have something in common.
-        for n, ((in_called, kinds), part) in enumerate(zip(_STAGES, _PARTS, strict=True)):
-            settled = not left and len(groups) < 2
+        for n, (in_called, kinds) in enumerate(_STAGES):
+            settled = not left and len(self._groups) < 2
             # A value that must be often has several formulas: fewer of them than edits of one token make sense.
             if settled and not by_required and (in_called or kinds == REST):
+                left_out.append(n)
                 continue
-            self._until = self.deadline.within((_ALTERNATIVES if settled else part) * self.deadline.left)
-            tokens = not in_called and kinds != REST  # of the rows themselves: all are tried, to find every tie
-            statements, functions = (None, None) if left or tokens else self._shared_sites(groups)
-            if in_called:
-                singles += self.in_helpers(kinds, functions)
-            else:
-                singles += self.singles(kinds, statements)
-                rest_tried |= kinds == REST and statements is None
-            groups, left = self._covered(singles)
+            everywhere = self._stage(n, settled, left)
+            rest_tried |= everywhere and not in_called and kinds == REST
+            left = self._covered()
             if n == _REQUIRED_AFTER and left:
                 self._until = self.deadline
-                singles += self.required(left)
-                groups, left = self._covered(singles)
+                self._singles += self.required(left)
+                left = self._covered()
                 by_required = not left
                 if left:
                     self._refute()
-        self._until = self.deadline
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
-        looked = {(c.step.equation.name, c.edits[0].statement) for g in groups for c in self._exact(g, singles)}
+        looked: set[tuple[str, int]] = set()
+        for group in self._groups:
+            for c in self._exact(group, self._singles):
+                looked.add((c.step.equation.name, c.edits[0].statement))
         if not rest_tried:
             self._until = self.deadline.within(_ALTERNATIVES * self.deadline.left)
-            singles += self.singles(REST, looked)
-            self._until = self.deadline
-        self._singles = singles
-        out = []
-        for group in groups:
-            found = self._found(group, singles, singles)
+            self._singles += self.singles(REST, looked)
+        out, left = self._results(left)
+        for n in left_out if left else ():  # the repair because of which these were left out holds only by chance
+            self._stage(n, False, left)
+        if left and left_out:
+            out, left = self._results(self._covered())
+        self._until = self.deadline
+        return out, left
+
+    def _stage(self, n: int, settled: bool, left: Sequence[Key]) -> bool:
+        """Try the edits of one stage; return whether they were tried everywhere, and not only where groups meet.
+
+        `settled`: whether one edit repairs all rows; `left`: rows without a repair.
+        """
+        in_called, kinds = _STAGES[n]
+        part = _PARTS[n]
+        if settled:
+            part = _ALTERNATIVES
+        self._until = self.deadline.within(part * self.deadline.left)
+        statements, functions = None, None
+        of_rows = not in_called and kinds != REST  # all are tried, to find every tie
+        if not left and not of_rows:
+            statements, functions = self._shared_sites(self._groups)
+        if in_called:
+            self._singles += self.in_helpers(kinds, functions)
+        else:
+            self._singles += self.singles(kinds, statements)
+        return statements is None
+
+    def _results(self, left: Sequence[Key]) -> tuple[list[Found], list[Key]]:
+        """Return (results of the groups that have a repair, rows without one)."""
+        out: list[Found] = []
+        lost = list(left)
+        for group in self._groups:
+            found = self._found(group, self._singles, self._singles)
             if found.cures:
                 out.append(found)
             else:  # two edits may repair these rows for all values of the parameters
-                left += group
-        return out, left
+                lost += group
+        return out, lost
 
     def _pairs_of(self, out: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
         singles = self._singles
@@ -449,7 +482,12 @@ class Search:
             out.append(f)
             lost += [] if f.cures else [k]
             left = [x for x in left if x not in f.rows]
-        return (out, lost) if lost else self._together(out)
+        if lost:
+            return out, lost
+        found, left = self._together(out)
+        if left and budget > 0 and not deadline.passed:
+            return self._pairs_of([f for f in found if f.cures], left, budget)
+        return found, left
 
     def _widest(
         self, k: Key, left: list[Key], out: list[Found], tried: list[Candidate], pairs: list[Candidate]
@@ -475,12 +513,53 @@ class Search:
     def _has_repair(self, k: Key, candidates: list[Candidate]) -> bool:
         """Return whether one of the candidates repairs a row, and not by chance."""
         exact = self._exact([k], candidates)[:_MOST_EXACT]
-        return bool(self._best(self._distinct(exact, [k])))
+        for n, c in enumerate(exact):
+            if self.deadline.passed and n >= _LATE:
+                return False
+            if self._is_general(c):
+                return True
+        return False
 
-    def _covered(self, candidates: list[Candidate]) -> tuple[list[list[Key]], list[Key]]:
-        """Return (groups of failing rows as in `_cover`, failing rows in no group)."""
-        groups = self._cover(candidates, self.failing)
-        return groups, [k for k in self.failing if not any(k in g for g in groups)]
+    def _is_general(self, c: Candidate) -> bool:
+        """Return whether the rows agree after a candidate's edits not only by chance; also if that is not known."""
+        after = self._after(c)
+        return after is None or not after.chance
+
+    def _covered(self) -> list[Key]:
+        """Put the failing rows in groups as in `_cover`; return those in no group.
+
+        Edits that make a group agree only by chance are no repairs.
+        """
+        until = self.deadline.within(_CHANCE_PART * self.deadline.left)
+        while True:
+            self._groups = self._cover(self._singles, self.failing)
+            left_out = False
+            for group in self._groups:
+                left_out |= self._leave_out(group, until)
+            if not left_out:
+                break
+        grouped = {key for group in self._groups for key in group}
+        return [k for k in self.failing if k not in grouped]
+
+    def _leave_out(self, group: list[Key], until: Deadline) -> bool:
+        """Mark the edits that repair a group if all of them do so only by chance; return whether they do."""
+        exact = self._exact(group, self._singles)[:_MOST_EXACT]
+        for c in exact:
+            if until.passed or self._is_general(c):
+                return False
+        for c in exact:
+            self._mark(c)
+        return bool(exact)
+
+    def _mark(self, c: Candidate) -> None:
+        """Remember that a candidate's edits make rows agree only by chance; one such is told for each row."""
+        after = self._after(c)
+        c.by_chance = True
+        for known, _ in self.by_chance:
+            if known.scores.keys() & c.scores.keys() & set(self.failing):
+                return
+        if after is not None:
+            self.by_chance.append((c, after.chance))
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
         """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""
@@ -498,8 +577,10 @@ class Search:
         exact = self._exact(rows, exact_from)[:_MOST_EXACT]
         every = self._distinct(exact, rows)
         cures = self._best(every)
-        if every and not cures and not any(c is every[0][0] for c in self.by_chance):
-            self.by_chance.append(every[0][0])
+        if every and not cures:
+            after = self._after(every[0][0])
+            if after is not None and after.chance:
+                self._mark(every[0][0])
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
         rest = [(s, c) for s, c in rest if s > 1 or c.broken]
@@ -538,31 +619,32 @@ class Search:
     def _best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
         """Keep the repairs after which the fewest rows of the whole formula are wrong.
 
-        Of these, repairs that hold only for the present values of equal or assumed parameters are left out, also if no
+        Repairs that hold only for the present values of equal or assumed parameters are left out before, also if no
         other repair is left.
         """
-        after: dict[int, _After | None] = {}
-        confirmed = []
-        for way in cures:
-            if self.deadline.passed and len(confirmed) >= _LATE:  # the others are not confirmed, so not proposed
+        general: list[list[tuple[Candidate, int | None]]] = []
+        least: int | None = None
+        for n, way in enumerate(cures):
+            if self.deadline.passed and n >= _LATE:  # the others are not confirmed, so not proposed
                 break
-            confirmed.append(way)
-            for c in way[:_WHOLE]:
-                if c is way[0] or not self.deadline.passed:
-                    after[id(c)] = self._after(c)
-        least = min((a.wrong for a in after.values() if a is not None), default=None)
-
-        def keeps(c: Candidate) -> bool:
-            a = after.get(id(c))
-            return a is None or a.wrong == least
-
-        kept = [way for way in ([c for c in way if keeps(c)] for way in confirmed) if way]
-        general = []
-        for way in kept:
-            a = after.get(id(way[0]))
-            if a is None or not a.by_chance:
-                general.append(way)
-        return general
+            if not self._is_general(way[0]):
+                continue
+            readings: list[tuple[Candidate, int | None]] = []
+            for i, c in enumerate(way):
+                wrong = None
+                if i == 0 or (i < _WHOLE and not self.deadline.passed):
+                    after = self._after(c)
+                    wrong = None if after is None else after.wrong
+                if wrong is not None and (least is None or wrong < least):
+                    least = wrong
+                readings.append((c, wrong))
+            general.append(readings)
+        kept = []
+        for readings in general:
+            way = [c for c, wrong in readings if wrong is None or wrong == least]
+            if way:
+                kept.append(way)
+        return kept
 
     def _together(self, found: list[Found]) -> tuple[list[Found], list[Key]]:
         """Return (results of which the first repairs of all groups hold together, rows that are left without a repair).
@@ -581,14 +663,18 @@ class Search:
                 if not self._by_chance_together(changed):
                     return changed, []
         unusual = max(found, key=lambda f: f.cures[0][0].rank)
-        self.by_chance.append(unusual.cures[0][0])
+        together = self._state([e for f in found for e in f.cures[0][0].edits])
+        if together is not None:
+            self.by_chance.append((unusual.cures[0][0], together.chance))
+        for c in unusual.cures[0]:
+            c.by_chance = True
         n = found.index(unusual)
         return [*found[:n], replace(unusual, cures=[]), *found[n + 1 :]], list(unusual.rows)
 
     def _by_chance_together(self, found: Sequence[Found]) -> bool:
         edits = [e for f in found for e in f.cures[0][0].edits]
         after = self._state(edits)
-        return after is not None and after.by_chance
+        return after is not None and after.chance != ""
 
     def _after(self, c: Candidate) -> _After | None:
         """Return the state of the whole formula file after a candidate's edits; None if it cannot be evaluated."""
@@ -617,11 +703,12 @@ class Search:
                 return None
             judge = Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance, self.judge.limits)
             wrong = len(judge.failing())
-            by_chance = bool(coincidences(judge))
-            if not wrong and self.judge.truth.free:
+            chance = " and ".join(condition(group) for group in coincidences(judge))
+            free = self.judge.truth.free
+            if not wrong and not chance and free and closes(judge, {}) is False:
                 # The rows were judged at the best value of the free parameter, which need not be the formula's value.
-                by_chance |= closes(judge, formula, {}) is False
-            return _After(wrong, by_chance)
+                chance = f"for another {free} than that of the equations"
+            return _After(wrong, chance)
 
     def _text(self, c: Candidate) -> str:
         parts = []
@@ -665,10 +752,12 @@ class Search:
         known = [c.edits[0] for c in shared]
         stages: list[Callable[[Double, Sequence[Key], Deadline], Iterator[tuple[Edit, Edit]]]] = [
             lambda double, rows, end: double.beside(known, rows, end, composed=True),
+            lambda double, rows, end: double.required(known, rows, end),
             lambda double, rows, end: double.in_one(rows, end),
             lambda double, rows, end: double.in_two(rows, end),
             lambda double, rows, end: double.beside([e for e in firsts if double.outside(e, end)], rows, end),
             lambda double, rows, end: double.beside([e for e in firsts if not double.outside(e, end)], rows, end),
+            lambda double, rows, end: double.required(firsts, rows, end),
         ]
         for n, stage in enumerate(stages):
             for m, (double, rows) in enumerate(searches):

@@ -20,7 +20,7 @@ from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import residuals
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.judge import Judge
-from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.numeric import Matrix, unguarded
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import DIFFERENCE, Shift, shifted, solution
 from twin.validation.explain.source import Edit, Source, Statement
@@ -46,15 +46,27 @@ _MOST_EDITS = 40
 class Required:
     """Search for changed expressions in the statements of one equation, and of the functions that it calls."""
 
-    def __init__(self, judge: Judge, step: Step, rows: Sequence[Key], deadline: Deadline) -> None:
-        """Set up the search for the wrong rows `rows`, which all depend on the equation of `step`."""
-        self.judge, self.step, self.rows, self.deadline = judge, step, rows, deadline
+    def __init__(
+        self, judge: Judge, step: Step, rows: Sequence[Key], deadline: Deadline, fixed: Sequence[Edit] = ()
+    ) -> None:
+        """Set up the search for the wrong rows `rows`, which all depend on the equation of `step`.
+
+        `fixed` are edits of the same function that are made in any case.
+        """
+        self.judge = judge
+        self.step = step
+        self.rows = rows
+        self.deadline = deadline
+        self.fixed = list(fixed)
 
     def edits(self, source: Source, statement: Statement) -> Iterator[Edit]:
         """Yield edits of a statement after which a row agrees, until the deadline; all of them must be tried."""
         atoms: list[Atom] | None = None
         parents = {c: n for n in ast.walk(statement.node) for c in ast.iter_child_nodes(n)}
         for node in expressions(statement.node, parents):
+            start, end = source.span(node)
+            if any(start <= edit.end and edit.start <= end for edit in self.fixed):
+                continue
             for entries in (0, VECTOR):
                 if self.deadline.passed:
                     return
@@ -115,7 +127,8 @@ class Required:
         for scope in called:
             scope.update(extra)
         try:
-            return residuals(self.judge, self.step.equation.name, [edit], extra)
+            with unguarded():
+                return residuals(self.judge, self.step.equation.name, [*self.fixed, edit], extra)
         finally:
             for scope in called:
                 scope.pop(_NAME, None)

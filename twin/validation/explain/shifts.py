@@ -28,7 +28,7 @@ DIFFERENCE = 1e-6
 TIGHT = 1e-3
 """Residual at which Gauss-Newton ends, in units of the tolerance."""
 
-STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0)
+STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0, 3.0)
 """Further shifts from which Gauss-Newton starts where a row has no value, as multiples of the expression's value."""
 
 FEWEST = 6

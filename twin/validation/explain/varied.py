@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from twin.core.errors import TwinError
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL, Formula
@@ -24,6 +23,9 @@ _SAME = 1e-9
 
 _CLOSED = 1e-7
 """Largest difference of two equal poses, in m or as an entry of a rotation."""
+
+_STEP, _NEWTON = 1e-6, 5
+"""Relative difference for derivatives, and number of steps, with which derived parameters are fitted."""
 
 _ANGLES = ("deg", "rad")
 
@@ -39,6 +41,14 @@ def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     return [*out, *((p,) for p in own if p.provenance == "ASSUMED")]
 
 
+def condition(group: Sequence[Parameter]) -> str:
+    """Return the condition on a group of `groups` under which equations belong together: "because a = b"."""
+    if len(group) > 1:
+        return f"because {' = '.join(p.name for p in group)}"
+    (p,) = group
+    return f"for {p.name} = {p.shown:g} {p.unit}"
+
+
 def changed(parameters: Sequence[Parameter], values: Mapping[str, float]) -> dict[str, float]:
     """Return other values in SI of the given parameters, each changed by another amount."""
     out = {}
@@ -49,63 +59,112 @@ def changed(parameters: Sequence[Parameter], values: Mapping[str, float]) -> dic
     return out
 
 
-def closes(judge: Judge, formula: Formula, values: Mapping[str, float]) -> bool | None:
+def closes(judge: Judge, values: Mapping[str, float]) -> bool | None:
     """Return whether forward, inverse and forward equations give one pose; None if they cannot be evaluated.
 
     Args:
-        judge: gives the joint values at which the equations are evaluated, and the variants.
-        formula: the equations.
+        judge: gives the equations, and the joint values at which they are evaluated.
         values: parameters in SI that differ from those of `judge`.
     """
+    off = _differences(judge, values)
+    if off is None:
+        return None
+    known = np.isfinite(off).all(axis=1)
+    if np.mean(known) < 0.5:
+        return None
+    return bool(np.abs(off[known]).max() <= _CLOSED)
+
+
+def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
+    """Return the groups of parameters only for whose values inverse and forward equations belong together."""
+    values = _values(judge)
+    if closes(judge, {}) is not True:
+        return []
+    derived = [p.name for p in judge.formula.parameters if p.provenance == "DERIVED"]
+    out = []
+    for group in groups(judge.formula):
+        other = changed(group, values)
+        if closes(judge, other) is False and not (derived and _closes_with(judge, other, derived)):
+            out.append(group)
+    return out
+
+
+def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[str]) -> bool:
+    """Return whether the equations give one pose with other values of derived parameters.
+
+    A parameter that is derived from a varied one has another value as well, but no formula is known for it.
+    """
+    before = _values(judge)
+    tried = np.array([before[name] for name in derived])
+    steps = np.maximum(np.abs(tried), 1e-3) * _STEP
+    for _ in range(_NEWTON):
+        given = dict(values) | dict(zip(derived, tried, strict=True))
+        off = _differences(judge, given)
+        if off is None:
+            return False
+        slopes = []
+        for i, name in enumerate(derived):
+            moved = _differences(judge, given | {name: tried[i] + steps[i]})
+            if moved is None:
+                return False
+            slopes.append(((moved - off) / steps[i]).ravel())
+        J = np.stack(slopes, axis=1)
+        known = np.isfinite(J).all(axis=1) & np.isfinite(off.ravel())
+        if not known.any():
+            return False
+        tried = tried - np.linalg.lstsq(J[known], off.ravel()[known], rcond=None)[0]
+        if closes(judge, dict(values) | dict(zip(derived, tried, strict=True))):
+            return True
+    return False
+
+
+def _values(judge: Judge) -> dict[str, float]:
+    """Return the parameters in SI with which the equations are judged."""
+    out = {}
+    for p in judge.formula.parameters:
+        out[p.name] = float(np.asarray(judge.truth.symbols[p.name]))
+    return out
+
+
+def _differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
+    """Return the second pose minus the first of forward, inverse and forward equations, (k, 16)."""
+    formula = judge.formula
     if not (formula.has("forward") and formula.has("inverse")):
         return None
     truth = judge.truth
-    parameters = {p.name: float(np.asarray(truth.symbols[p.name])) for p in formula.parameters} | dict(values)
+    parameters = _values(judge) | dict(values)
     joints = {j.name: truth.symbols[j.name] for j in formula.joints if j.name in truth.symbols}
     with np.errstate(all="ignore"):
-        pose = _pose(judge, formula, {**parameters, **joints})
+        pose = _pose(judge, {**parameters, **joints})
         if pose is None or not np.isfinite(pose).any():
             return None
         coordinates = Rebuilder().function(formula.coordinates.from_pose)(Matrix(pose))
         symbols = {**parameters, POSE_SYMBOL: Matrix(pose)}
         symbols |= dict(zip(formula.coordinates.names, coordinates, strict=True))
-        given = _outputs(judge, formula, symbols, "inverse")
+        given = _outputs(judge, symbols, "inverse")
         if any(name not in given for name in joints):
             return None
-        again = _pose(judge, formula, {**parameters, **{name: given[name] for name in joints}})
+        again = _pose(judge, {**parameters, **{name: given[name] for name in joints}})
     if again is None or again.shape != pose.shape:
         return None
-    known = np.isfinite(pose).all(axis=(1, 2)) & np.isfinite(again).all(axis=(1, 2))
-    if np.mean(known) < 0.5:
-        return None
-    off = np.abs(again - pose)[known]
-    return bool(off.max() <= _CLOSED)
+    return (again - pose).reshape(len(pose), -1)
 
 
-def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
-    """Return the groups of parameters only for whose values inverse and forward equations belong together."""
-    values = {p.name: float(np.asarray(judge.truth.symbols[p.name])) for p in judge.formula.parameters}
-    if closes(judge, judge.formula, {}) is not True:
-        return []
-    return [g for g in groups(judge.formula) if closes(judge, judge.formula, changed(g, values)) is False]
-
-
-def _pose(judge: Judge, formula: Formula, symbols: dict[str, object]) -> Array | None:
+def _pose(judge: Judge, symbols: dict[str, object]) -> Array | None:
     """Return the poses (k, 4, 4) of the forward equations for values of symbols; None without poses."""
-    pose = _outputs(judge, formula, symbols, "forward").get(POSE_SYMBOL)
-    k = judge.truth.k
-    return np.broadcast_to(pose.a, (k, 4, 4)) if isinstance(pose, Matrix) and pose.shape == (4, 4) else None
+    pose = _outputs(judge, symbols, "forward").get(POSE_SYMBOL)
+    if not isinstance(pose, Matrix) or pose.shape != (4, 4):
+        return None
+    return np.broadcast_to(pose.a, (judge.truth.k, 4, 4))
 
 
-def _outputs(judge: Judge, formula: Formula, symbols: dict[str, object], stage: str) -> dict[str, object]:
+def _outputs(judge: Judge, symbols: dict[str, object], stage: str) -> dict[str, object]:
     """Return the outputs of the equations of one stage."""
     truth = Truth(symbols, {}, judge.truth.k, judge.truth.Ts, None, judge.truth.coordinates, {})
-    try:
-        run = Judge(formula, judge.variants, truth, judge.tolerance)
-    except TwinError:
-        return {}
+    only = [step.equation.name for step in judge.steps if step.stage == stage]
+    run = judge.on(truth, only)
     out: dict[str, object] = {}
     for step in run.steps:
-        if step.stage == stage and not step.missing:
+        if not step.missing:
             out.update(step.gave)
     return out
