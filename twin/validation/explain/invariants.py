@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 
@@ -13,31 +13,37 @@ from twin.core.findings import Finding, Kind, disagreement
 from twin.core.quantity import Quantity, mm
 from twin.core.spatial import Array
 from twin.core.units import MM, decimals
+from twin.formula.scalar import Value
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
-from twin.validation.explain.judge import Judge, Place, worst
+from twin.validation.explain.judge import Judge, Place, returned_values, worst
 from twin.validation.explain.numeric import Matrix, to_array
-from twin.validation.explain.plain import copied, parts
+from twin.validation.explain.plain import copied
+from twin.validation.explain.rows import Key
 from twin.validation.explain.source import OUT
 from twin.validation.explain.truth import Truth
 
 _LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
 
 
-def said(judge: Judge) -> dict[str, Any]:
+def said(judge: Judge) -> dict[str, Value]:
     """Return {symbol: value computed by the formula from the mechanism's values}, for the compared symbols."""
-    truth, out = judge.truth, {}
+    truth = judge.truth
+    values: dict[str, Value] = {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
     for place, r in judge.residuals.items():
-        kind = truth.kinds[place.symbol]
-        if kind == "pose" or (place.symbol in out and worst(r) == 0):
+        symbol = place.symbol
+        kind = truth.kinds[symbol]
+        if kind == "pose":
             continue
-        true = to_array(truth.symbols[place.symbol], truth.k)
-        value = true + r * units[kind]
-        out[place.symbol] = (
-            Matrix(value[:, :, None]) if isinstance(truth.symbols[place.symbol], Matrix) else value[:, 0]
-        )
-    return out
+        if symbol in values and worst(r) == 0:  # a row that only passes on the mechanism's value says nothing new
+            continue
+        value = to_array(truth.symbols[symbol], truth.k) + r * units[kind]
+        if isinstance(truth.symbols[symbol], Matrix):
+            values[symbol] = Matrix(value[:, :, None])
+        else:
+            values[symbol] = value[:, 0]
+    return values
 
 
 def said_pose(judge: Judge, place: Place) -> Array:
@@ -47,160 +53,204 @@ def said_pose(judge: Judge, place: Place) -> Array:
     return judge.truth.symbols[place.symbol].a + (judge.residuals[place] * scale).reshape(-1, 4, 4)
 
 
-def solved(judge: Judge) -> dict[str, Any]:
+def solved(judge: Judge) -> dict[str, Value]:
     """Return the outputs of implicit equations; the coupled rows of an equation are solved together."""
-    out: dict[str, Any] = {}
-    k = judge.truth.k
+    values: dict[str, Value] = {}
     for step in judge.steps:
         names = [n for n in step.equation.outputs if n in step.required and n in judge.truth.kinds]
         if not names or step.missing or step.stage == "helper":
             continue
+        x = _solution(judge, step.equation.name, names)
+        if x is not None:
+            values |= dict(zip(names, x.T, strict=True))
+    return values
 
-        def at(x: list[float], names: list[str] = names, step: Any = step) -> Array | None:
-            got = outputs(judge, step.equation.name, dict(zip(names, x, strict=True)))
-            return np.stack([to_array(got[n], k)[:, 0] for n in names], axis=1) if got else None
 
-        n = len(names)
-        b, tested = at([0.0] * n), at([2.0] * n)
-        columns = [at([float(i == j) for j in range(n)]) for i in range(n)]
-        if b is None or tested is None or any(c is None for c in columns):
-            continue
-        A = np.stack([c - b for c in columns if c is not None], axis=2)
-        if not np.allclose(A.sum(axis=2) * 2 + b, tested, atol=1e-9) or not np.isfinite(A).all():
-            continue  # the rows are not linear in the outputs
-        M = np.eye(n) - A
-        if np.linalg.cond(M).max() < 1e12:
-            x = np.linalg.solve(M, b[..., None])[..., 0]
-            out |= {name: x[:, i] for i, name in enumerate(names)}
-    return out
+def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
+    """Return the values (k, n) of an equation's inputs `names` that its outputs reproduce: x = A x + b.
+
+    None if the outputs are not linear in these inputs, or do not determine them.
+    """
+    n = len(names)
+    b = _outputs_at(judge, equation, names, [0.0] * n)
+    tested = _outputs_at(judge, equation, names, [2.0] * n)
+    if b is None or tested is None:
+        return None
+    columns: list[Array] = []
+    for unit in np.eye(n).tolist():
+        moved = _outputs_at(judge, equation, names, unit)
+        if moved is None:
+            return None
+        columns.append(moved - b)
+    A = np.stack(columns, axis=2)
+    if not np.allclose(A.sum(axis=2) * 2 + b, tested, atol=1e-9) or not np.isfinite(A).all():
+        return None  # the rows are not linear in the outputs
+    M = np.eye(n) - A
+    if not np.linalg.cond(M).max() < 1e12:
+        return None
+    return np.linalg.solve(M, b[..., None])[..., 0]
+
+
+def _outputs_at(judge: Judge, equation: str, names: list[str], x: list[float]) -> Array | None:
+    """Return the outputs `names` (k, n) of an equation for the values x of its inputs with the same names."""
+    found = outputs(judge, equation, dict(zip(names, x, strict=True)))
+    if not found:
+        return None
+    return np.stack([to_array(found[name], judge.truth.k)[:, 0] for name in names], axis=1)
 
 
 def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
     """Return findings on violated invariants; none if the formula agrees."""
     values = {**said(judge), **solved(judge)}
-    out = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
-    return [*out, *_rotations(judge), *_dimensions(judge)]
+    found = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
+    return [*found, *_rotations(judge), *_dimensions(judge)]
 
 
-def _points(judge: Judge, values: dict[str, Any]) -> dict[str, Array]:
-    out = {}
-    for name, symbol in judge.formula.points.items():
-        parts = (symbol,) if isinstance(symbol, str) else symbol
-        if all(p in values for p in parts):
-            out[name] = np.hstack([to_array(values[p], judge.truth.k) for p in parts])
-    return out
+def _parts(judge: Judge, point: str) -> tuple[str, ...]:
+    """Return the symbols of a named point: one vector, or its coordinates."""
+    symbol = judge.formula.points[point]
+    return (symbol,) if isinstance(symbol, str) else tuple(symbol)
 
 
-def _off(judge: Judge, name: str) -> bool:
-    """Return whether a row of a named point is wrong."""
-    symbol = judge.formula.points[name]
-    bad = {p.symbol for p in judge.failing()}
-    return bool(bad & ({symbol} if isinstance(symbol, str) else set(symbol)))
+def _points(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
+    """Return the positions (k, 3) of the named points that have values."""
+    positions: dict[str, Array] = {}
+    for name in judge.formula.points:
+        parts = _parts(judge, name)
+        if values.keys() >= set(parts):
+            positions[name] = np.hstack([to_array(values[p], judge.truth.k) for p in parts])
+    return positions
 
 
-def _rigid(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
+def _rigid(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each distance between points of one body that the formula makes different from the CAD."""
-    placed = _points(judge, values)
-    bodies: dict[str, list[str]] = {}
-    for p in model.mechanism.points:
-        if p.name in placed:
-            bodies.setdefault(p.body, []).append(p.name)
-    where = {p.name: p.p_body for p in model.mechanism.points}
-    for body, names in bodies.items():
+    positions = _points(judge, values)
+    failing = {p.symbol for p in judge.failing()}
+    wrong = {name for name in positions if not failing.isdisjoint(_parts(judge, name))}
+    points_of: dict[str, list[str]] = {}
+    p_body: dict[str, Array] = {}
+    for point in model.mechanism.points:
+        p_body[point.name] = point.p_body
+        if point.name in positions:
+            points_of.setdefault(point.body, []).append(point.name)
+    for body, names in points_of.items():
         for a, b in combinations(names, 2):
-            if not (_off(judge, a) or _off(judge, b)):
+            if a not in wrong and b not in wrong:
                 continue
-            true = float(np.linalg.norm(where[a] - where[b]))
-            length = np.linalg.norm(placed[a] - placed[b], axis=1)
-            yield from _distance(judge, length, true, f"{a}-{b}", f"on '{body}' ", "invariant.rigid")
+            true = float(np.linalg.norm(p_body[a] - p_body[b]))
+            length = np.linalg.norm(positions[a] - positions[b], axis=1)
+            name = f"{a}-{b}"
+            yield from _distance(judge, length, true, name, "invariant.rigid", f"the formula makes {name}", body)
 
 
 def _distance(
-    judge: Judge, length: Array, true: float, name: str, where: str, code: str, what: str = ""
+    judge: Judge, length: Array, true: float, name: str, code: str, what: str, body: str = ""
 ) -> Iterator[Finding]:
+    """Yield a finding if one of the lengths (k,) in m differs from the true one; `body`: on which it is measured."""
     off = np.abs(length - true)
-    if not np.isfinite(off).any() or float(np.nanmax(off)) <= judge.tolerance.length:
+    if not np.isfinite(off).any():
         return
-    low, high = float(np.nanmin(length)), float(np.nanmax(length))
-    constant = high - low <= 10 * judge.tolerance.length
-    n = decimals(float(np.nanmax(off)) / MM)
-    much = f"{low / MM:.{n}f} mm" if constant else f"{low / MM:.{n}f} .. {high / MM:.{n}f} mm"
+    largest = float(np.nanmax(off))
+    if largest <= judge.tolerance.length:
+        return
+    digits = decimals(largest / MM)
+    low = f"{float(np.nanmin(length)) / MM:.{digits}f}"
+    high = f"{float(np.nanmax(length)) / MM:.{digits}f}"
+    where = f"on '{body}' " if body else ""
+    reference = f"{where}in the CAD it is {true / MM:.{digits}f} mm"
+    if float(np.nanmax(length)) - float(np.nanmin(length)) <= 10 * judge.tolerance.length:
+        text = f"{what} {low} mm long; {reference}"
+    else:
+        text = f"{what} {low} .. {high} mm long; {reference}: a rigid body cannot change its length"
     yield disagreement(
         code,
         name,
-        f"{what or f'the formula makes {name}'} {much} long; {where}in the CAD it is {true / MM:.{n}f} mm"
-        + ("" if constant else ": a rigid body cannot change its length"),
-        mm(float(np.nanmax(off))),
+        text,
+        mm(largest),
         mm(judge.tolerance.length),
         when=judge.truth.pose_text(int(np.nanargmax(off))),
         word="",
     )
 
 
-def _rods(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
+def _rods(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each link whose length would change if the joints had the formula's values."""
     truth = judge.truth
-    active = {j.name for j in model.mechanism.active if j.name in values}
-    wrong = {n for n in active if _moved(judge, n, values[n])}
+    mechanism = model.mechanism
+    wrong: set[str] = set()
+    for joint in mechanism.active:
+        if joint.name in values and _moved(judge, joint.name, values[joint.name]):
+            wrong.add(joint.name)
     if truth.run is None or not wrong:
         return
-    states = truth.run.x.copy()
-    for name in wrong:
-        states[:, model.tree.configuration[name]] = values[name]
-    moved, real = model.link_poses(states), model.link_poses(truth.run.x)
-    driven = {j.child: j.name for j in model.mechanism.tree if j.name in wrong}
-    for link in model.mechanism.bodies:
-        joints = [j for j in model.mechanism.joints if link.name in (j.parent, j.child)]
-        from_drive = [j for j in joints if _other(j, link.name) in driven]
-        for j in from_drive:
-            pivot = _centre(j, _other(j, link.name), moved)
-            held = _centre(j, link.name, real)
-            ends = [(k.name, _centre(k, link.name, real)) for k in joints if k is not j and k not in from_drive]
-            for name, end in ends:
+    moved = model.link_poses(_with_values(truth.run.x, model, {n: values[n] for n in wrong}))
+    real = model.link_poses(truth.run.x)
+    drive_of = {j.child: j.name for j in mechanism.tree if j.name in wrong}  # by the body that the joint moves
+    for link in mechanism.bodies:
+        joints = [j for j in mechanism.joints if link.name in (j.parent, j.child)]
+        driven = [j for j in joints if _other(j, link.name) in drive_of]
+        for joint in driven:
+            if joint.type == "prismatic":
+                continue
+            drive = drive_of[_other(joint, link.name)]
+            pivot = _centre(joint, _other(joint, link.name), moved)
+            held = _centre(joint, link.name, real)
+            for far in joints:
+                if far in driven:
+                    continue
+                end = _centre(far, link.name, real)
                 true = float(np.linalg.norm(held[0] - end[0]))
-                if true < 1e-6 or j.type == "prismatic" or np.ptp(np.linalg.norm(held - end, axis=1)) > 1e-6:
+                if true < 1e-6 or np.ptp(np.linalg.norm(held - end, axis=1)) > 1e-6:
                     continue
                 length = np.linalg.norm(pivot - end, axis=1)
-                drive = driven[_other(j, link.name)]
-                what = f"with {drive} from the formula, '{link.name}' would be, from {j.name} to {name},"
-                yield from _distance(judge, length, true, link.name, "", "invariant.rod", what)
+                what = f"with {drive} from the formula, '{link.name}' would be, from {joint.name} to {far.name},"
+                yield from _distance(judge, length, true, link.name, "invariant.rod", what)
 
 
-def _moved(judge: Judge, name: str, value: Any) -> bool:
+def _with_values(x: Array, model: ReferenceModel, values: Mapping[str, Value]) -> Array:
+    """Return states x (k, n) in which some joints have other values (k,)."""
+    states = x.copy()
+    for name, value in values.items():
+        states[:, model.tree.configuration[name]] = value
+    return states
+
+
+def _moved(judge: Judge, name: str, value: Value) -> bool:
     """Return whether the formula's value of a joint differs from the value of this joint in the mechanism."""
-    return not worst(judge.difference(name, value)) <= 1
+    return worst(judge.difference(name, value)) > 1
 
 
 def _other(joint: Joint, body: str) -> str:
     return joint.parent if joint.child == body else joint.child
 
 
-def _centre(joint: Joint, body: str, poses: dict[str, Array]) -> Array:
+def _centre(joint: Joint, body: str, poses: Mapping[str, Array]) -> Array:
+    """Return the positions (k, 3) of a joint on one of its two bodies."""
     T = joint.T_parent_joint if joint.parent == body else joint.T_child_joint
     return (poses[body] @ T)[:, :3, 3]
 
 
-def _loops(judge: Judge, model: ReferenceModel, values: dict[str, Any]) -> Iterator[Finding]:
+def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each loop that opens if wrong joint values of the formula replace those of the mechanism."""
-    truth = judge.truth
-    names = [n for n in model.tree.configuration if n in values and _moved(judge, n, values[n])]
-    if truth.run is None or not names or not model.mechanism.loops:
+    run = judge.truth.run
+    wrong = {n: values[n] for n in model.tree.configuration if n in values and _moved(judge, n, values[n])}
+    if run is None or not wrong or not model.mechanism.loops:
         return
-    states = truth.run.x.copy()
-    for name in names:
-        states[:, model.tree.configuration[name]] = values[name]
+    states = _with_values(run.x, model, wrong)
     if not np.isfinite(states).all():
         return
+    # Loops that are not quite closed in the mechanism itself do not count as opened.
+    limit = max(judge.tolerance.length, 10 * float(run.gaps[..., 0].max(initial=0.0)))
     gaps = model.collect(states).gaps[..., 0]
-    for i, loop in enumerate(truth.run.loop_names):
-        k = int(np.argmax(gaps[:, i]))
-        if gaps[k, i] > max(judge.tolerance.length, 10 * float(truth.run.gaps[..., 0].max(initial=0.0))):
+    for loop, gap in zip(run.loop_names, gaps.T, strict=True):
+        k = int(np.argmax(gap))
+        if gap[k] > limit:
             yield _LOOP(
                 loop,
-                f"with {', '.join(names)} from the formula, the loop at {loop} opens",
-                mm(gaps[k, i]),
+                f"with {', '.join(wrong)} from the formula, the loop at {loop} opens",
+                mm(gap[k]),
                 mm(judge.tolerance.length),
-                when=truth.pose_text(k),
+                when=judge.truth.pose_text(k),
             )
 
 
@@ -214,15 +264,18 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
             if not np.isfinite(R).all():
                 continue
             off = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
-            det = np.linalg.det(R)
-            if off > 1e-9 or det.min() < 0:
-                left = off <= 1e-9
-                what = "left-handed (its determinant is -1)" if left else f"not orthogonal (R^T R - I is {off:.2g})"
-                where, text = f"{step.equation.name}.{name}", f"rotation {name} of {step.equation.name} is {what}"
-                yield disagreement("invariant.rotation", where, text, Quantity(off), 1e-9, word="")
+            if off > 1e-9:
+                what = f"not orthogonal (R^T R - I is {off:.2g})"
+            elif np.linalg.det(R).min() < 0:
+                what = "left-handed (its determinant is -1)"
+            else:
+                continue
+            where = f"{step.equation.name}.{name}"
+            text = f"rotation {name} of {step.equation.name} is {what}"
+            yield disagreement("invariant.rotation", where, text, Quantity(off), 1e-9, word="")
 
 
-def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) -> dict[str, Any]:
+def outputs(judge: Judge, equation: str, given: Mapping[str, Value] = MappingProxyType({})) -> dict[str, Value]:
     """Evaluate an equation; return its outputs by their names, or an empty dictionary after an error.
 
     The outputs are not compared with the mechanism. `given` are values, by name, that replace inputs of the equation.
@@ -230,21 +283,19 @@ def outputs(judge: Judge, equation: str, given: dict[str, Any] | None = None) ->
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}
-    env = {**copied(step.before[0]), **(given or {})}
+    scope = {**copied(step.before[0]), **given}
     try:
         with np.errstate(all="ignore"):
             for code in step.codes:
-                exec(code, env)
+                exec(code, scope)
     except Exception:
         return {}
-    values = env[OUT]
-    if step.plain is not None:
-        return dict(zip(step.equation.outputs, parts(step.plain, values), strict=True))
-    values = list(values) if isinstance(values, tuple | list) else [values]
-    return dict(zip(step.equation.outputs, values, strict=False))
+    values = returned_values(step, scope[OUT])
+    return dict(zip(step.equation.outputs, values, strict=step.plain is not None))
 
 
 _SCALE = 1.25
+"""Factor of all lengths, with which the error of a dimensionally consistent row grows by the same factor."""
 
 
 def _dimensions(judge: Judge) -> Iterator[Finding]:
@@ -252,20 +303,20 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
     failing = judge.failing()
     if not failing:
         return
-    scaled = _scaled(judge)
-    again = judge.on(scaled)
+    residuals: dict[Key, Array] = {}
+    for place, residual in judge.on(_scaled(judge)).residuals.items():
+        residuals.setdefault(place.key, residual)
     for place in failing:
-        other = next((r for p, r in again.residuals.items() if p.key == place.key), None)
-        if other is None:
-            continue
-        r = judge.residuals[place]
         kind = judge.truth.kinds[place.symbol]
-        if kind == "pose" or not (np.isfinite(r).all() and np.isfinite(other).all()):
+        if place.key not in residuals or kind == "pose":
             continue
-        factor = _SCALE if kind == "length" else 1.0
-        off = float(np.abs(other - factor * r).max()) / max(float(np.abs(r).max()), 1e-300)
+        before = judge.residuals[place]
+        after = residuals[place.key]
+        if not (np.isfinite(before).all() and np.isfinite(after).all()):
+            continue
+        factor, unit = (_SCALE, "a length") if kind == "length" else (1.0, "an angle")
+        off = float(np.abs(after - factor * before).max()) / max(float(np.abs(before).max()), 1e-300)
         if off > 1e-6:
-            unit = "a length" if kind == "length" else "an angle"
             yield disagreement(
                 "invariant.dimension",
                 f"{place.name}, line {place.line}",
@@ -276,14 +327,16 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
 
 
 def _scaled(judge: Judge) -> Truth:
-    truth, symbols = judge.truth, dict(judge.truth.symbols)
+    """Return the values of a mechanism that is larger in all its lengths."""
+    truth = judge.truth
+    symbols = dict(truth.symbols)
     lengths = {p.name for p in judge.formula.parameters if p.unit in ("mm", "m", "cm", "um")}
     for name, value in symbols.items():
         kind = truth.kinds.get(name)
         if kind == "pose":
-            a = value.a.copy()
-            a[:, :3, 3] *= _SCALE
-            symbols[name] = Matrix(a)
+            T = value.a.copy()
+            T[:, :3, 3] *= _SCALE
+            symbols[name] = Matrix(T)
         elif kind == "length" or name in lengths:
             symbols[name] = value * _SCALE
     return replace(truth, symbols=symbols)
