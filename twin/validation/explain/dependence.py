@@ -8,12 +8,12 @@ not reveal these edits. Therefore, one symbol at a time is perturbed, and the ch
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Iterable, Sequence
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.candidate import Candidate, residuals
 from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix
@@ -49,20 +49,26 @@ class Dependence:
         """Set `hollow` and `dropped` of a candidate that repairs `rows`; see `Candidate`."""
         if not rows:
             return
-        if any(not self.determined(c, k) for k in rows):
-            c.hollow = True
-            return
-        dropped: set[str] = set()
+        for row in rows:
+            if not self.determined(c, row):
+                c.hollow = True
+                return
         after = self._answers(c.step, c.edits, rows)
-        before = {k: self.reads(c.step, k, rows) for k in rows}
-        for k in rows:
-            if self._returns_own(c, k):
-                after[k].add(self._symbol[k])
-            dropped |= before[k] - after[k]
+        dropped: set[str] = set()
+        hollow = False
+        for row in rows:
+            before = self.reads(c.step, row, rows)
+            if self._returns_own(c, row):
+                after[row].add(self._symbol[row])
+            dropped |= before - after[row]
+            if before and not after[row]:
+                hollow = True
         c.dropped = tuple(sorted(dropped))
         # A symbol that is still in the text but has no effect was multiplied by zero or cancelled. A single edit may
         # correctly restore a zero that was misprinted; for two edits this is not credible.
-        c.hollow = any(before[k] and not after[k] for k in rows) or (len(c.edits) > 1 and bool(dropped - _touched(c)))
+        if len(c.edits) > 1 and not dropped <= _touched(c):
+            hollow = True
+        c.hollow = hollow
 
     def _returns_own(self, c: Candidate, row: Key) -> bool:
         """Return whether an edited return statement gives a symbol that another row computes and that is judged there.
@@ -79,10 +85,14 @@ class Dependence:
             return False
         text = c.step.source.edited(statement, edits)
         value = ast.parse(f"({text.removeprefix('return').strip()}\n)", mode="eval").body
-        returned = value.elts[position] if isinstance(value, ast.Tuple | ast.List) else value
-        if not (isinstance(returned, ast.Name) and returned.id == symbol):
+        if isinstance(value, ast.Tuple | ast.List):
+            value = value.elts[position]
+        if not isinstance(value, ast.Name) or value.id != symbol:
             return False
-        return any(p.equation == equation and p.symbol == symbol and p.statement < index for p in self.judge.residuals)
+        for place in self.judge.residuals:
+            if place.equation == equation and place.symbol == symbol and place.statement < index:
+                return True
+        return False
 
     def reads(self, step: Step, row: Key, rows: Collection[Key] = ()) -> set[str]:
         """Return the symbols on which an unedited row depends; `rows`: further rows to evaluate in the same run."""
@@ -98,37 +108,40 @@ class Dependence:
         """Return {row: symbols on which the row depends} after the edits `change`; no edits: the original rows."""
         name = step.equation.name
         equations = frozenset({name})
-        if any(k[0] != name for k in rows):  # rows of later equations depend on symbols through this equation
+        if {row[0] for row in rows} - {name}:  # rows of later equations depend on symbols through this equation
             later = self.judge.steps[self.judge.steps.index(self.judge.step(name)) :]
             equations = frozenset(s.equation.name for s in later if s.stage == step.stage)
-        out: dict[Key, set[str]] = {k: set() for k in rows}
+        # An output that a later row uses is also a symbol of that row, with the mechanism's value.
+        symbols = list(step.inputs)
+        for output in step.equation.outputs:
+            if output in step.held and output not in step.inputs:
+                symbols.append(output)
+        found: dict[Key, set[str]] = {row: set() for row in rows}
         for i, base in enumerate(self.bases):
-            at = residuals(base, name, change)
-            if at is None:
+            before = residuals(base, name, change)
+            if before is None:
                 continue
-            # An output that a later row uses is also a symbol of that row, with the mechanism's value.
-            for symbol in (*step.inputs, *(n for n in step.equation.outputs if n in step.held - set(step.inputs))):
+            for symbol in symbols:
                 moved = self._moved(i, step, equations, symbol)
-                if moved is None:
+                after = None if moved is None else residuals(moved, name, change)
+                if after is None:
                     continue
-                there = residuals(moved, name, change)
-                if there is None:
-                    continue
-                for k in rows:
-                    if symbol == self._symbol[k] and symbol not in step.inputs:
+                for row in rows:
+                    if symbol == self._symbol[row] and symbol not in step.inputs:
                         continue  # the symbol is the left side
-                    if symbol not in out[k] and k in at and k in there and _differ(at[k], there[k]):
-                        out[k].add(symbol)
-        return out
+                    if symbol in found[row] or row not in before or row not in after:
+                        continue
+                    if _differ(before[row], after[row]):
+                        found[row].add(symbol)
+        return found
 
     def _moved(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
         """Return a judge of the given equations with one symbol perturbed; None if the symbol has no value."""
         at = (i, step.equation.name, equations, symbol)
         if at not in self._stirred:
             base = self.bases[i]
-            mine = base.step(step.equation.name)
             # Results of earlier equations are reused.
-            values = {**mine.computed, **base.truth.symbols}
+            values = {**base.step(step.equation.name).computed, **base.truth.symbols}
             if symbol not in values:
                 return None
             values[symbol] = _stirred(values[symbol], base.truth.k)
@@ -146,55 +159,83 @@ class Dependence:
         """
         step = self.judge.step(row[0])
         unknown = [n for n in step.equation.outputs if n in step.known and n in step.inputs]
-        new = {e.define[0] for e in c.edits if e.define and not e.define[1]}
-        unknown += [n for n in step.equation.outputs if n in step.known and n in new and n not in unknown]
+        added = {e.define[0] for e in c.edits if e.define and not e.define[1]}  # new arguments of the function
+        for name in step.equation.outputs:
+            if name in step.known and name in added and name not in unknown:
+                unknown.append(name)
         if not unknown:
             return True
-        places = [p.key for p in self.judge.residuals if p.equation == row[0]]
-        if row not in places or any(
-            self.judge.residuals[p].shape[1] != 1 for p in self.judge.residuals if p.key == row
-        ):
+        kinds: dict[Key, str] = {}
+        scalar = False
+        for place, residual in self.judge.residuals.items():
+            if place.equation == row[0]:
+                kinds[place.key] = self.judge.truth.kinds[place.symbol]
+            if place.key == row:
+                scalar = residual.shape[1] == 1
+        if not scalar:
             return True
-        kinds = {p.key: self.judge.truth.kinds[p.symbol] for p in self.judge.residuals}
-        t = self.judge.tolerance
-        gradient: dict[Key, list[Array]] = {k: [] for k in places}
-        for name in unknown:
-            sides = [self._sides(c, row[0], name, sign) for sign in (1, -1)]
-            if sides[0] is None or sides[1] is None:
-                return False
-            for k in places:
-                tolerance = t.angle if kinds[k] == "angle" else t.length
-                slope = (sides[0][k] - sides[1][k]) * (tolerance / (2 * _STEP))
-                gradient[k].append(slope[:, 0] if slope.shape[1] == 1 else np.full(len(slope), np.nan))
-        J = {k: np.stack(g, axis=1) for k, g in gradient.items()}
-        mine = J.pop(row)
-        others = [g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), _PARALLEL) for g in J.values()]
-        others = [np.where(np.isfinite(g).all(axis=1, keepdims=True), g, 0.0) for g in others]
-        good = np.isfinite(mine).all(axis=1)
-        if not good.any():
+        gradients = self._gradients(c, row[0], unknown, kinds)
+        if gradients is None:
             return False
-        rest = mine
-        if others:
-            A = np.stack(others, axis=1)  # (k, rows, unknowns)
-            span = np.linalg.pinv(A, rcond=1e-8) @ A
-            rest = mine - (mine[:, None, :] @ span)[:, 0]
-        return float(np.mean(np.linalg.norm(rest, axis=1)[good] > _PARALLEL)) > 0.5
+        own = gradients.pop(row)
+        known = np.isfinite(own).all(axis=1)
+        if not known.any():
+            return False
+        outside = own
+        if gradients:
+            unit = [_unit(g) for g in gradients.values()]
+            A = np.stack(unit, axis=1)  # (k, rows, unknowns)
+            span = np.linalg.pinv(A, rcond=1e-8) @ A  # projects on the span of the other gradients
+            outside = own - (own[:, None, :] @ span)[:, 0]
+        share = np.mean(np.linalg.norm(outside, axis=1)[known] > _PARALLEL)
+        return float(share) > 0.5
+
+    def _gradients(
+        self, c: Candidate, equation: str, unknown: Sequence[str], kinds: Mapping[Key, str]
+    ) -> dict[Key, Array] | None:
+        """Return {row: gradient (k, unknowns) of right minus left side in SI}, NaN for vectors; None after an error."""
+        tolerance = self.judge.tolerance
+        slopes: dict[Key, list[Array]] = {row: [] for row in kinds}
+        for name in unknown:
+            above = self._sides(c, equation, name, 1)
+            below = self._sides(c, equation, name, -1)
+            if above is None or below is None:
+                return None
+            for row, kind in kinds.items():
+                unit = tolerance.angle if kind == "angle" else tolerance.length
+                slope = (above[row] - below[row]) * (unit / (2 * _STEP))
+                if slope.shape[1] == 1:
+                    slopes[row].append(slope[:, 0])
+                else:
+                    slopes[row].append(np.full(len(slope), np.nan))
+        return {row: np.stack(columns, axis=1) for row, columns in slopes.items()}
 
     def _sides(self, c: Candidate, equation: str, name: str, sign: int) -> dict[Key, Array] | None:
-        at = (equation, name, sign)
-        if at not in self._stepped:
-            step = self.judge.step(equation)
-            values = {**step.computed, **self.judge.truth.symbols}
+        """Return the residuals of an edited equation with one symbol moved by a step; None after an error."""
+        moved = (equation, name, sign)
+        if moved not in self._stepped:
+            values = {**self.judge.step(equation).computed, **self.judge.truth.symbols}
             values[name] = values[name] + sign * _STEP
-            self._stepped[at] = self.judge.on(self.judge.truth.with_parameters(values), {equation})
-        judge = self._stepped[at]
-        as_it_stands = residuals(judge, equation, ()) or {}
-        mine = [e for e in c.edits if c.step.equation.name == equation]
-        changed = residuals(judge, equation, mine) if mine else {}
-        return None if changed is None else {**as_it_stands, **changed}
+            self._stepped[moved] = self.judge.on(self.judge.truth.with_parameters(values), {equation})
+        judge = self._stepped[moved]
+        unedited = residuals(judge, equation, ()) or {}
+        if c.step.equation.name != equation:
+            return unedited
+        changed = residuals(judge, equation, c.edits)
+        if changed is None:
+            return None
+        return {**unedited, **changed}
 
 
-def _stirred(x: Any, k: int) -> Any:
+def _unit(gradient: Array) -> Array:
+    """Return the unit vectors of gradients (k, n); zero where they are not finite."""
+    length = np.linalg.norm(gradient, axis=1, keepdims=True)
+    unit = gradient / np.maximum(length, _PARALLEL)
+    return np.where(np.isfinite(unit).all(axis=1, keepdims=True), unit, 0.0)
+
+
+def _stirred(x: Value, k: int) -> Value:
+    """Return a value with a perturbation of alternating sign, so that opposite effects do not cancel."""
     sign = np.where(np.arange(k) % 2, -1.0, 1.0)
     if isinstance(x, Matrix):
         pattern = np.cos(1.0 + np.arange(x.a[0].size)).reshape(x.a[0].shape)
@@ -213,22 +254,29 @@ def _differ(a: Array, b: Array) -> bool:
 
 def _touched(c: Candidate) -> set[str]:
     """Return the symbols in the text that the edits replace, and the symbols from which these are computed."""
-    out: set[str] = set()
-    for e in c.edits:
-        try:
-            names: set[str] = {n.id for n in ast.walk(ast.parse(e.old.strip() or "0")) if isinstance(n, ast.Name)}
-        except SyntaxError:
-            names = set()
-        if e.function != c.step.source.name:
-            out |= set(c.step.inputs) if names else set()
-            continue
-        out |= _leads(c.step.source, e.statement, names)
-    return out
+    touched: set[str] = set()
+    for edit in c.edits:
+        names = _names(edit.old)
+        if edit.function == c.step.source.name:
+            touched |= _origins(c.step.source, edit.statement, names)
+        elif names:
+            touched.update(c.step.inputs)
+    return touched
 
 
-def _leads(source: Source, index: int, names: Iterable[str]) -> set[str]:
-    out = set(names)
-    for s in reversed(source.statements[:index]):
-        if out & set(s.writes):
-            out |= s.reads
-    return out
+def _names(text: str) -> set[str]:
+    """Return the names in a part of a statement; none if it is no Python by itself."""
+    try:
+        tree = ast.parse(text.strip() or "0")
+    except SyntaxError:
+        return set()
+    return {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
+
+
+def _origins(source: Source, index: int, names: set[str]) -> set[str]:
+    """Return `names` and the names from which they are computed before a statement."""
+    origins = set(names)
+    for statement in reversed(source.statements[:index]):
+        if not origins.isdisjoint(statement.writes):
+            origins |= statement.reads
+    return origins

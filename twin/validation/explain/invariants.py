@@ -88,7 +88,7 @@ def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
     M = np.eye(n) - A
     if not np.linalg.cond(M).max() < 1e12:
         return None
-    return np.linalg.solve(M, b[..., None])[..., 0]
+    return np.asarray(np.linalg.solve(M, b[..., None])[..., 0], np.float64)
 
 
 def _outputs_at(judge: Judge, equation: str, names: list[str], x: list[float]) -> Array | None:

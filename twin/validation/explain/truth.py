@@ -6,13 +6,15 @@ import ast
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL, Formula, arguments
+from twin.formula.scalar import Value
+from twin.model.joint import Joint
 from twin.reference import Assembly, ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
@@ -47,7 +49,7 @@ class Truth:
             state is fitted to the rows that use the parameter.
     """
 
-    symbols: Mapping[str, Any]
+    symbols: Mapping[str, Value]
     kinds: Mapping[str, Kind]
     k: int
     Ts: Array
@@ -56,42 +58,46 @@ class Truth:
     borrowed: Mapping[str, str]
     free: str = ""
 
-    def with_parameters(self, values: Mapping[str, Any]) -> Truth:
+    def with_parameters(self, values: Mapping[str, Value]) -> Truth:
         """Return a copy of this object with other parameter values in SI."""
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> Truth:
         """Return randomly perturbed values, which no mechanism can have, to detect rows that agree by coincidence."""
         rng = np.random.default_rng(seed)
-
-        def shake(x: Any) -> Any:
-            if isinstance(x, Matrix):
-                return Matrix(x.a * (1 + 0.01 * rng.standard_normal(x.a.shape)))
-            x = np.broadcast_to(np.asarray(x, float), (self.k,))
-            return x * (1 + 0.01 * rng.standard_normal(self.k)) + 1e-3 * rng.standard_normal(self.k)
-
-        return replace(self, symbols={n: shake(v) for n, v in self.symbols.items()})
+        symbols: dict[str, Value] = {}
+        for name, value in self.symbols.items():
+            if isinstance(value, Matrix):
+                symbols[name] = Matrix(value.a * (1 + 0.01 * rng.standard_normal(value.a.shape)))
+                continue
+            x = np.broadcast_to(np.asarray(value, float), (self.k,))
+            # A relative and an absolute change, so that also a zero is changed.
+            symbols[name] = x * (1 + 0.01 * rng.standard_normal(self.k)) + 1e-3 * rng.standard_normal(self.k)
+        return replace(self, symbols=symbols)
 
     def first(self) -> Truth:
         """Return the values at the first sample only."""
-
-        def cut(x: Any) -> Any:
-            if isinstance(x, Matrix):
-                return Matrix(x.a[:1])
-            return x[:1] if np.ndim(x) else x
-
-        return replace(self, symbols={n: cut(v) for n, v in self.symbols.items()}, k=1, Ts=self.Ts[:1])
+        symbols: dict[str, Value] = {}
+        for name, value in self.symbols.items():
+            if isinstance(value, Matrix):
+                symbols[name] = Matrix(value.a[:1])
+            elif np.ndim(value):
+                symbols[name] = value[:1]
+            else:
+                symbols[name] = value
+        return replace(self, symbols=symbols, k=1, Ts=self.Ts[:1])
 
     def repeated(self, samples: Sequence[int], times: int) -> Truth:
         """Return the values at some samples, repeated several times."""
         rows = np.tile(np.asarray(samples), times)
-
-        def chosen(x: Any) -> Any:
-            if isinstance(x, Matrix):
-                return Matrix(np.broadcast_to(x.a, (self.k, *x.a.shape[1:]))[rows])
-            return np.asarray(x)[rows] if np.ndim(x) else x
-
-        symbols = {name: chosen(value) for name, value in self.symbols.items()}
+        symbols: dict[str, Value] = {}
+        for name, value in self.symbols.items():
+            if isinstance(value, Matrix):  # one matrix may stand for all samples
+                symbols[name] = Matrix(np.broadcast_to(value.a, (self.k, *value.a.shape[1:]))[rows])
+            elif np.ndim(value):
+                symbols[name] = np.asarray(value)[rows]
+            else:
+                symbols[name] = value
         return replace(self, symbols=symbols, k=len(rows), Ts=self.Ts[rows], run=None)
 
     def pose_text(self, i: int) -> str:
@@ -99,7 +105,10 @@ class Truth:
         parts = []
         for name, unit in self.coordinates:
             value = float(np.broadcast_to(self.symbols[name], (self.k,))[i])
-            parts.append(f"{name} {value * 1e3:.1f} mm" if unit == "m" else f"{name} {np.degrees(value):.1f}°")
+            if unit == "m":
+                parts.append(f"{name} {value * 1e3:.1f} mm")
+            else:
+                parts.append(f"{name} {np.degrees(value):.1f}°")
         return ", ".join(parts)
 
 
@@ -117,61 +126,87 @@ def sample(
     Raises:
         TwinError: the mechanism cannot be moved.
     """
-    m = model.mechanism
+    mechanism = model.mechanism
     rng = np.random.default_rng(seed)
-    ranges = np.array([(j.limits or ((-0.5, 0.5) if j.is_angle else (-0.1, 0.1))) for j in m.active])
-    ranges = np.where(np.isfinite(ranges), ranges, np.sign(ranges) * np.pi)
-    half = np.minimum(_SPREAD * np.ptp(ranges, axis=1), [0.3 if j.is_angle else 0.02 for j in m.active])
-    starts = []
-    for name in list(m.postures)[:4]:
-        try:
-            starts.append(model.solve(np.asarray(m.posture(name), float)))
-        except AssemblyError:
-            continue
-    starts = starts or [model.home()]
-    if regular:
-        stands = conditioning(model, np.array([s.x for s in starts]), LENGTH_SCALE).stands
-        starts = [s for s, value in zip(starts, stands, strict=True) if value >= _REGULAR * stands.max()]
+    low, high, half = _box(mechanism.active)
+    starts = _starts(model, regular)
     states: list[Array] = []
     for shrink in (1.0, 0.5, 0.2, 0.05):
         for i, start in enumerate(starts):
+            # The starts that are left share the samples that are missing.
             wanted = (samples - len(states)) // (len(starts) - i)
             q = start.q + shrink * half * rng.uniform(-1, 1, (wanted, len(half)))
-            q = np.clip(q, ranges[:, 0], ranges[:, 1])
-            states += _solved(model, q, start)
+            states += _solved(model, np.clip(q, low, high), start)
             progress(len(states) / samples)
         if len(states) >= samples:
             break
     if len(states) < 6:
-        raise TwinError(f"{m.name}: the mechanism hardly moves near its postures, so there are no poses for the check")
+        raise TwinError(
+            f"{mechanism.name}: the mechanism hardly moves near its postures, so there are no poses for the check"
+        )
     return model.collect(np.array(states))
+
+
+def _box(joints: Sequence[Joint]) -> tuple[Array, Array, Array]:
+    """Return (lower limits, upper limits, half widths of the sampled box), each (n,), in m and rad."""
+    ranges: list[tuple[float, float]] = []
+    most: list[float] = []  # half widths for joints with a long range
+    for joint in joints:
+        if joint.is_angle:
+            ranges.append(joint.limits or (-0.5, 0.5))
+            most.append(0.3)
+        else:
+            ranges.append(joint.limits or (-0.1, 0.1))
+            most.append(0.02)
+    limits = np.array(ranges)
+    limits = np.where(np.isfinite(limits), limits, np.sign(limits) * np.pi)
+    half = np.minimum(_SPREAD * np.ptp(limits, axis=1), most)
+    return limits[:, 0], limits[:, 1], half
+
+
+def _starts(model: ReferenceModel, regular: bool) -> list[Assembly]:
+    """Return the states around which the mechanism is sampled."""
+    mechanism = model.mechanism
+    starts: list[Assembly] = []
+    for name in list(mechanism.postures)[:4]:
+        with contextlib.suppress(AssemblyError):
+            starts.append(model.solve(np.asarray(mechanism.posture(name), float)))
+    if not starts:
+        starts = [model.home()]
+    if not regular:
+        return starts
+    values = conditioning(model, np.array([s.x for s in starts]), LENGTH_SCALE).stands
+    return [s for s, value in zip(starts, values, strict=True) if value >= _REGULAR * values.max()]
 
 
 def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
     """Return the reachable states at joint values q (k, n), solved together or, if that fails, one by one."""
+    if not len(q):
+        return []
     try:
-        return list(model.solve_many(q, start).x) if len(q) else []
+        return list(model.solve_many(q, start).x)
     except AssemblyError:
-        out = []
+        states: list[Array] = []
         for one in q:
             with contextlib.suppress(AssemblyError):
-                out.append(model.solve(one, start).x)
-        return out
+                states.append(model.solve(one, start).x)
+        return states
 
 
 def gather(
     formula: Formula, run: SolvedSamples, model: ReferenceModel, parameters: Mapping[str, float] | None = None
 ) -> Truth:
     """Return the values of the formula's symbols at states of the mechanism."""
-    rebuild = Rebuilder()
-    k = len(run.x)
-    symbols: dict[str, Any] = {p.name: float(p.value) for p in formula.parameters} | dict(parameters or {})
+    symbols: dict[str, Value] = {p.name: float(p.value) for p in formula.parameters}
+    symbols |= dict(parameters or {})
     kinds: dict[str, Kind] = {POSE_SYMBOL: "pose"}
     symbols[POSE_SYMBOL] = Matrix(run.Ts_base_tool)
     with np.errstate(all="ignore"):
-        values = rebuild.function(formula.coordinates.from_pose)(symbols[POSE_SYMBOL])
-    for name, unit, value in zip(formula.coordinates.names, formula.coordinates.units, values, strict=True):
-        symbols[name], kinds[name] = value, "angle" if unit == "rad" else "length"
+        coordinates = Rebuilder().function(formula.coordinates.from_pose)(symbols[POSE_SYMBOL])
+    units = tuple(zip(formula.coordinates.names, formula.coordinates.units, strict=True))
+    for (name, unit), value in zip(units, coordinates, strict=True):
+        symbols[name] = value
+        kinds[name] = "angle" if unit == "rad" else "length"
     order = [j.name for j in model.mechanism.active]
     for joint in formula.joints:
         symbols[joint.name] = run.q[:, order.index(joint.name)]
@@ -179,24 +214,31 @@ def gather(
     angular = {j.name: j.is_angle for j in model.mechanism.joints}
     for name in formula.passive:
         if name in run.q_passive:
-            symbols[name], kinds[name] = run.q_passive[name], "angle" if angular[name] else "length"
+            symbols[name] = run.q_passive[name]
+            kinds[name] = "angle" if angular[name] else "length"
     borrowed: dict[str, str] = {}
-    parts = _passed_on(formula)
+    sources_of = _passed_on(formula)
     for name, symbol in formula.points.items():
         if name not in run.points:
             continue
         p = run.points[name]
         if not isinstance(symbol, str):
-            for i, s in enumerate(symbol):
-                symbols[s], kinds[s] = p[:, i], "length"
+            for i, coordinate in enumerate(symbol):
+                symbols[coordinate] = p[:, i]
+                kinds[coordinate] = "length"
             continue
-        symbols[symbol], kinds[symbol] = Matrix(p[:, :, None]), "length"
-        for source, component in parts.get(symbol, ()):
-            if source not in kinds and source not in symbols:
-                symbols[source] = Matrix(p[:, :, None]) if component is None else p[:, component]
-                kinds[source], borrowed[source] = "length", name
-    coordinates = tuple(zip(formula.coordinates.names, formula.coordinates.units, strict=True))
-    return Truth(symbols, kinds, k, run.Ts_base_tool, run, coordinates, borrowed, _free(formula, model))
+        symbols[symbol] = Matrix(p[:, :, None])
+        kinds[symbol] = "length"
+        for source, component in sources_of.get(symbol, ()):
+            if source in kinds or source in symbols:
+                continue
+            if component is None:
+                symbols[source] = Matrix(p[:, :, None])
+            else:
+                symbols[source] = p[:, component]
+            kinds[source] = "length"
+            borrowed[source] = name
+    return Truth(symbols, kinds, len(run.x), run.Ts_base_tool, run, units, borrowed, _free(formula, model))
 
 
 def _free(formula: Formula, model: ReferenceModel) -> str:
@@ -208,14 +250,16 @@ def _free(formula: Formula, model: ReferenceModel) -> str:
         if equation.stage != "helper":
             required, optional = arguments(equation.variants[equation.default])
             read[equation.stage] |= {*required, *optional}
-    names = [p.name for p in formula.parameters if p.unit in ("deg", "rad")]
-    found = [n for n in names if n in read["inverse"] and n not in read["forward"]]
+    found: list[str] = []
+    for p in formula.parameters:
+        if p.unit in ("deg", "rad") and p.name in read["inverse"] and p.name not in read["forward"]:
+            found.append(p.name)
     return found[0] if len(found) == 1 else ""
 
 
 def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:
     """Return {output: [(argument, index or None)]} for outputs of helpers that are unchanged arguments."""
-    out: dict[str, list[tuple[str, int | None]]] = {}
+    passed: dict[str, list[tuple[str, int | None]]] = {}
     for equation in formula.equations:
         if equation.stage != "helper":
             continue
@@ -226,13 +270,14 @@ def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:
         last = source.statements[-1].node if source.statements else None
         if not isinstance(last, ast.Return):
             continue
-        returned = last.value
-        elements = returned.elts if isinstance(returned, ast.Tuple) else [returned]
+        elements: Sequence[ast.expr | None] = [last.value]
+        if isinstance(last.value, ast.Tuple):
+            elements = last.value.elts
         for symbol, element in zip(equation.outputs, elements, strict=False):
             if isinstance(element, ast.Name) and element.id in source.arguments:
-                out.setdefault(symbol, []).append((element.id, None))
+                passed.setdefault(symbol, []).append((element.id, None))
             if isinstance(element, ast.Call) and getattr(element.func, "id", "") == "vertcat":
-                names = [a.id if isinstance(a, ast.Name) else "" for a in element.args]
-                if len(names) == 3 and all(n in source.arguments for n in names):
-                    out.setdefault(symbol, []).extend((n, i) for i, n in enumerate(names))
-    return out
+                names = [a.id for a in element.args if isinstance(a, ast.Name)]
+                if len(element.args) == 3 and len(names) == 3 and set(names) <= set(source.arguments):
+                    passed.setdefault(symbol, []).extend(zip(names, range(3), strict=True))
+    return passed
