@@ -16,6 +16,7 @@ from twin.cad.build import CadModel
 from twin.cad.faulty import FrameMismatch, Suspect, faults
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
+from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.reference import ReferenceModel
 from twin.validation.explain.judge import Judge
@@ -29,8 +30,6 @@ _MOST = 12
 
 _OPEN = (1e-8, 1e-7)
 """Gaps in m and rad above which a loop is open."""
-
-_TIMES = {"mm": "mm", "deg": "°"}
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,10 @@ class _Tried:
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
         """Sort key; the best combination has the largest key. Evidence in the CAD comes before agreement of rows."""
-        off = len(self.judge.failing()) if self.judge is not None else 10**6
-        return sum(s.score for s in self.chosen), self.closes, self.agrees, -off
+        wrong = 10**6  # without a mechanism, more than any number of rows
+        if self.judge is not None:
+            wrong = len(self.judge.failing())
+        return _score(self.chosen), self.closes, self.agrees, -wrong
 
 
 def correct(
@@ -95,21 +96,49 @@ def correct(
     if not findings:
         return None
     found = faults(cad, {p.name: float(p.value) for p in formula.parameters})
-    told = [f for f in found if f.suspects]
-    choices = sorted(islice(product(*(f.suspects for f in told)), 200), key=lambda c: -sum(s.score for s in c))
-    best = sum(s.score for s in choices[0])
-    first = [c for c in choices if sum(s.score for s in c) == best]
+    located = [f for f in found if f.suspects]
     tried: list[_Tried] = []
-    for i, chosen in enumerate(choices[:_MOST] if told else []):
-        if chosen not in first and any(t.agrees for t in tried):
+    if located:
+        tried = _tried(cad, located, judged, progress)
+    best = _best(tried)
+    chosen: dict[tuple[str, ...], Suspect] = {}
+    for fault, suspect in zip(located, best.chosen, strict=False):
+        chosen[fault.joints] = suspect
+    parts: list[PartOff] = []
+    for fault in found:
+        parts.append(_part(fault, findings, chosen.get(fault.joints), best, tried))
+    agrees = best.agrees and len(located) == len(found)
+    return Corrected(findings, tuple(parts), best.model, best.judge, agrees)
+
+
+def _tried(
+    cad: CadModel,
+    located: Sequence[Fault],
+    judged: Callable[[ReferenceModel], Judge],
+    progress: Callable[[float], None],
+) -> list[_Tried]:
+    """Correct combinations of parts, one suspect for each fault, those with the most evidence in the CAD first."""
+    combinations = product(*(f.suspects for f in located))
+    choices = sorted(islice(combinations, 200), key=_score, reverse=True)
+    best = _score(choices[0])
+    tried: list[_Tried] = []
+    for i, chosen in enumerate(choices[:_MOST]):
+        # Less evidence is enough only as long as no combination makes every row agree.
+        if _score(chosen) < best and any(t.agrees for t in tried):
             break
         progress(i / min(_MOST, len(choices)))
         tried.append(_put_right(cad, chosen, judged))
-    top = max((t for t in tried if t.agrees), default=None, key=lambda t: t.rank)
-    top = top or max(tried, default=_Tried(()), key=lambda t: t.rank)
-    sides = dict(zip((f.joints for f in told), top.chosen, strict=False))
-    parts = tuple(_part(f, findings, sides.get(f.joints), top, tried) for f in found)
-    return Corrected(findings, parts, top.model, top.judge, top.agrees and len(told) == len(found))
+    return tried
+
+
+def _best(tried: Sequence[_Tried]) -> _Tried:
+    """Return the best combination: of those with which every row agrees, if there are any, otherwise of all."""
+    agreeing = [t for t in tried if t.agrees]
+    return max(agreeing or tried, default=_Tried(()), key=lambda t: t.rank)
+
+
+def _score(suspects: Sequence[Suspect]) -> int:
+    return sum(s.score for s in suspects)
 
 
 def drawing(cad: CadModel) -> tuple[Finding, ...]:
@@ -118,11 +147,16 @@ def drawing(cad: CadModel) -> tuple[Finding, ...]:
 
 
 def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[ReferenceModel], Judge]) -> _Tried:
+    """Return the CAD with the chosen parts corrected, assembled and judged."""
     faces = dict(cad.measured)
-    given = {k: T for s in chosen for k, T in s.given.items()}
-    for s in chosen:
-        mine = {n: m for n, m in s.faces[s.body].items() if n in (s.features or s.faces[s.body])}
-        faces[s.body] = {**faces[s.body], **mine}
+    given: dict[tuple[str, str], Array] = {}
+    for suspect in chosen:
+        given |= suspect.given
+        measured = suspect.faces[suspect.body]
+        corrected = measured
+        if suspect.features:
+            corrected = {name: measured[name] for name in measured if name in suspect.features}
+        faces[suspect.body] = {**faces[suspect.body], **corrected}
     try:
         model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces, given))
         return _Tried(tuple(chosen), model, judged(model))
@@ -137,50 +171,65 @@ def _part(
     top: _Tried,
     tried: Sequence[_Tried],
 ) -> PartOff:
-    sizes = [f for f in findings if f.where in fault.joints]
-    much = " and ".join(f"{_number(f.size or 0.0)} {_TIMES[f.unit]}".replace(" °", "°") for f in sizes)
-    where = ", ".join(dict.fromkeys(f.where for f in sizes))
-    head = f"joint{'s' if len(fault.joints) > 1 else ''} {where}, {much}"
+    """Return the result about one fault, as text and data; `chosen`: the suspect in the best combination."""
+    gaps: list[str] = []
+    joints: dict[str, None] = {}
+    for finding in findings:
+        if finding.where in fault.joints:
+            unit = "°" if finding.unit == "deg" else " mm"
+            gaps.append(f"{finding.size or 0.0:.6g}{unit}")
+            joints[finding.where] = None
+    noun = "joints" if len(fault.joints) > 1 else "joint"
+    head = f"{noun} {', '.join(joints)}, {' and '.join(gaps)}"
     if chosen is None:
         text = f"{head}: no single faulty part explains these gaps"
         return PartOff(fault.joints, "", (), "", (), (), text)
     others = [s for s in fault.suspects if s is not chosen]
-    by, why, rest = _decide(chosen, others, top, tried)
-    left = [_name(s) for s in rest]
-    what = _name(chosen)
-    if left:
-        text = f"{head}: {what} is wrong, or {', or '.join(left)}; CAD and rows do not determine which"
-    else:
-        text = f"{head}: {what} is wrong" + (f" ({'; '.join(why[:2])})" if why else "")
-    return PartOff(fault.joints, chosen.body, chosen.features, by, tuple(why), tuple(left), text)
+    told_by, why, undecided = _decide(chosen, others, top, tried)
+    alternatives = tuple(_name(s) for s in undecided)
+    text = f"{head}: {_name(chosen)} is wrong"
+    if alternatives:
+        text += f", or {', or '.join(alternatives)}; CAD and rows do not determine which"
+    elif why:
+        text += f" ({'; '.join(why[:2])})"
+    return PartOff(fault.joints, chosen.body, chosen.features, told_by, tuple(why), alternatives, text)
 
 
 def _decide(
     chosen: Suspect, others: list[Suspect], top: _Tried, tried: Sequence[_Tried]
 ) -> tuple[str, list[str], list[Suspect]]:
     """Return (kind of evidence as in `PartOff.told_by`, evidence as text, alternative parts)."""
-    why = [*chosen.for_it, *(text for s in others for text in s.against_it)]
+    why = list(chosen.for_it)
+    for suspect in others:
+        why += suspect.against_it
     if not others:
         return "joints", [*why, "the other part of the joint has no gaps at further joints"], []
-    if all(s.score < chosen.score for s in others) and top.agrees >= any(t.agrees for t in tried):
+    closes: list[bool] = []  # for each of the others: whether the loops close with it
+    agrees: list[bool] = []
+    undecided: list[Suspect] = []
+    for suspect in others:
+        # A part with which no combination was tried may also be the faulty one.
+        with_it = [t for t in tried if suspect in t.chosen]
+        closes.append(not with_it or any(t.closes for t in with_it))
+        agrees.append(not with_it or any(t.agrees for t in with_it))
+        if agrees[-1]:
+            undecided.append(suspect)
+    most_evidence = max(s.score for s in others) < chosen.score
+    if most_evidence and (top.agrees or not any(t.agrees for t in tried)):
         return "drawing", why, []
-    same = {s: [t for t in tried if s in t.chosen] for s in others}
-    if top.closes and all(same[s] and not any(t.closes for t in same[s]) for s in others):
+    if top.closes and not any(closes):
         return "loops", [*why, "the loops close at every pose only if this part is corrected"], []
-    if top.agrees and all(same[s] and not any(t.agrees for t in same[s]) for s in others):
+    if top.agrees and not any(agrees):
         return "rows", [*why, "every row agrees only if this part is corrected"], []
     if not top.agrees:
         return "", why, others
-    return "", why, [s for s in others if any(t.agrees for t in same[s]) or not same[s]]
+    return "", why, undecided
 
 
-def _name(s: Suspect) -> str:
-    if s.given:
-        return f"'{s.body}' (the numbers for the position of {', '.join(joint for joint, _ in s.given)} on this body)"
-    if not s.features:
-        return f"the placement of '{s.body}' in the CAD"
-    return f"'{s.body}' at its {' and '.join(s.features)}"
-
-
-def _number(x: float) -> str:
-    return f"{x:.6g}"
+def _name(suspect: Suspect) -> str:
+    if suspect.given:
+        joints = ", ".join(joint for joint, _ in suspect.given)
+        return f"'{suspect.body}' (the numbers for the position of {joints} on this body)"
+    if not suspect.features:
+        return f"the placement of '{suspect.body}' in the CAD"
+    return f"'{suspect.body}' at its {' and '.join(suspect.features)}"
