@@ -12,6 +12,7 @@ from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.result import Identified, Moved
+from twin.validation.explain.rows import Place
 
 _BLIND = 1e-7
 """A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
@@ -53,15 +54,24 @@ class Numbers:
         """Store the rows; `noise`: standard deviation, in units of the tolerance, added to the mechanism's values."""
         self.judge = judge
         self.deadline = deadline or Deadline()
-        self.start = {n: float(np.asarray(judge.truth.symbols[n])) for n in (p.name for p in judge.formula.parameters)}
-        bad = judge.failing()
+        self.start = {p.name: float(np.asarray(judge.truth.symbols[p.name])) for p in judge.formula.parameters}
+        failing = judge.failing()
         # Helpers often only repeat the error of a printed row: helper rows are used only if all printed rows agree.
-        printed = any(self._printed(p.equation) for p in bad)
-        mine = [p for p in judge.residuals if not printed or self._printed(p.equation)]
-        self.rows = [p for p in mine if np.isfinite(judge.residuals[p]).all()]
-        self.complete = all(p in self.rows for p in bad if p in mine)
-        size = sum(judge.residuals[p].size for p in self.rows)
-        self.noise = noise * np.random.default_rng(seed).standard_normal(size) if noise else np.zeros(size)
+        printed_fails = any(self._printed(p.equation) for p in failing)
+        self.rows: list[Place] = []
+        self.complete = True
+        size = 0
+        for place, residual in judge.residuals.items():
+            if printed_fails and not self._printed(place.equation):
+                continue
+            if np.isfinite(residual).all():
+                self.rows.append(place)
+                size += residual.size
+            elif place in failing:
+                self.complete = False
+        self.noise = np.zeros(size)
+        if noise:
+            self.noise = noise * np.random.default_rng(seed).standard_normal(size)
 
     def _printed(self, equation: str) -> bool:
         return self.judge.step(equation).stage != "helper"
@@ -74,19 +84,20 @@ class Numbers:
         """
         self.deadline.check()
         other = self.judge.on(self.judge.truth.with_parameters(values))
-        missing = np.full(1, np.nan)
-        return np.concatenate([other.residuals.get(p, missing).ravel() for p in self.rows]) + self.noise
+        missing = np.full(1, np.nan)  # a size that no complete vector has, so that the caller sees it
+        flat = [other.residuals.get(p, missing).ravel() for p in self.rows]
+        return np.concatenate(flat) + self.noise
 
     def used(self) -> list[Parameter]:
         """Return the parameters on which at least one row depends."""
         base = self.residual(self.start)
-        out = []
+        used: list[Parameter] = []
         for p in self.judge.formula.parameters:
             h = 1e-4 * max(abs(self.start[p.name]), 0.01)
             moved = self.residual({**self.start, p.name: self.start[p.name] + h})
             if moved.shape == base.shape and np.nanmax(np.abs(moved - base), initial=0.0) > 1e-3:
-                out.append(p)
-        return out
+                used.append(p)
+        return used
 
     def fit(self, names: tuple[str, ...]) -> Fit:
         """Fit the named parameters by least squares (Gauss-Newton, step halving; minimum norm if not identifiable)."""
@@ -95,7 +106,9 @@ class Numbers:
 
         def at(values: Array) -> Array:
             r = self.residual({**self.start, **dict(zip(names, values.tolist(), strict=True))})
-            return r if r.shape == self.noise.shape else np.full(self.noise.shape, np.nan)
+            if r.shape != self.noise.shape:
+                return np.full(self.noise.shape, np.nan)
+            return r
 
         r = at(x)
         J = np.zeros((len(r), len(names)))
@@ -108,18 +121,26 @@ class Numbers:
             if not np.isfinite(J).all():
                 break
             step = np.asarray(np.linalg.lstsq(J, -r, rcond=_BLIND)[0], np.float64) * scale
-            new, factor = at(x + step), 1.0
-            while not (np.isfinite(new).all() and new @ new <= r @ r) and factor > 1e-3:
+            factor = 1.0
+            new = at(x + step)
+            while not _smaller(new, r) and factor > 1e-3:
                 factor /= 2
                 new = at(x + factor * step)
-            if not np.isfinite(new).all() or new @ new > r @ r:
+            if not _smaller(new, r):
                 break
             gain = 1 - float(new @ new) / max(float(r @ r), 1e-300)
-            x, done, r = x + factor * step, float(np.abs(factor * step / scale).max()), new
+            change = float(np.abs(factor * step / scale).max())
+            x = x + factor * step
+            r = new
             slow = slow + 1 if gain < _GAIN else 0
-            if done < 1e-13 or slow == 2:
+            if change < 1e-13 or slow == 2:
                 break
         return Fit(names, x, r, J / scale)
+
+
+def _smaller(new: Array, old: Array) -> bool:
+    """Return whether new residuals are finite and their sum of squares is not larger than that of the old ones."""
+    return bool(np.isfinite(new).all()) and bool(new @ new <= old @ old)
 
 
 def identify(
@@ -152,34 +173,34 @@ def identify(
         return None
     before = worst(numbers.residual(numbers.start))
     limit = max(1.0, 6 * noise)
-    serve = []
+    single: list[Fit] = []  # fits of one parameter with which every row agrees
     for i, p in enumerate(parameters):
         progress(i / len(parameters))
         fit = numbers.fit((p.name,))
         if fit.worst <= limit and numbers.complete:
-            serve.append((p, fit))
-    if alone and not serve:
+            single.append(fit)
+    if alone and not single:
         return None
     everything = numbers.fit(tuple(p.name for p in parameters))
     blind = _blind(everything, parameters)
-    if serve:
-        moved = tuple(_moved(p, numbers, fit, 0, noise) for p, fit in serve)
-        fit = serve[0][1]
-        return Identified(
-            True, before, fit.worst, moved, len(moved) > 1, blind, fit.names, _plain(_covariance(fit, noise))
-        )
-    start = np.array([numbers.start[n] for n in everything.names])
+    by_name = {p.name: p for p in parameters}
+    moved: list[Moved] = []
+    if single:
+        for fit in single:
+            moved.append(_moved(by_name[fit.names[0]], numbers, fit, 0, noise))
+        fit = single[0]
+        covariance = _plain(_covariance(fit, noise))
+        return Identified(True, before, fit.worst, tuple(moved), len(moved) > 1, blind, fit.names, covariance)
     covariance = _covariance(everything, noise)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
     exact = everything.worst <= limit and numbers.complete
-    moved = tuple(
-        _moved(p, numbers, everything, i, noise)
-        for i, p in enumerate(parameters)
-        if abs(everything.values[i] - start[i]) > max(4 * sigma[i], 1e-9 * max(1, abs(start[i])))
-    )
-    return Identified(
-        exact, before, everything.worst, moved if exact else (), False, blind, everything.names, _plain(covariance)
-    )
+    if exact:
+        for i, p in enumerate(parameters):
+            start = numbers.start[p.name]
+            # Changes below four standard deviations are noise.
+            if abs(everything.values[i] - start) > max(4 * sigma[i], 1e-9 * max(1, abs(start))):
+                moved.append(_moved(p, numbers, everything, i, noise))
+    return Identified(exact, before, everything.worst, tuple(moved), False, blind, everything.names, _plain(covariance))
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
@@ -198,10 +219,15 @@ def _covariance(fit: Fit, noise: float) -> Array:
 
 
 def _moved(p: Parameter, numbers: Numbers, fit: Fit, i: int, noise: float) -> Moved:
-    unit = p.value / p.shown if p.shown else {"mm": 1e-3, "deg": np.pi / 180}.get(p.unit, 1.0)
-    start, value = numbers.start[p.name], float(fit.values[i])
+    if p.shown:
+        unit = p.value / p.shown
+    else:
+        unit = {"mm": 1e-3, "deg": np.pi / 180}.get(p.unit, 1.0)
+    start = numbers.start[p.name]
+    value = float(fit.values[i])
     sigma = float(np.sqrt(max(_covariance(fit, noise)[i, i], 0)))
-    return Moved(p.name, p.unit, start / unit, value / unit, sigma / unit, _slip(p.name, start, value, numbers.start))
+    note = _slip(p.name, start, value, numbers.start)
+    return Moved(p.name, p.unit, start / unit, value / unit, sigma / unit, note)
 
 
 def _slip(name: str, start: float, value: float, values: dict[str, float]) -> str:
@@ -210,8 +236,13 @@ def _slip(name: str, start: float, value: float, values: dict[str, float]) -> st
     for slip, text in _SLIPS:
         if abs(ratio / slip - 1) < 1e-6:
             return f"looks like {text}"
-    same = [n for n, v in values.items() if n != name and v and abs(value / v - 1) < 1e-6]
-    return f"the value of {' or '.join(same)}" if same else ""
+    same: list[str] = []
+    for other, number in values.items():
+        if other != name and number and abs(value / number - 1) < 1e-6:
+            same.append(other)
+    if same:
+        return f"the value of {' or '.join(same)}"
+    return ""
 
 
 def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
@@ -221,13 +252,18 @@ def _blind(fit: Fit, parameters: list[Parameter]) -> tuple[str, ...]:
     scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)
     _, s, Vt = np.linalg.svd(fit.J / scale, full_matrices=True)
     null = Vt[np.count_nonzero(s > _BLIND * s[0]) :]
-    out = []
-    for v in _sparse(null) if len(null) else []:
+    if not len(null):
+        return ()
+    combinations: list[str] = []
+    for v in _sparse(null):
         change = v / scale
         change = change / np.abs(change).max()
-        parts = [f"{c:+.3g} {p.name}" for c, p in zip(change, parameters, strict=True) if abs(c) > 1e-6]
-        out.append(" ".join(parts).removeprefix("+"))
-    return tuple(out)
+        parts: list[str] = []
+        for coefficient, p in zip(change, parameters, strict=True):
+            if abs(coefficient) > 1e-6:
+                parts.append(f"{coefficient:+.3g} {p.name}")
+        combinations.append(" ".join(parts).removeprefix("+"))
+    return tuple(combinations)
 
 
 def _sparse(null: Array) -> Array:
@@ -245,4 +281,4 @@ def _sparse(null: Array) -> Array:
 
 
 def _plain(a: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(float(x) for x in row) for row in a)
+    return tuple(tuple(row) for row in a.tolist())

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import CodeType
-from typing import Any
 
 from twin.formula.equations import EquationRow, definition, rows
 from twin.formula.loader import text_of
@@ -51,10 +50,13 @@ class Edit:
     @property
     def text(self) -> str:
         """The edit as a short phrase."""
-        old, new = self.old.strip(), self.new.strip()
+        old = self.old.strip()
+        new = self.new.strip()
         if not old:
             return f"insert `{new}`"
-        return f"{old} -> {new}" if new else f"delete `{old}`"
+        if not new:
+            return f"delete `{old}`"
+        return f"{old} -> {new}"
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,12 @@ class Statement:
         value = self.node.value  # type: ignore[attr-defined]
         if isinstance(value, ast.Tuple) and position < len(value.elts):
             value = value.elts[position]
-        return {n.id for n in ast.walk(value) if isinstance(n, ast.Name)}
+        return _names(value, ast.Load, ast.Store)
+
+
+def _names(node: ast.AST, *contexts: type[ast.expr_context]) -> set[str]:
+    """Return the names in a syntax tree that are used in one of the given contexts."""
+    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, contexts)}
 
 
 class Source:
@@ -101,7 +108,7 @@ class Source:
         statements: statements of the body without the docstring.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., object]) -> None:
         """Read the source of a function.
 
         Raises:
@@ -117,12 +124,14 @@ class Source:
         code = f.__code__  # type: ignore[attr-defined]
         self.arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
         self.statements = tuple(self._statement(i, row) for i, row in enumerate(body))
-        inner = [n for row in body[:-1] for n in ast.walk(row.node) if isinstance(n, ast.Return)]
-        self.plain = bool(body) and isinstance(body[-1].node, ast.Return) and not inner
-        defined = [n for row in body for n in ast.walk(row.node) if isinstance(n, ast.FunctionDef)]
+        self.plain = bool(body) and isinstance(body[-1].node, ast.Return)
         self.why = _BRANCHES
-        if defined:
-            self.why = f"the function defines {defined[0].name}() inside; define {defined[0].name}() outside"
+        for row in body:
+            for node in ast.walk(row.node):
+                if isinstance(node, ast.Return) and row is not body[-1]:
+                    self.plain = False
+                if isinstance(node, ast.FunctionDef) and self.why is _BRANCHES:
+                    self.why = f"the function defines {node.name}() inside; define {node.name}() outside"
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
         """Return (names with a value before a statement, those of these names that the statement can use).
@@ -130,32 +139,42 @@ class Source:
         If the statement is in a variant, the second set is smaller: a variant can only use its arguments, and names
         that it assigns before the statement. Otherwise the sets are equal.
         """
-        before = [s for s in self.statements[: statement.index] if not s.new or s.home is statement.home]
-        own = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
-        there = {w for s in before for w in s.writes} | own
+        usable = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
+        valued = set(usable)
+        for earlier in self.statements[: statement.index]:
+            in_home = earlier.home is statement.home
+            if in_home:
+                usable.update(earlier.writes)
+            if in_home or not earlier.new:
+                valued.update(earlier.writes)
         if statement.home is not self.statements[-1].home:  # a variant's row: other symbols become its arguments
-            return there, own | {w for s in before if s.home is statement.home for w in s.writes}
-        return there, there
+            return valued, usable
+        return valued, valued
 
     def _statement(self, index: int, row: EquationRow) -> Statement:
         node = row.node
         start, end = self.span(node)
-        reads = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
-        loops = [n.target for n in ast.walk(node) if isinstance(n, ast.comprehension | ast.For)]
-        reads -= {n.id for target in loops for n in ast.walk(target) if isinstance(n, ast.Name)}
-        writes = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
-        calls = {  # out += [...], out.append(...): the name is both used and assigned
-            n.value.id for n in ast.walk(node) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name)
-        }
-        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
-            reads.add(node.target.id)
-        if isinstance(node, ast.Expr | ast.For):
-            writes += sorted(calls)
-        for n in ast.walk(node):  # q[i] = ...: an entry of the variable is assigned
+        reads = _names(node, ast.Load)
+        writes: dict[str, None] = {}  # in the order of the text
+        called: set[str] = set()
+        entries: dict[str, None] = {}
+        for n in ast.walk(node):
+            if isinstance(n, ast.comprehension | ast.For):  # a loop variable is no symbol of the function
+                reads -= _names(n.target, ast.Load, ast.Store)
+            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
+                writes[n.id] = None
+            if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name):
+                called.add(n.value.id)
             if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store) and isinstance(n.value, ast.Name):
-                writes.append(n.value.id)
-        reading, writing = frozenset(reads), tuple(dict.fromkeys(writes))
-        return Statement(index, node, start, end, node.lineno, node.col_offset, reading, writing, row.home, row.new)
+                entries[n.value.id] = None  # q[i] = ...: an entry of the variable is assigned
+        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):  # out += ...: also used
+            reads.add(node.target.id)
+        if isinstance(node, ast.Expr | ast.For):  # out.append(...): assigned
+            writes |= dict.fromkeys(sorted(called))
+        writing = tuple(writes | entries)
+        return Statement(
+            index, node, start, end, node.lineno, node.col_offset, frozenset(reads), writing, row.home, row.new
+        )
 
     def span(self, node: ast.AST) -> tuple[int, int]:
         """Return (first byte, end byte) of a syntax node of this file."""
@@ -206,41 +225,63 @@ def _code(text: str, path: Path) -> CodeType:
 
 def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
     """Return the bytes `start` to `end` of a file as text, after the edits in this range."""
-    out, at = [], start
-    for e in sorted(edits, key=lambda e: (e.start, e.end)):
-        out += [data[at : e.start], e.new.encode()]
-        at = e.end
-    return b"".join([*out, data[at:end]]).decode()
+    parts: list[bytes] = []
+    position = start
+    for edit in _in_order(edits):
+        parts += [data[position : edit.start], edit.new.encode()]
+        position = edit.end
+    parts.append(data[position:end])
+    return b"".join(parts).decode()
+
+
+def _in_order(edits: Iterable[Edit]) -> list[Edit]:
+    return sorted(edits, key=lambda e: (e.start, e.end))
 
 
 def patched(edits: Iterable[Edit]) -> str:
     """Return the whole file after edits, including the definitions that the edits require."""
     edits = list(dict.fromkeys(edits))
     data = edits[0].path.read_bytes()
-    extra = {d for e in edits if e.define for d in definitions(data, e)}
-    return apply(data, [*finished(data, edits), *extra], 0, len(data))
+    required: dict[Edit, None] = {}  # two edits may require the same definition
+    for edit in edits:
+        if edit.define:
+            required |= dict.fromkeys(definitions(data, edit))
+    return apply(data, [*finished(data, edits), *required], 0, len(data))
 
 
 def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
     """Return edits that have the effect of `edits` and also tidy the edited statements."""
     starts = line_starts(data)
-    simple = [s for s in ast.walk(_tree(data)) if isinstance(s, ast.Assign | ast.AugAssign | ast.Return | ast.Expr)]
-    out, left = [], list(edits)
-    for statement in simple:
-        start, end = span(statement, starts)
-        mine = [e for e in left if start <= e.start and e.end <= end]
-        if not mine:
+    out: list[Edit] = []
+    left = list(edits)
+    for statement in ast.walk(_tree(data)):
+        if not isinstance(statement, ast.Assign | ast.AugAssign | ast.Return | ast.Expr):
             continue
-        left = [e for e in left if e not in mine]
-        text, made, shift = apply(data, mine, start, end).encode(), [], 0
-        for e in sorted(mine, key=lambda e: (e.start, e.end)):
-            new = len(e.new.encode())
-            made.append((e.start - start + shift, e.start - start + shift + new))
-            shift += new - (e.end - e.start)
-        new = tidy(text, made)
-        whole = replace(mine[0], start=start, end=end, old=data[start:end].decode(), new=new.decode(), define=None)
-        out += mine if new == text else [whole]
+        start, end = span(statement, starts)
+        own = [e for e in left if start <= e.start and e.end <= end]
+        if not own:
+            continue
+        left = [e for e in left if e not in own]
+        text = apply(data, own, start, end).encode()
+        tidied = tidy(text, _edited_parts(own, start))
+        if tidied == text:
+            out += own
+            continue
+        old = data[start:end].decode()
+        out.append(replace(own[0], start=start, end=end, old=old, new=tidied.decode(), define=None))
     return out + left
+
+
+def _edited_parts(edits: list[Edit], start: int) -> list[tuple[int, int]]:
+    """Return (first byte, end byte) of each new text, in the edited text of a statement that begins at `start`."""
+    parts: list[tuple[int, int]] = []
+    shift = -start
+    for edit in _in_order(edits):
+        size = len(edit.new.encode())
+        first = edit.start + shift
+        parts.append((first, first + size))
+        shift += size - (edit.end - edit.start)
+    return parts
 
 
 @lru_cache(maxsize=8)
@@ -254,8 +295,11 @@ def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
     `shown` is the file name in the header of the diff; None: the path.
     """
     edits = list(edits)
-    old, name = edits[0].path.read_text(encoding="utf-8"), shown or str(edits[0].path)
-    return "\n".join(difflib.unified_diff(old.splitlines(), patched(edits).splitlines(), name, name, n=0, lineterm=""))
+    path = edits[0].path
+    old = path.read_text(encoding="utf-8").splitlines()
+    new = patched(edits).splitlines()
+    name = shown or str(path)
+    return "\n".join(difflib.unified_diff(old, new, name, name, n=0, lineterm=""))
 
 
 def definitions(data: bytes, edit: Edit) -> list[Edit]:
@@ -263,24 +307,37 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
     assert edit.define is not None
     name, expression = edit.define
     starts = line_starts(data)
-    around = [f for f in ast.walk(_tree(data)) if isinstance(f, ast.FunctionDef)]
-    around = [f for f in around if f.lineno <= edit.line <= f.end_lineno]  # type: ignore[operator]
-    for f in [f for f in around if f.name == edit.function] or around:  # a shared row is in another function
+    around: list[ast.FunctionDef] = []
+    for node in ast.walk(_tree(data)):
+        if isinstance(node, ast.FunctionDef) and node.lineno <= edit.line <= (node.end_lineno or 0):
+            around.append(node)
+    own = [f for f in around if f.name == edit.function]
+    for f in own or around:  # a shared row is in another function
         if not expression:
             last = f.args.args[-1]
             return [_insertion(edit, span(last, starts)[1], f", {name}", last.lineno)]
-        for s in f.body:
-            if not (isinstance(s, ast.Assign) and s.lineno < edit.line):
+        function = expression.split("(")[0]
+        for statement in f.body:
+            if not isinstance(statement, ast.Assign) or statement.lineno >= edit.line:
                 continue
-            target, value = s.targets[0], s.value
-            values = value.elts if isinstance(value, ast.Tuple) else [value]
-            like = expression.split("(")[0]
-            if any(isinstance(v, ast.Call) and getattr(v.func, "id", "") == like for v in values):
-                return [
-                    _insertion(edit, span(target, starts)[1], f", {name}", s.lineno),
-                    _insertion(edit, span(value, starts)[1], f", {expression}", s.lineno),
-                ]
+            if not _assigns_call(statement, function):
+                continue
+            target_end = span(statement.targets[0], starts)[1]
+            value_end = span(statement.value, starts)[1]
+            return [
+                _insertion(edit, target_end, f", {name}", statement.lineno),
+                _insertion(edit, value_end, f", {expression}", statement.lineno),
+            ]
     return []
+
+
+def _assigns_call(statement: ast.Assign, function: str) -> bool:
+    """Return whether a value of an assignment is a call of a function, as in `c, s = cos(a), sin(a)`."""
+    values = [statement.value]
+    if isinstance(statement.value, ast.Tuple):
+        values = statement.value.elts
+    called = [value.func for value in values if isinstance(value, ast.Call)]
+    return any(getattr(f, "id", "") == function for f in called)
 
 
 def _insertion(edit: Edit, at: int, new: str, line: int) -> Edit:
