@@ -13,12 +13,12 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.formula.scalar import Scalar
+from twin.formula.scalar import Scalar, Value
 from twin.validation.explain import plain
 from twin.validation.explain.candidate import aliases, residuals
 from twin.validation.explain.deadline import Deadline
@@ -63,19 +63,27 @@ class Pairs:
 
         `shaken` judges the formula at perturbed values; `edits` are single edits of one token that change the row.
         """
-        self.judge, self.shaken, self.step, self.row = judge, shaken, step, row
+        self.judge = judge
+        self.shaken = shaken
+        self.step = step
+        self.row = row
         self.deadline = deadline
         self.evaluated = 0
         self._late = False
         self._tiled: dict[int, Judge] = {}
         self._pick = (_Choice(0), _Choice(1))
-        r = next(r for p, r in judge.residuals.items() if p.key == row)
-        good = np.flatnonzero(np.isfinite(r).all(axis=1))
-        good = good if len(good) >= _PLACES else np.arange(judge.truth.k)
-        self._places = good[np.linspace(0, len(good) - 1, _PLACES).astype(int)]
+        self._samples = self._chosen_samples()
         self.positions = self._sorted(edits)
         n = len(self.positions)
         self.total = n * (n - 1) // 2
+
+    def _chosen_samples(self) -> NDArray[np.int_]:
+        """Return the indices of the few samples, from those at which the row has a value."""
+        residual = next(r for p, r in self.judge.residuals.items() if p.key == self.row)
+        valued = np.flatnonzero(np.isfinite(residual).all(axis=1))
+        if len(valued) < _PLACES:
+            valued = np.arange(self.judge.truth.k)
+        return valued[np.linspace(0, len(valued) - 1, _PLACES).astype(int)]
 
     def found(self) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs that make the row agree at a few poses but not at perturbed values; stop at the deadline.
@@ -87,7 +95,7 @@ class Pairs:
                 return
             self.evaluated += 1
             if a.edits[0].path == b.edits[0].path and a.start <= b.end and b.start <= a.end:
-                continue
+                continue  # the edits overlap or touch
             yield from self._try(a, b)
 
     @property
@@ -100,50 +108,79 @@ class Pairs:
 
         Pairs at equal distance are sorted by their distance from the row. Two misprints are often near each other.
         """
-        groups: dict[tuple[str, str, int], list[_Position]] = {}
-        for p in self.positions:
-            e = p.edits[0]
-            groups.setdefault((str(e.path), e.function, e.statement), []).append(p)
-
-        def near(pair: tuple[tuple[str, str, int], tuple[str, str, int]]) -> tuple[bool, int, int]:
-            (*a, i), (*b, j) = pair
-            away = sum(abs(self.row[1] - k) if f == self.step.source.name else _AWAY for _, f, k in pair)
-            return a != b, abs(i - j) if a == b else 0, away
-
-        for k, other in sorted(itertools.combinations_with_replacement(groups, 2), key=near):
-            if k == other:
-                yield from itertools.combinations(groups[k], 2)
+        groups: dict[_Home, list[_Position]] = {}
+        for position in self.positions:
+            edit = position.edits[0]
+            groups.setdefault((str(edit.path), edit.function, edit.statement), []).append(position)
+        pairs = itertools.combinations_with_replacement(groups, 2)
+        for first, second in sorted(pairs, key=self._distance):
+            if first == second:
+                yield from itertools.combinations(groups[first], 2)
             else:
-                yield from itertools.product(groups[k], groups[other])
+                yield from itertools.product(groups[first], groups[second])
+
+    def _distance(self, pair: tuple[_Home, _Home]) -> tuple[bool, int, int]:
+        """Return (whether the functions differ, distance in statements, distance of both from the row)."""
+        (*function, i), (*other_function, j) = pair
+        from_row = 0
+        for _, name, statement in pair:
+            from_row += abs(self.row[1] - statement) if name == self.step.source.name else _AWAY
+        if function != other_function:
+            return True, 0, from_row
+        return False, abs(i - j), from_row
 
     def _sorted(self, edits: Sequence[Edit]) -> list[_Position]:
         """Group the edits by token; tokens whose replacements can be evaluated at once come first."""
         together: dict[tuple[str, int, int], list[Edit]] = {}
         alone: list[_Position] = []
-        for e in edits:
-            if _is_value(e):
-                together.setdefault((str(e.path), e.start, e.end), []).append(e)
+        for edit in edits:
+            if _is_value(edit):
+                together.setdefault((str(edit.path), edit.start, edit.end), []).append(edit)
             else:
-                alone.append(_Position((e,), False))
+                alone.append(_Position((edit,), False))
         free: list[_Position] = []
         for group in together.values():
             if self.deadline.passed:
                 self._late = True
                 break
-            position = _Position(tuple(group), True)
-            done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
-            if done is None:  # for example, a name that is not yet defined
-                alone += [_Position((e,), False) for e in group if self._residual([e], [e], (1, 1)) is None]
-                group = [e for e in group if all(p.edits[0] is not e for p in alone)]
-                if not group:
-                    continue
-                position = _Position(tuple(group), True)
-                done = self._residual([self._choice(position, 0)], position.edits, (len(group), 1))
-            odd = set(range(len(group))) if done is None else self._pick[0].odd  # matrices and lists: one by one
-            alone += [_Position((e,), False) for i, e in enumerate(group) if i in odd]
-            scalar = tuple(e for i, e in enumerate(group) if i not in odd)
-            free += [_Position(scalar, True)] if scalar else []
+            scalar, single = self._split(group)
+            alone += [_Position((edit,), False) for edit in single]
+            if scalar:
+                free.append(_Position(tuple(scalar), True))
         return free + alone
+
+    def _split(self, group: list[Edit]) -> tuple[list[Edit], list[Edit]]:
+        """Split the edits of one token into those that can be evaluated at once, and those to try one by one."""
+        single: list[Edit] = []
+        odd = self._odd(group)
+        if odd is None:  # for example, a name that is not yet defined
+            valued: list[Edit] = []
+            for edit in group:
+                defined = self._residual([edit], [edit], (1, 1)) is not None
+                if defined:
+                    valued.append(edit)
+                else:
+                    single.append(edit)
+            group = valued
+            if not group:
+                return [], single
+            odd = self._odd(group)
+        if odd is None:
+            return [], single + group
+        scalar: list[Edit] = []
+        for i, edit in enumerate(group):
+            if i in odd:
+                single.append(edit)
+            else:
+                scalar.append(edit)
+        return scalar, single
+
+    def _odd(self, group: list[Edit]) -> set[int] | None:
+        """Return which of the edits insert a matrix or a list; None if one of them has no value."""
+        position = _Position(tuple(group), True)
+        if self._residual([self._choice(position, 0)], position.edits, (len(group), 1)) is None:
+            return None
+        return self._pick[0].odd
 
     # -- evaluation -------------------------------------------------------------------------------------------
 
@@ -158,8 +195,11 @@ class Pairs:
         r = self._residual(change, (*a.edits, *b.edits), shape)
         if r is None:
             return
-        on, off = np.abs(r[:, :_PLACES]).max(axis=(1, 2)), np.abs(r[:, _PLACES:]).max(axis=(1, 2))
-        for c in np.flatnonzero((on <= 1) & ~(off <= 1e-3)):  # NaN counts as disagreement at perturbed values
+        largest = np.abs(r).max(axis=2)
+        agrees = largest[:, :_PLACES].max(axis=1) <= 1
+        # At perturbed values an agreement would be a coincidence; NaN counts as disagreement.
+        by_chance = largest[:, _PLACES:].max(axis=1) <= 1e-3
+        for c in np.flatnonzero(agrees & ~by_chance):
             i, j = divmod(int(c), shape[1])
             yield a.edits[i], b.edits[j]
 
@@ -176,21 +216,26 @@ class Pairs:
         Return None if the edited text has no value.
         """
         count = shape[0] * shape[1]
-        n = 1 << (count - 1).bit_length()
+        n = 1 << (count - 1).bit_length()  # few sizes, because a judge is made for each of them
         judge = self._judge(n)
         for pick in self._pick:
-            pick.shape, pick.size = (*shape, _PLACES + 1), n * (_PLACES + 1)
+            pick.shape = (*shape, _PLACES + 1)
+            pick.size = n * (_PLACES + 1)
             pick.odd = set()
         step = judge.step(self.step.equation.name)
         defined = [e for e in edits if e.define]
         extra = aliases(judge, step, defined)
         if extra is None:
             return None
-        for e in defined:
-            if e.define and not e.define[1] and e.define[0] in judge.truth.symbols:
-                extra[e.define[0]] = plain.inside(step.plain, judge.truth.symbols[e.define[0]])
-        picks: dict[str, Any] = dict(zip(_NAMES, self._pick, strict=True))
-        called = [h.function.__globals__ for h in judge.helpers(step)] if self._foreign(change) else []
+        for edit in defined:
+            assert edit.define is not None
+            name, expression = edit.define
+            if not expression and name in judge.truth.symbols:  # a new argument of the function
+                extra[name] = plain.inside(step.plain, judge.truth.symbols[name])
+        picks: dict[str, Value] = dict(zip(_NAMES, self._pick, strict=True))
+        called: list[dict[str, Value]] = []
+        if self._foreign(change):
+            called = [h.function.__globals__ for h in judge.helpers(step)]
         for scope in called:
             scope.update(picks)
         found = residuals(judge, self.step.equation.name, change, {**extra, **picks})
@@ -200,7 +245,9 @@ class Pairs:
         if found is None or self.row not in found:
             return None
         r = found[self.row]
-        return r.reshape(n, _PLACES + 1, -1)[:count] if len(r) == n * (_PLACES + 1) else None
+        if len(r) != n * (_PLACES + 1):
+            return None
+        return r.reshape(n, _PLACES + 1, -1)[:count]
 
     def _foreign(self, change: list[Edit]) -> bool:
         return any(e.function != self.step.source.name for e in change)
@@ -208,29 +255,41 @@ class Pairs:
     def _judge(self, n: int) -> Judge:
         """Return a judge at the few samples used to exclude pairs, repeated for n combinations."""
         if n not in self._tiled:
-            step, other = self.step, self.shaken.step(self.step.equation.name)
+            step = self.step
+            name = step.equation.name
             on = {**step.computed, **self.judge.truth.symbols}
-            off = {**other.computed, **self.shaken.truth.symbols}
-            symbols = {name: self._tile(on[name], off[name], n) for name in on if name in off}
-            later = self.judge.steps[self.judge.steps.index(step) :]
-            equations = {step.equation.name}
-            if self.row[0] != step.equation.name:
+            off = {**self.shaken.step(name).computed, **self.shaken.truth.symbols}
+            symbols: dict[str, Value] = {}
+            for symbol in on:
+                if symbol in off:
+                    symbols[symbol] = self._tile(on[symbol], off[symbol], n)
+            equations = {name}
+            if self.row[0] != name:  # the row is in a later equation
+                later = self.judge.steps[self.judge.steps.index(step) :]
                 equations = {s.equation.name for s in later if s.stage == step.stage}
             truth = dataclasses.replace(self.judge.truth, symbols=symbols, k=n * (_PLACES + 1), run=None)
             self._tiled[n] = self.judge.on(truth, equations)
         return self._tiled[n]
 
-    def _tile(self, on: Any, off: Any, n: int) -> Any:
-        k = self.judge.truth.k
+    def _tile(self, on: Value, off: Value, n: int) -> Value:
+        """Return the few samples of a symbol's values, then one of its perturbed values, repeated n times."""
         if isinstance(on, Matrix):
-            a, b = (np.broadcast_to(x.a, (k, *x.a.shape[1:])) for x in (on, off))
-            return Matrix(np.tile(np.concatenate([a[self._places], b[self._places[:1]]]), (n, 1, 1)))
-        a, b = (np.broadcast_to(np.asarray(x, float), (k,)) for x in (on, off))
-        return np.tile(np.concatenate([a[self._places], b[self._places[:1]]]), n)
+            return Matrix(np.tile(self._few(on.a, off.a), (n, 1, 1)))
+        return np.tile(self._few(np.asarray(on, float), np.asarray(off, float)), n)
+
+    def _few(self, on: Array, off: Array) -> Array:
+        k = self.judge.truth.k
+        samples = np.broadcast_to(on, (k, *on.shape[1:]))[self._samples]
+        perturbed = np.broadcast_to(off, (k, *off.shape[1:]))[self._samples[:1]]
+        return np.concatenate([samples, perturbed])
 
 
 _NAMES = ("_first_", "_second_")
 """Names of the two `_Choice` functions in the edited text."""
+
+
+_Home = tuple[str, str, int]
+"""(file, function, index of the statement) of an edit."""
 
 
 class _Choice:
@@ -246,34 +305,42 @@ class _Choice:
         self.size = 1
         self.odd: set[int] = set()
 
-    def __call__(self, *values: Any) -> Any:
-        out = np.ones(self.size)
-        mixed = out[: int(np.prod(self.shape))].reshape(self.shape)
-        wrap = None
+    def __call__(self, *values: Value) -> Value:
+        expanded = np.ones(self.size)
+        combinations = expanded[: int(np.prod(self.shape))].reshape(self.shape)
+        wrapper: type[Scalar] | None = None
         for i, value in enumerate(values):
-            at = (i,) if self.axis == 0 else (slice(None), i)
+            entries = (i,) if self.axis == 0 else (slice(None), i)
             if isinstance(value, Scalar):
-                wrap, value = type(value), value.x
+                wrapper = type(value)
+                value = value.x
             try:
                 x = np.asarray(value, float)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError):  # a list, a matrix
                 x = np.zeros(0)
-            if x.shape not in ((), (self.size,)):
+            if x.shape == ():
+                combinations[entries] = x
+            elif x.shape == (self.size,):
+                combinations[entries] = x[: combinations.size].reshape(self.shape)[entries]
+            else:
                 self.odd.add(i)
-                mixed[at] = np.nan
-                continue
-            mixed[at] = x if not x.ndim else x[: mixed.size].reshape(self.shape)[at]
-        return out if wrap is None else wrap(out)
+                combinations[entries] = np.nan
+        if wrapper is None:
+            return expanded
+        return wrapper(expanded)
 
 
 def _is_value(e: Edit) -> bool:
     """Return whether old and new text of an edit are both a number or scalar, so that an array can contain both."""
     if e.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
         return False
-    old, new = (_parsed(t) for t in (e.old, e.new))
-    if isinstance(old, ast.Constant) and e.kind == "index":
+    old = _parsed(e.old)
+    if isinstance(old, ast.Constant) and e.kind == "index":  # an index must stay a whole number
         return False
-    return isinstance(old, ast.Name | ast.Constant) and new is not None and not isinstance(new, ast.Call)
+    if not isinstance(old, ast.Name | ast.Constant):
+        return False
+    new = _parsed(e.new)
+    return new is not None and not isinstance(new, ast.Call)
 
 
 def _parsed(text: str) -> ast.expr | None:
