@@ -113,7 +113,7 @@ def correct(
 
 def _tried(
     cad: CadModel,
-    located: Sequence[Fault],
+    located: Sequence[FrameMismatch],
     judged: Callable[[ReferenceModel], Judge],
     progress: Callable[[float], None],
 ) -> list[_Tried]:
