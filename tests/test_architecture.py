@@ -227,10 +227,8 @@ def test_facade_reexports_exactly_what_it_promises():
 LONGEST = {
     "validation/explain/explain.py:explain": "the order in which causes are tried; each step is a function",
     "validation/console.py:_roll": "five clauses on the same two hands, each with its sentences",
-    "model/mechanism.py:_check": "one check after another of what a mechanism must hold, each with its message",
     "planning/plan.py:assemble": "collects the samples and spans of all phases, and builds one trajectory of them",
     "codegen/emit.py:call": "one case for each CasADi instruction",
-    "reference/lookup.py:_text": "one loop as basic blocks of machine code, in the order in which they run",
 }
 """The longest functions, by lines of code without docstring, and why each is not cut."""
 

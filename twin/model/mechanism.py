@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 
@@ -457,45 +458,80 @@ def _find(kind: str, items, name: str):
 
 def _check(m: Mechanism) -> None:
     """Raise `MechanismError` for the first inconsistency of `m`."""
+    _check_names(m)
+    _check_size(m)
+    _check_joints(m)
+    _check_motors(m)
+    _check_trocars(m)
+    _check_places(m)
+    _check_connections(m)
+    _check_postures(m)
 
-    def fail(text: str) -> None:
-        raise MechanismError(f"{m.name or 'mechanism'}: {text}")
 
-    named = {"body": m.bodies, "joint": m.joints, "frame": m.frames, "point": m.points, "coupling": m.couplings}
-    named |= {"actuator": m.actuators, "transmission": m.transmissions}
+def _fail(m: Mechanism, text: str) -> NoReturn:
+    raise MechanismError(f"{m.name or 'mechanism'}: {text}")
+
+
+def _check_names(m: Mechanism) -> None:
+    named = {
+        "body": m.bodies,
+        "joint": m.joints,
+        "frame": m.frames,
+        "point": m.points,
+        "coupling": m.couplings,
+        "actuator": m.actuators,
+        "transmission": m.transmissions,
+    }
     for kind, items in named.items():
         seen: set[str] = set()
         for item in items:
             if not _IDENTIFIER.fullmatch(item.name):
-                fail(f"{kind} name '{item.name}' is not an identifier [a-z][a-z0-9_]*")
+                _fail(m, f"{kind} name '{item.name}' is not an identifier [a-z][a-z0-9_]*")
             if item.name in seen:
-                fail(f"two {kind} entries are named '{item.name}'")
+                _fail(m, f"two {kind} entries are named '{item.name}'")
             seen.add(item.name)
+
+
+def _check_size(m: Mechanism) -> None:
     for kind, count in (("bodies", len(m.bodies)), ("joints", len(m.joints))):
         if count > BODIES:
-            fail(f"{count} {kind}; the limit is {BODIES}")
-    freedoms = sum(len(FREE_AXES.get(j.type, ())) for j in m.joints)
+            _fail(m, f"{count} {kind}; the limit is {BODIES}")
+    freedoms = 0
+    for joint in m.joints:
+        freedoms += len(FREE_AXES.get(joint.type, ()))
     if freedoms > FREEDOMS:
-        fail(f"all joints together have {freedoms} degrees of freedom; the limit is {FREEDOMS}")
-    names = {b.name for b in m.bodies}
+        _fail(m, f"all joints together have {freedoms} degrees of freedom; the limit is {FREEDOMS}")
+
+
+def _body_names(m: Mechanism) -> set[str]:
+    return {body.name for body in m.bodies}
+
+
+def _check_joints(m: Mechanism) -> None:
+    """Check the base, and the bodies, frames, limits and drive of each joint."""
+    names = _body_names(m)
     if m.base not in names:
-        fail(f"base: {unknown('body', m.base, names)}")
+        _fail(m, f"base: {unknown('body', m.base, names)}")
     for joint in m.joints:
         for end, body in (("parent", joint.parent), ("child", joint.child)):
             if body not in names:
-                fail(f"joint '{joint.name}', {end}: {unknown('body', body, names)}")
+                _fail(m, f"joint '{joint.name}', {end}: {unknown('body', body, names)}")
         if joint.parent == joint.child:
-            fail(f"joint '{joint.name}' connects body '{joint.parent}' to itself")
+            _fail(m, f"joint '{joint.name}' connects body '{joint.parent}' to itself")
         if joint.type not in FREE_AXES:
-            fail(f"joint '{joint.name}': {unknown('joint type', joint.type, FREE_AXES)}")
+            _fail(m, f"joint '{joint.name}': {unknown('joint type', joint.type, FREE_AXES)}")
         for label, T in (("parent", joint.T_parent_joint), ("child", joint.T_child_joint)):
             if not spatial.is_pose(T, 1e-6):
-                fail(f"joint '{joint.name}': the frame on its {label} is not a rigid pose")
+                _fail(m, f"joint '{joint.name}': the frame on its {label} is not a rigid pose")
         for label, limits in (("limits", joint.limits), ("soft limits", joint.soft_limits)):
             if limits is not None and not limits[0] < limits[1]:
-                fail(f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
+                _fail(m, f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
         if joint.active and len(joint.free_axes) != 1:
-            fail(f"active joint '{joint.name}' must have one coordinate; a {joint.type} joint does not")
+            _fail(m, f"active joint '{joint.name}' must have one coordinate; a {joint.type} joint does not")
+
+
+def _check_motors(m: Mechanism) -> None:
+    """Check transmissions, which connect actuators to active joints, and couplings."""
     active = []
     with_drive = []
     single: set[str] = set()  # couplings connect joints with one coordinate only
@@ -508,46 +544,64 @@ def _check(m: Mechanism) -> None:
             single.add(joint.name)
     joints = [joint.name for joint in m.joints]
     for *_, text in faults(m.actuators, m.transmissions, active, joints, with_drive):
-        fail(text)
+        _fail(m, text)
     for coupling in m.couplings:
         for name in coupling.joints:
             if name not in single:
-                fail(f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
+                _fail(m, f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
-            fail(f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
+            _fail(m, f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
+
+
+def _check_trocars(m: Mechanism) -> None:
+    joints = {joint.name for joint in m.joints}
     for name in m.trocars:
         if name not in joints or m.joint(name).parent != m.base:
-            fail(f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
+            _fail(m, f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
         if m.trocars.count(name) > 1:
-            fail(f"trocar '{name}' is listed twice")
+            _fail(m, f"trocar '{name}' is listed twice")
+
+
+def _check_places(m: Mechanism) -> None:
+    """Check gravity, frames, points and rest poses."""
+    names = _body_names(m)
     if len(m.gravity) != 3 or not np.all(np.isfinite(m.gravity)):
-        fail(f"gravity {m.gravity} is not three finite numbers in m/s2")
+        _fail(m, f"gravity {m.gravity} is not three finite numbers in m/s2")
     for item in (*m.frames, *m.points):
         if item.body not in names:
-            fail(f"'{item.name}': {unknown('body', item.body, names)}")
+            _fail(m, f"'{item.name}': {unknown('body', item.body, names)}")
     for frame in m.frames:
         if not spatial.is_pose(frame.T_body_frame, 1e-6):
-            fail(f"frame '{frame.name}' is not a rigid pose")
+            _fail(m, f"frame '{frame.name}' is not a rigid pose")
     for point in m.points:
         if np.shape(point.p_body) != (3,) or not np.all(np.isfinite(point.p_body)):
-            fail(f"point '{point.name}' is not three finite numbers")
+            _fail(m, f"point '{point.name}' is not three finite numbers")
     for name, T in m.rest.items():
         if name in names and not spatial.is_pose(T, 1e-6):
-            fail(f"body '{name}': its rest pose is not rigid")
+            _fail(m, f"body '{name}': its rest pose is not rigid")
+
+
+def _check_connections(m: Mechanism) -> None:
     connected = {joint.child for joint in m.tree}
-    unconnected = sorted(names - {m.base} - connected)
+    unconnected = sorted(_body_names(m) - {m.base} - connected)
     if unconnected:
         listed = ", ".join(unconnected)
-        fail(
-            f"no joints connect base '{m.base}' to: {listed}. Add joints, or move these bodies to the props of a scene."
-        )
+        advice = "Add joints, or move these bodies to the props of a scene."
+        _fail(m, f"no joints connect base '{m.base}' to: {listed}. {advice}")
+
+
+def _check_postures(m: Mechanism) -> None:
+    """Check that each posture has a value for each active joint, and that no active joint closes a loop."""
+    active = {joint.name for joint in m.joints if joint.active}
     for posture, values in m.postures.items():
-        wrong = sorted(set(values) ^ set(active))  # names without a value, and values of no active joint
+        wrong = sorted(set(values) ^ active)  # names without a value, and values of no active joint
         if wrong:
-            fail(f"posture '{posture}' must have exactly one value for each active joint; check: {', '.join(wrong)}")
+            listed = ", ".join(wrong)
+            _fail(m, f"posture '{posture}' must have exactly one value for each active joint; check: {listed}")
         for name, value in values.items():
             if not np.isfinite(value):
-                fail(f"posture '{posture}': {name} = {value} is not finite")
+                _fail(m, f"posture '{posture}': {name} = {value} is not finite")
     for joint in m.loops:
         if joint.active:
-            fail(f"active joint '{joint.name}' would close a loop; list it before the passive joints of its loop")
+            text = "would close a loop; list it before the passive joints of its loop"
+            _fail(m, f"active joint '{joint.name}' {text}")

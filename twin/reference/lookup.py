@@ -98,183 +98,233 @@ def _number(value: float) -> ir.Constant:
     return ir.Constant(_DOUBLE, value)
 
 
-def _text() -> str:
-    """Return the kernel as LLVM assembly."""
-    module = ir.Module("lookup")
-    kind = ir.FunctionType(ir.VoidType(), [_INT, _INT, _POINTER, _POINTER, _POINTER])
-    function = ir.Function(module, kind, "kernel")
-    begin, end, given, results, _ = function.args
-    entry = function.append_basic_block("entry")
-    item = function.append_basic_block("item")
-    body = function.append_basic_block("body")
-    ball = function.append_basic_block("ball")
-    opened = function.append_basic_block("opened")
-    skipped = function.append_basic_block("skipped")
-    leaf = function.append_basic_block("leaf")
-    inner = function.append_basic_block("inner")
-    stored = function.append_basic_block("stored")
-    done = function.append_basic_block("done")
-    w = _Writer(ir.IRBuilder(entry), module)
-    b = w.b
-    names = ("poses", "states", "pairs", "enough", "reject", "fine", "table", "grids", "values", "balls")
-    data = {name: w.at(given, i, _POINTER) for i, name in enumerate(names)}
-    lows = w.at(results, 0, _POINTER)
-    highs = w.at(results, 1, _POINTER)
-    b.branch(item)
+class _LookupKernel:
+    """Writes the kernel: each method but `text` fills one or two blocks of the loop over items and balls.
 
-    b.position_at_end(item)
-    i = b.phi(_INT)
-    i.add_incoming(begin, entry)
-    b.cbranch(b.icmp_signed("<", i, end), body, done)
+    Attributes that a block sets are values of LLVM; later blocks use them. The order of the instructions is the order
+    in which the methods are called.
+    """
 
-    b.position_at_end(body)
-    row = w.shifted(data["table"], w.at(data["pairs"], i, _INT), PAIR, _INT)
-    count, with_grid, with_balls, grid, first, last = w.numbers(row, PAIR, _INT)
-    state = b.mul(w.at(data["states"], i, _INT), count)
-    T_base_grid = w.shifted(data["poses"], b.add(state, with_grid), 16)
-    T_base_balls = w.shifted(data["poses"], b.add(state, with_balls), 16)
-    G = w.matrix(T_base_grid)
-    B = w.matrix(T_base_balls)
-    # T_grid_balls: rotation R, translation t
-    off = w.difference(_column(B, 3), _column(G, 3))
-    R = []
-    for r in range(3):
-        axis = _column(G, r)
-        R.append([w.dot(axis, _column(B, c)) for c in range(3)])
-    t = [w.dot(_column(G, r), off) for r in range(3)]
-    record = w.shifted(data["grids"], grid, GRID)
-    numbers = w.numbers(record, GRID)
-    start = numbers[:3]
-    cell = numbers[3]
-    cells_per_length = numbers[4]
-    ends = numbers[5:8]
-    strides = [b.fptosi(x, _INT) for x in numbers[8:10]]
-    values = w.shifted(data["values"], b.fptosi(numbers[10], _INT), 1, _FLOAT)
-    box_low = numbers[11:14]
-    box_high = numbers[14:17]
-    error, known, far = numbers[17:20]
-    enough = w.at(data["enough"], i)
-    reject = w.at(data["reject"], i)
-    small = w.at(data["fine"], i)
-    # with `fine`, bounds are coarse anyway: a lower bound close to the upper bound is sufficient
-    kept_part = b.select(b.fcmp_ordered(">", small, _number(0.0)), _number(_ROUGH), _number(1.0))
-    b.branch(ball)
+    def __init__(self) -> None:
+        self.module = ir.Module("lookup")
+        kind = ir.FunctionType(ir.VoidType(), [_INT, _INT, _POINTER, _POINTER, _POINTER])
+        self.function = ir.Function(self.module, kind, "kernel")
+        self.begin, self.end, given, results, _ = self.function.args
+        names = ("entry", "item", "body", "ball", "opened", "skipped", "leaf", "inner", "stored", "done")
+        self.blocks = {name: self.function.append_basic_block(name) for name in names}
+        self.w = _Writer(ir.IRBuilder(self.blocks["entry"]), self.module)
+        self.b = self.w.b
+        arrays = ("poses", "states", "pairs", "enough", "reject", "fine", "table", "grids", "values", "balls")
+        self.data = {name: self.w.at(given, i, _POINTER) for i, name in enumerate(arrays)}
+        self.lows = self.w.at(results, 0, _POINTER)
+        self.highs = self.w.at(results, 1, _POINTER)
 
-    b.position_at_end(ball)
-    n = b.phi(_INT)
-    low = b.phi(_DOUBLE)
-    high = b.phi(_DOUBLE)
-    n.add_incoming(first, body)
-    low.add_incoming(_number(np.inf), body)
-    high.add_incoming(_number(np.inf), body)
-    # the search ends if the upper bound is below `reject`
-    going = b.and_(b.icmp_signed("<", n, last), b.fcmp_ordered(">=", high, reject))
-    b.cbranch(going, opened, stored)
+    def text(self) -> str:
+        """Return the kernel as LLVM assembly."""
+        self._begin_item()
+        self._read_item()
+        self._begin_ball()
+        self._bound_ball()
+        self._skip_ball()
+        self._open_leaf()
+        self._refine_leaf()
+        self._open_inner()
+        self._join_balls()
+        self._store()
+        # the target is that of the machine, chosen by the compiler
+        lines = [line for line in str(self.module).splitlines() if not line.startswith("target ")]
+        return "\n".join(lines)
 
-    def bound(node: list[ir.Value], p: list[ir.Value]) -> tuple[ir.Value, ir.Value]:
-        """Return (stored distance at a node, distance of the point p from the node)."""
+    def _begin_item(self) -> None:
+        """Jump from the entry to the loop over items; end after the last one."""
+        b = self.b
+        b.branch(self.blocks["item"])
+        b.position_at_end(self.blocks["item"])
+        self.i = b.phi(_INT)
+        self.i.add_incoming(self.begin, self.blocks["entry"])
+        b.cbranch(b.icmp_signed("<", self.i, self.end), self.blocks["body"], self.blocks["done"])
+
+    def _read_item(self) -> None:
+        """Read the pair of shapes of an item, the pose between them, the grid, and the limits of the search."""
+        b = self.b
+        w = self.w
+        data = self.data
+        b.position_at_end(self.blocks["body"])
+        row = w.shifted(data["table"], w.at(data["pairs"], self.i, _INT), PAIR, _INT)
+        count, with_grid, with_balls, grid, self.first, self.last = w.numbers(row, PAIR, _INT)
+        state = b.mul(w.at(data["states"], self.i, _INT), count)
+        T_base_grid = w.shifted(data["poses"], b.add(state, with_grid), 16)
+        T_base_balls = w.shifted(data["poses"], b.add(state, with_balls), 16)
+        G = w.matrix(T_base_grid)
+        B = w.matrix(T_base_balls)
+        # T_grid_balls: rotation R, translation t
+        off = w.difference(_column(B, 3), _column(G, 3))
+        self.R = []
+        for r in range(3):
+            axis = _column(G, r)
+            self.R.append([w.dot(axis, _column(B, c)) for c in range(3)])
+        self.t = [w.dot(_column(G, r), off) for r in range(3)]
+        record = w.shifted(data["grids"], grid, GRID)
+        numbers = w.numbers(record, GRID)
+        self.start = numbers[:3]
+        self.cell = numbers[3]
+        self.cells_per_length = numbers[4]
+        self.ends = numbers[5:8]
+        self.strides = [b.fptosi(x, _INT) for x in numbers[8:10]]
+        self.values = w.shifted(data["values"], b.fptosi(numbers[10], _INT), 1, _FLOAT)
+        self.box_low = numbers[11:14]
+        self.box_high = numbers[14:17]
+        self.error, self.known, self.far = numbers[17:20]
+        self.enough = w.at(data["enough"], self.i)
+        self.reject = w.at(data["reject"], self.i)
+        self.small = w.at(data["fine"], self.i)
+        # with `fine`, bounds are coarse anyway: a lower bound close to the upper bound is sufficient
+        is_coarse = b.fcmp_ordered(">", self.small, _number(0.0))
+        self.kept_part = b.select(is_coarse, _number(_ROUGH), _number(1.0))
+        b.branch(self.blocks["ball"])
+
+    def _begin_ball(self) -> None:
+        """Begin the loop over balls with the bounds so far."""
+        b = self.b
+        body = self.blocks["body"]
+        b.position_at_end(self.blocks["ball"])
+        self.n = b.phi(_INT)
+        self.low = b.phi(_DOUBLE)
+        self.high = b.phi(_DOUBLE)
+        self.n.add_incoming(self.first, body)
+        self.low.add_incoming(_number(np.inf), body)
+        self.high.add_incoming(_number(np.inf), body)
+        # the search ends if the upper bound is below `reject`
+        going = b.and_(b.icmp_signed("<", self.n, self.last), b.fcmp_ordered(">=", self.high, self.reject))
+        b.cbranch(going, self.blocks["opened"], self.blocks["stored"])
+
+    def _bound_ball(self) -> None:
+        """Bound the distance of one ball from below, by the nearest node of the grid and by the grid's box."""
+        b = self.b
+        w = self.w
+        b.position_at_end(self.blocks["opened"])
+        own = w.shifted(self.data["balls"], self.n, BALL)
+        centre = w.numbers(own, 3)
+        self.radius = w.at(own, 3)
+        self.after = b.fptosi(w.at(own, 4), _INT)
+        self.p = [b.fadd(w.dot(self.R[r], centre), self.t[r]) for r in range(3)]
+        self.steps = [b.fmul(b.fsub(self.p[k], self.start[k]), self.cells_per_length) for k in range(3)]
+        self.value, self.way = self._bound(self._nodes("rint"))
+        zero = _number(0.0)
+        outside = []
+        for k in range(3):
+            below = b.fsub(self.box_low[k], self.p[k])
+            above = b.fsub(self.p[k], self.box_high[k])
+            outside.append(w.most(w.most(below, above), zero))
+        beyond = w.size(outside)
+        self.proven = w.most(b.fsub(self.value, self.way), beyond)
+        self.next_ball = b.add(self.n, ir.Constant(_INT, 1))
+        self.low_here = b.fsub(self.proven, self.radius)
+        limit = w.least(w.least(self.low, self.enough), b.fmul(self.high, self.kept_part))
+        b.cbranch(b.fcmp_ordered(">=", self.low_here, limit), self.blocks["skipped"], self.blocks["leaf"])
+
+    def _skip_ball(self) -> None:
+        """Skip the smaller balls of a ball that is far enough away."""
+        self.b.position_at_end(self.blocks["skipped"])
+        self.low_skipped = self.w.least(self.low, self.low_here)
+        self.b.branch(self.blocks["ball"])
+
+    def _open_leaf(self) -> None:
+        """Lower the upper bound; refine a ball without smaller balls or with a small radius."""
+        b = self.b
+        b.position_at_end(self.blocks["leaf"])
+        self.high_here = self.w.least(self.high, self._upper(self.value, self.way))
+        self.blocks["fine"] = self.function.append_basic_block("fine")
+        is_last = b.icmp_signed("==", self.after, self.next_ball)
+        is_small = b.fcmp_ordered("<=", self.radius, self.small)
+        b.cbranch(b.or_(is_last, is_small), self.blocks["fine"], self.blocks["inner"])
+
+    def _refine_leaf(self) -> None:
+        """Take the best bounds of the eight nodes around the centre of the ball."""
+        b = self.b
+        w = self.w
+        b.position_at_end(self.blocks["fine"])
+        corners = []
+        for x, end_node in zip(self._nodes("floor"), self.ends, strict=True):
+            # a cell begins at most one node before the last one
+            last_start = b.fsub(end_node, _number(1.0))
+            corners.append(w.least(x, last_start))
+        sharp = self.proven
+        over = self.high_here
+        for shift in product((0.0, 1.0), repeat=3):
+            node = [b.fadd(corner, _number(s)) for corner, s in zip(corners, shift, strict=True)]
+            value_of_node, distance = self._bound(node)
+            sharp = w.most(sharp, b.fsub(value_of_node, distance))
+            over = w.least(over, self._upper(value_of_node, distance))
+        self.low_fine = w.least(self.low, b.fsub(sharp, self.radius))
+        self.high_fine = w.least(self.high, over)
+        b.branch(self.blocks["ball"])
+
+    def _open_inner(self) -> None:
+        """Continue with the smaller balls of a ball."""
+        self.b.position_at_end(self.blocks["inner"])
+        self.b.branch(self.blocks["ball"])
+
+    def _join_balls(self) -> None:
+        """Set the next ball, and the bounds so far, after each of the three ends of `ball`."""
+        skipped = self.blocks["skipped"]
+        fine = self.blocks["fine"]
+        inner = self.blocks["inner"]
+        self.n.add_incoming(self.after, skipped)
+        self.n.add_incoming(self.after, fine)
+        self.n.add_incoming(self.next_ball, inner)
+        self.low.add_incoming(self.low_skipped, skipped)
+        self.low.add_incoming(self.low_fine, fine)
+        self.low.add_incoming(self.low, inner)
+        self.high.add_incoming(self.high, skipped)
+        self.high.add_incoming(self.high_fine, fine)
+        self.high.add_incoming(self.high_here, inner)
+
+    def _store(self) -> None:
+        """Store the bounds of an item, and continue with the next item or end."""
+        b = self.b
+        zero = _number(0.0)
+        b.position_at_end(self.blocks["stored"])
+        rejected = b.fcmp_ordered("<", self.high, self.reject)
+        kept = b.select(rejected, zero, self.w.most(self.low, zero))
+        b.store(kept, b.gep(self.lows, [self.i], source_etype=_DOUBLE))
+        b.store(self.high, b.gep(self.highs, [self.i], source_etype=_DOUBLE))
+        following = b.add(self.i, ir.Constant(_INT, 1))
+        self.i.add_incoming(following, self.blocks["stored"])
+        b.branch(self.blocks["item"])
+        b.position_at_end(self.blocks["done"])
+        b.ret_void()
+
+    def _bound(self, node: list[ir.Value]) -> tuple[ir.Value, ir.Value]:
+        """Return (stored distance at a node, distance of the ball's centre from the node)."""
+        b = self.b
         whole = [b.fptosi(x, _INT) for x in node]
-        place = b.add(b.add(b.mul(whole[0], strides[0]), b.mul(whole[1], strides[1])), whole[2])
-        value = b.fpext(w.at(values, place, _FLOAT), _DOUBLE)
-        offsets = [b.fsub(p[k], b.fadd(start[k], b.fmul(node[k], cell))) for k in range(3)]
-        return value, w.size(offsets)
+        place = b.add(b.add(b.mul(whole[0], self.strides[0]), b.mul(whole[1], self.strides[1])), whole[2])
+        value = b.fpext(self.w.at(self.values, place, _FLOAT), _DOUBLE)
+        offsets = [b.fsub(self.p[k], b.fadd(self.start[k], b.fmul(node[k], self.cell))) for k in range(3)]
+        return value, self.w.size(offsets)
 
-    def nodes(rounding: str) -> list[ir.Value]:
+    def _nodes(self, rounding: str) -> list[ir.Value]:
         """Return the coordinates of the node nearest to `steps`, in the grid, rounded by an intrinsic of LLVM."""
         rounded = []
-        for x, most in zip(steps, ends, strict=True):
-            clipped = w.least(w.most(x, _number(0.0)), most)
-            rounded.append(w.intrinsic(rounding, clipped))
+        for x, most in zip(self.steps, self.ends, strict=True):
+            clipped = self.w.least(self.w.most(x, _number(0.0)), most)
+            rounded.append(self.w.intrinsic(rounding, clipped))
         return rounded
 
-    b.position_at_end(opened)
-    own = w.shifted(data["balls"], n, BALL)
-    centre = w.numbers(own, 3)
-    radius = w.at(own, 3)
-    after = b.fptosi(w.at(own, 4), _INT)
-    p = [b.fadd(w.dot(R[r], centre), t[r]) for r in range(3)]
-    steps = [b.fmul(b.fsub(p[k], start[k]), cells_per_length) for k in range(3)]
-    value, way = bound(nodes("rint"), p)
-    zero = _number(0.0)
-    outside = []
-    for k in range(3):
-        below = b.fsub(box_low[k], p[k])
-        above = b.fsub(p[k], box_high[k])
-        outside.append(w.most(w.most(below, above), zero))
-    beyond = w.size(outside)
-    proven = w.most(b.fsub(value, way), beyond)
-    next_ball = b.add(n, ir.Constant(_INT, 1))
-    low_here = b.fsub(proven, radius)
-    limit = w.least(w.least(low, enough), b.fmul(high, kept_part))
-    b.cbranch(b.fcmp_ordered(">=", low_here, limit), skipped, leaf)
-
-    b.position_at_end(skipped)
-    low_skipped = w.least(low, low_here)
-    b.branch(ball)
-
-    def upper(value: ir.Value, way: ir.Value) -> ir.Value:
+    def _upper(self, value: ir.Value, way: ir.Value) -> ir.Value:
         """Return an upper bound of the distance between the surfaces.
 
         `value` is stored at a grid node at the distance `way` from the centre of the ball.
         """
-        off = b.select(b.fcmp_ordered("<", value, known), error, far)
-        return b.fadd(b.fadd(b.fadd(value, way), radius), off)
-
-    b.position_at_end(leaf)
-    high_here = w.least(high, upper(value, way))
-    fine = function.append_basic_block("fine")
-    b.cbranch(b.or_(b.icmp_signed("==", after, next_ball), b.fcmp_ordered("<=", radius, small)), fine, inner)
-
-    b.position_at_end(fine)
-    corners = []
-    for x, end_node in zip(nodes("floor"), ends, strict=True):
-        # a cell begins at most one node before the last one
-        last_start = b.fsub(end_node, _number(1.0))
-        corners.append(w.least(x, last_start))
-    sharp = proven
-    over = high_here
-    for shift in product((0.0, 1.0), repeat=3):
-        node = [b.fadd(corner, _number(s)) for corner, s in zip(corners, shift, strict=True)]
-        value_of_node, distance = bound(node, p)
-        sharp = w.most(sharp, b.fsub(value_of_node, distance))
-        over = w.least(over, upper(value_of_node, distance))
-    low_fine = w.least(low, b.fsub(sharp, radius))
-    high_fine = w.least(high, over)
-    b.branch(ball)
-
-    b.position_at_end(inner)
-    b.branch(ball)
-
-    # the next ball, and the bounds so far, after each of the three ends of `ball`
-    n.add_incoming(after, skipped)
-    n.add_incoming(after, fine)
-    n.add_incoming(next_ball, inner)
-    low.add_incoming(low_skipped, skipped)
-    low.add_incoming(low_fine, fine)
-    low.add_incoming(low, inner)
-    high.add_incoming(high, skipped)
-    high.add_incoming(high_fine, fine)
-    high.add_incoming(high_here, inner)
-
-    b.position_at_end(stored)
-    rejected = b.fcmp_ordered("<", high, reject)
-    kept = b.select(rejected, zero, w.most(low, zero))
-    b.store(kept, b.gep(lows, [i], source_etype=_DOUBLE))
-    b.store(high, b.gep(highs, [i], source_etype=_DOUBLE))
-    following = b.add(i, ir.Constant(_INT, 1))
-    i.add_incoming(following, stored)
-    b.branch(item)
-
-    b.position_at_end(done)
-    b.ret_void()
-    # the target is that of the machine, chosen by the compiler
-    lines = [line for line in str(module).splitlines() if not line.startswith("target ")]
-    return "\n".join(lines)
+        b = self.b
+        off = b.select(b.fcmp_ordered("<", value, self.known), self.error, self.far)
+        return b.fadd(b.fadd(b.fadd(value, way), self.radius), off)
 
 
 @cache
 def _kernel() -> tuple[Call, Any]:
-    return compiled(_text())
+    return compiled(_LookupKernel().text())
 
 
 def look_up(
