@@ -83,32 +83,42 @@ def read_skeleton(path: Path) -> Skeleton:
             "each body"
         )
     names = Names("node", by_node, findings)
-    parts = {names[n]: p for n, p in by_node.items()}
+    parts: dict[str, list[Part]] = {}
+    nodes: dict[str, str] = {}
     for node, own in by_node.items():
-        names_in_file = {(*p.path, p.name)[p.chain.index(node)] for p in own}
-        if node not in names_in_file:
-            text = f"node '{min(names_in_file)}' occurs several times in the assembly: this one is named '{node}'."
-            findings.note("copies", text, node)
-    base = next((b for w in _GROUND for b in parts if w in b.split("_")), next(iter(parts)))
+        body = names[node]
+        parts[body] = own
+        nodes[body] = node
+        _note_copies(node, own, findings)
+    base = _base(parts)
     findings.note("base", f"body '{base}' is assumed to be the base; change `base` if another body is fixed.", base)
     findings.warn("mass", "a STEP has no densities: bodies have no mass until [material.*] states the densities.", base)
     pairs = find_pairs(parts)
-    proposals, left = propose(parts, pairs, base)
-    findings += [_near(p) for p in proposals if p.misses or p.pair.near]
-    findings += [_left(p) for p in left]
-    findings += [f for node, own in by_node.items() if (f := _inside(node, own))]
-    held = sorted(set(parts) - {base} - {b for p in proposals for b in (p.parent, p.child)})
+    proposals, unused = propose(parts, pairs, base)
+    held = set(parts) - {base}
+    for proposal in proposals:
+        held -= {proposal.parent, proposal.child}
+        if proposal.misses or proposal.pair.near:
+            findings.append(_near(proposal))
+    for pair in unused:
+        findings.append(_unused(pair))
+    for node, own in by_node.items():
+        moving = _inside(node, own)
+        if moving is not None:
+            findings.append(moving)
     if held:
+        listed = sorted(held)
         text = (
-            f"no joint is proposed for {', '.join(held)}: none of their bores, pins, rails or balls fits a face of "
+            f"no joint is proposed for {', '.join(listed)}: none of their bores, pins, rails or balls fits a face of "
             "another body."
         )
-        findings.warn("held", text, held[0])
+        findings.warn("held", text, listed[0])
+    distance, angle = GROSS
     text = (
         f"{len(proposals)} joints are proposed, as comments: all bodies are fixed to '{base}' until you name their "
         "joints. "
-        f"Axes count as coincident below a distance of {GROSS[0] / MM:g} mm (or the smaller radius, if less) and "
-        f"an angle of {GROSS[1] / DEG:g}°."
+        f"Axes count as coincident below a distance of {distance / MM:g} mm (or the smaller radius, if less) and "
+        f"an angle of {angle / DEG:g}°."
     )
     findings.warn("joints", text, base)
     if step.placement_error > 0:
@@ -117,36 +127,72 @@ def read_skeleton(path: Path) -> Skeleton:
             f"{step.placement_error * 1e6:.2g} um."
         )
         findings.note("placement", text, base)
-    return Skeleton(parts, {names[n]: n for n in by_node}, base, pairs, proposals, findings)
+    return Skeleton(parts, nodes, base, pairs, proposals, findings)
 
 
-def _near(p: Proposal) -> Finding:
+def _note_copies(node: str, parts: list[Part], findings: Findings) -> None:
+    """Note that a node has another name in the file, because it occurs there several times."""
+    names = set()
+    for part in parts:
+        path = (*part.path, part.name)
+        names.add(path[part.chain.index(node)])
+    if node not in names:
+        text = f"node '{min(names)}' occurs several times in the assembly: this one is named '{node}'."
+        findings.note("copies", text, node)
+
+
+def _base(names: Iterable[str]) -> str:
+    """Return the body whose name has the word that comes first in `_GROUND`; without such a word, the first body."""
+    bodies = list(names)
+    for word in _GROUND:
+        for body in bodies:
+            if word in body.split("_"):
+                return body
+    return bodies[0]
+
+
+def _near(proposal: Proposal) -> Finding:
     text = (
-        f"joint {p.name} of '{p.parent}' and '{p.child}' ({p.pair.radii}): the joint's two frames are {p.miss} apart "
-        f"in the CAD. The joint is proposed (confidence {p.pair.confidence}), but `info` and `validate` will report "
-        "cad.meeting or cad.tilt"
+        f"joint {proposal.name} of '{proposal.parent}' and '{proposal.child}' ({proposal.pair.radii}): the joint's two "
+        f"frames are {proposal.miss} apart in the CAD. The joint is proposed (confidence {proposal.pair.confidence}), "
+        "but `info` and `validate` will report cad.meeting or cad.tilt"
     )
-    return finding("warning", "import.near", p.name, text, Quantity(p.offset, "m"), word="")
+    return finding("warning", "import.near", proposal.name, text, Quantity(proposal.offset, "m"), word="")
 
 
-def _left(p: Pair) -> Finding:
+def _unused(pair: Pair) -> Finding:
     """Return a finding that a fit is not used for a joint."""
-    text = f"'{p.a.part.name}' of '{p.a.body}' also fits '{p.b.part.name}' of '{p.b.body}' "
-    off = f"within {p.offset / MM:.4g} mm and {p.tilt / DEG:.4g}° (confidence {p.confidence})" if p.near else "exactly"
-    return warning("left", f"{text}{off}: this fit is not used for a joint, and not checked.", p.a.body)
+    deviation = "exactly"
+    if pair.near:
+        distance = f"{pair.offset / MM:.4g} mm"
+        angle = f"{pair.tilt / DEG:.4g}°"
+        deviation = f"within {distance} and {angle} (confidence {pair.confidence})"
+    text = (
+        f"'{pair.a.part.name}' of '{pair.a.body}' also fits '{pair.b.part.name}' of '{pair.b.body}' {deviation}: this "
+        "fit is not used for a joint, and not checked."
+    )
+    return warning("left", text, pair.a.body)
 
 
 def _inside(node: str, parts: list[Part]) -> Finding | None:
     """Return a finding if pins or balls can move in bores or cups of the same node; else None."""
-    pairs = [p for p in find_pairs({str(i): [part] for i, part in enumerate(parts)}) if p.movable()]
+    numbered = {str(i): [part] for i, part in enumerate(parts)}  # each part as a body of its own
+    pairs = [pair for pair in find_pairs(numbered) if pair.movable()]
     if not pairs:
         return None
-    some = ", ".join(f"'{p.a.part.name}' in or on '{p.b.part.name}'" for p in pairs[:3])
-    inner = sorted({part.chain[part.chain.index(node) + 1] for part in parts if node in part.chain[:-1]})
+    inner = set()
+    for part in parts:
+        if node in part.chain[:-1]:
+            inner.add(part.chain[part.chain.index(node) + 1])
+    examples = ", ".join(f"'{pair.a.part.name}' in or on '{pair.b.part.name}'" for pair in pairs[:3])
+    if len(pairs) > 3:
+        examples += f" and {len(pairs) - 3} more"
+    names = ", ".join(sorted(inner)[:6])
+    if len(inner) > 6:
+        names += ", ..."
     text = (
-        f"node '{node}' is read as one body, but some parts of the node can move relative to others: {some}"
-        f"{f' and {len(pairs) - 3} more' if len(pairs) > 3 else ''}. If these are joints, write a [body.*] with `node` "
-        f"for each moving inner node ({', '.join(inner[:6])}{', ...' if len(inner) > 6 else ''}), or export the "
+        f"node '{node}' is read as one body, but some parts of the node can move relative to others: {examples}. If "
+        f"these are joints, write a [body.*] with `node` for each moving inner node ({names}), or export the "
         "sub-assembly as separate nodes."
     )
     return warning("inside", text, node)
@@ -158,14 +204,26 @@ def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
     The bodies are the assembly nodes at the first level with more than one node. Nodes with one name are numbered, so
     that a part that is used several times is several bodies.
     """
-    chains = [(p.chain, p) for p in parts]
+    placed = list(parts)
     level = 0
-    while all(len(c) > level + 1 for c, _ in chains) and len({c[level] for c, _ in chains}) == 1:
+    while _is_one_node(placed, level):
         level += 1
-    out: dict[str, list[Part]] = {}
-    for chain, part in chains:
-        out.setdefault(chain[min(level, len(chain) - 1)], []).append(part)
-    return out
+    by_node: dict[str, list[Part]] = {}
+    for part in placed:
+        # A part above the level is a body of its own.
+        node = part.chain[min(level, len(part.chain) - 1)]
+        by_node.setdefault(node, []).append(part)
+    return by_node
+
+
+def _is_one_node(parts: Iterable[Part], level: int) -> bool:
+    """Return whether all parts are below the same node of a level of the assembly."""
+    nodes = set()
+    for part in parts:
+        if len(part.chain) <= level + 1:
+            return False
+        nodes.add(part.chain[level])
+    return len(nodes) == 1
 
 
 def write_skeleton(
@@ -187,14 +245,14 @@ def write_skeleton(
     return write_robot(name, target, cad, skeleton.findings, source, force), made[0]
 
 
-def describe(s: Skeleton, name: str, source: str) -> str:
+def describe(skeleton: Skeleton, name: str, source: str) -> str:
     """Return the description of a skeleton in TOML."""
     lines = [
         f"# {name}, made by `twin new` from {one_line(source)}. A skeleton: every body is fixed to the base.",
         "# To add joints: uncomment the correct proposals below, name them, mark the driven joints with",
         "# `active = true` (list driven joints first), and delete the temporary fixed joint of each body that now "
         "moves.",
-        *rows({"name": name, "title": name, "source": source, "default_protocol": "first", "base": s.base}),
+        *rows({"name": name, "title": name, "source": source, "default_protocol": "first", "base": skeleton.base}),
         *rows({"tool": "tool", "step": f"{name}.step"}),
         *TOLERANCE,
         "",
@@ -211,40 +269,59 @@ def describe(s: Skeleton, name: str, source: str) -> str:
         '# provenance = "ASSUMED"',
         '# note = "where the limits come from"',
     ]
-    for body in s.parts:
-        lines += table(f"[body.{body}]", node=s.nodes[body] if s.nodes[body] != body else None)
-    used: dict[str, JsonObject] = {}
-    for p in s.proposals:
-        for body, side in ((p.parent, p.on_parent), (p.child, p.on_child)):
-            used.setdefault(body, {}).update(side.features)
-    for body in (b for b in s.parts if b in used):
-        lines += table(f"[feature.{body}]", **used[body])
-    for p in s.proposals:
-        sides = {"on_parent": p.on_parent.frame, "on_child": p.on_child.frame}
-        lines += ["", f"# {one_line(p.why)}"]
-        if p.misses:
-            lines.append(f"# In the CAD, the two frames of this joint are {p.miss} apart.")
-            lines.append(f"# Confidence that the faces of the two bodies fit: {p.pair.confidence}.")
-        joint = table("[[joint]]", name=p.name, type=p.type, parent=p.parent, child=p.child, **sides)
-        lines += [f"# {line}" for line in joint[1:]]
-    here = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"
-    for body in (b for b in s.parts if b != s.base):
-        lines += table("[[joint]]", name=f"hold_{body}", type="fixed", parent=s.base, child=body)
-        lines += [f"on_parent = {here}", f"on_child = {here}"]
-    centre = _middle(s.parts[s.tool]) / MM
+    for body in skeleton.parts:
+        node = skeleton.nodes[body]
+        lines += table(f"[body.{body}]", node=node if node != body else None)
+    features: dict[str, JsonObject] = {}
+    for proposal in skeleton.proposals:
+        features.setdefault(proposal.parent, {}).update(proposal.on_parent.features)
+        features.setdefault(proposal.child, {}).update(proposal.on_child.features)
+    for body in skeleton.parts:
+        if body in features:
+            lines += table(f"[feature.{body}]", **features[body])
+    for proposal in skeleton.proposals:
+        lines += _proposed(proposal)
+    origin = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"
+    for body in skeleton.parts:
+        if body == skeleton.base:
+            continue
+        lines += table("[[joint]]", name=f"hold_{body}", type="fixed", parent=skeleton.base, child=body)
+        lines += [f"on_parent = {origin}", f"on_child = {origin}"]
+    middle = _middle(skeleton.parts[skeleton.tool]) / MM
+    position = [round(float(x), 3) for x in middle]
     lines += [
         "",
         "[frame.tool] # at the middle of the outermost body: move it to the tool",
-        f"body = {toml(s.tool)}",
-        f"at = {{ position_mm = {toml(round(float(v), 3) for v in centre)}, angles_deg = [0, 0, 0] }}",
+        f"body = {toml(skeleton.tool)}",
+        f"at = {{ position_mm = {toml(position)}, angles_deg = [0, 0, 0] }}",
         "",
         "[posture.home] # a value for each driven joint, such as NAME_deg = 0 or NAME_mm = 0 for the drawn state",
     ]
     return "\n".join(lines) + "\n"
 
 
+def _proposed(proposal: Proposal) -> list[str]:
+    """Return the lines of a proposed joint, which are comments."""
+    lines = ["", f"# {one_line(proposal.why)}"]
+    if proposal.misses:
+        lines.append(f"# In the CAD, the two frames of this joint are {proposal.miss} apart.")
+        lines.append(f"# Confidence that the faces of the two bodies fit: {proposal.pair.confidence}.")
+    _, *rows_of_joint = table(
+        "[[joint]]",
+        name=proposal.name,
+        type=proposal.type,
+        parent=proposal.parent,
+        child=proposal.child,
+        on_parent=proposal.on_parent.frame,
+        on_child=proposal.on_child.frame,
+    )
+    for row in rows_of_joint:
+        lines.append(f"# {row}")
+    return lines
+
+
 def _middle(parts: Iterable[Part]) -> Array:
-    points = np.concatenate([p.vertices for p in parts])
+    points = np.concatenate([part.vertices for part in parts])
     return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
 

@@ -18,11 +18,14 @@ def package_files() -> tuple[str, ...]:
     Raises:
         OutputError: the package does not exist.
     """
-    found = (p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*") if p.is_file())
-    names = tuple(sorted(n for n in found if not any(part.startswith(".") for part in n.split("/"))))
+    names = []
+    for file in PACKAGE.rglob("*"):
+        path = file.relative_to(PACKAGE)
+        if file.is_file() and not any(part.startswith(".") for part in path.parts):
+            names.append(path.as_posix())
     if "package.json" not in names:
         raise OutputError(f"the Unity package is not in {PACKAGE}: install twin again, or export without 'unity'")
-    return names
+    return tuple(sorted(names))
 
 
 def write_unity(folder: Path) -> tuple[Path, ...]:

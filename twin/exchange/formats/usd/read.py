@@ -51,67 +51,95 @@ def read_usd(path: Path, root: str | None) -> Imported:
         if str(path) in str(error):
             raise
         raise SourceError(f"{path}: {error}") from error
-    findings = Findings(replace(f, severity="warning") if f.code == "stage.read.shape" else f for f in findings)
-    bodies = (replace(b, inertia=b.inertia and possible(b.inertia, b.name, findings)) for b in mechanism.bodies)
-    mechanism = replace(mechanism, bodies=tuple(bodies), gravity=stated_gravity(np.array(mechanism.gravity), findings))
+    findings = Findings(map(_as_import, findings))
+    bodies = []
+    for body in mechanism.bodies:
+        if body.inertia is not None:
+            body = replace(body, inertia=possible(body.inertia, body.name, findings))
+        bodies.append(body)
+    gravity = stated_gravity(np.array(mechanism.gravity), findings)
+    mechanism = replace(mechanism, bodies=tuple(bodies), gravity=gravity)
     for joint in mechanism.joints:
         if joint.type == "free" and joint.parent == mechanism.base:
             text = f"no joint fixes body '{joint.child}' to the world: the robot floats, by joint '{joint.name}'."
             findings.warn("free", text, joint.child)
-    findings += _left_out(path, root, {n for c in mechanism.couplings for n in c.joints})
+    coupled: set[str] = set()
+    for coupling in mechanism.couplings:
+        coupled.update(coupling.joints)
+    findings += _left_out(path, root, coupled)
     if not mechanism.active:
-        moving = {j.name for j in mechanism.tree if len(j.free_axes) == 1}
-        joints = tuple(replace(j, active=j.name in moving) for j in mechanism.joints)
+        moving = {joint.name for joint in mechanism.tree if len(joint.free_axes) == 1}
+        joints = tuple(replace(joint, active=joint.name in moving) for joint in mechanism.joints)
         mechanism = replace(mechanism, joints=joints, postures={})
         text = f"no joint has a drive: all joints of the tree are driven, {', '.join(sorted(moving))}."
         findings.warn("driven", text, mechanism.base)
     return Imported(tooled(mechanism, findings), findings)
 
 
+def _as_import(finding: Finding) -> Finding:
+    """Return a finding of the reader; a shape that cannot be shown is no reason to refuse a stage."""
+    if finding.code == "stage.read.shape":
+        return replace(finding, severity="warning")
+    return finding
+
+
 def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Finding]:
+    """Return warnings of the data of a stage that are not imported; `coupled` are the joints of imported couplings.
+
+    Raises:
+        SourceError: a joint is coupled to another by a schema that is not supported.
+    """
     from pxr import Usd, UsdGeom, UsdPhysics
 
     stage = Usd.Stage.Open(str(path))
     top = stage.GetPrimAtPath(root) if root else stage.GetPseudoRoot()
-    found = Findings()
+    findings = Findings()
     for prim in Usd.PrimRange(top, Usd.TraverseInstanceProxies()):
         where = str(prim.GetPath())
-        strange = [str(s) for s in prim.GetPrimTypeInfo().GetAppliedAPISchemas() if str(s).split(":")[0] not in _READ]
-        joint = prim.IsA(UsdPhysics.Joint)
-        for schema in strange:
-            # The part after the colon is the instance name. Couplings of our own stages are read from customData.
-            if joint and "mimic" in schema.split(":")[0].lower() and prim.GetName() not in coupled:
+        kind = str(prim.GetTypeName())
+        is_joint = prim.IsA(UsdPhysics.Joint)
+        is_body = prim.HasAPI(UsdPhysics.RigidBodyAPI)
+        for schema in map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()):
+            name = schema.split(":")[0]  # the part after the colon is the instance name
+            if name in _READ:
+                continue
+            # Couplings of our own stages are read from customData.
+            if is_joint and "mimic" in name.lower() and prim.GetName() not in coupled:
                 raise SourceError(
                     f"{path}: joint {where} is coupled to another joint by {schema}: couplings of other vendors are "
                     "not supported. "
                     "Remove the schema, and write the [[coupling]] into the new folder."
                 )
-            if prim.HasAPI(UsdPhysics.RigidBodyAPI) or joint:
-                found.warn("schema", f"{where}: {schema} is not read.", where)
-        if prim.HasAPI(UsdPhysics.RigidBodyAPI) and prim.HasAPI(UsdPhysics.MassAPI):
+            if is_body or is_joint:
+                findings.warn("schema", f"{where}: {schema} is not read.", where)
+        if is_body and prim.HasAPI(UsdPhysics.MassAPI):
             mass = UsdPhysics.MassAPI(prim)
-            kilograms, tensor = mass.GetMassAttr().Get(), mass.GetDiagonalInertiaAttr().Get()
-            if kilograms and not any(tensor or ()):
+            kilograms = mass.GetMassAttr().Get()
+            moments = mass.GetDiagonalInertiaAttr().Get()
+            if kilograms and not any(moments or ()):
                 text = f"{where}: the mass of {kilograms:g} kg is not imported: the stage does not state the inertia."
-                found.warn("inertia", text, where)
-        if joint:
-            names = [a.GetName() for a in prim.GetAttributes() if a.HasAuthoredValue()]
-            names = [
-                n for n in names if not n.startswith(("drive:", "state:")) and any(w in n.lower() for w in _WITHOUT)
-            ]
-            if names := [n for n in names if _is_set(prim.GetAttribute(n))]:
-                found.warn("friction", f"joint {where}: {', '.join(names)} are not imported.", where)
+                findings.warn("inertia", text, where)
+        if is_joint:
+            names = [attribute.GetName() for attribute in prim.GetAttributes() if _is_left_out(attribute)]
+            if names:
+                findings.warn("friction", f"joint {where}: {', '.join(names)} are not imported.", where)
         elif prim.IsA(UsdGeom.Gprim) and not prim.IsA(UsdGeom.Mesh) and prim.IsA(UsdGeom.PointBased):
-            found.warn("shape", f"{where}: a {prim.GetTypeName()} is not shown.", where)
-        elif prim.GetTypeName() in ("PhysicsTendon", "PhysxTendon") or "Tendon" in str(prim.GetTypeName()):
-            found.warn("tendon", f"{where}: a {prim.GetTypeName()} is not imported.", where)
-    return found
+            findings.warn("shape", f"{where}: a {kind} is not shown.", where)
+        elif "Tendon" in kind:
+            findings.warn("tendon", f"{where}: a {kind} is not imported.", where)
+    return findings
 
 
-def _is_set(attribute: Any) -> bool:
-    """Return whether an attribute has a value other than zero or infinity."""
-    value = attribute.Get()
-    return value not in (None, 0, 0.0, False, float("inf"))
+def _is_left_out(attribute: Any) -> bool:
+    """Return whether an attribute of a joint is an unsupported property with a value other than zero or infinity."""
+    if not attribute.HasAuthoredValue():
+        return False
+    name = attribute.GetName()
+    if name.startswith(("drive:", "state:")):
+        return False
+    if not any(word in name.lower() for word in _WITHOUT):
+        return False
+    return attribute.Get() not in (None, 0, 0.0, False, float("inf"))
 
 
 def read(path: Path, options: Options) -> Imported:

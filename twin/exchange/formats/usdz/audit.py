@@ -27,7 +27,8 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
     Raises:
         ReadError: OpenUSD cannot read the stage.
     """
-    ledger.tool, ledger.version = "twin.exchange.audit on usd-core", version()
+    ledger.tool = "twin.exchange.audit on usd-core"
+    ledger.version = version()
     check_size(path, "USD")
     check_zip(path, "USDZ")
     if not _opens(path, ledger):
@@ -50,8 +51,8 @@ def _opens(path: Path, ledger: Ledger) -> bool:
     if broken:
         ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in the archive is wrong.", broken)
         return False
-    if not entries or Path(entries[0].filename).suffix.lower() not in LAYERS:
-        first = entries[0].filename if entries else "nothing"
+    first = entries[0].filename if entries else "nothing"
+    if not _is_layer(first):
         ledger.add("usdz.first", "error", f"the first file in the archive is {first}, but must be a USD layer.", first)
         return False
     data = path.read_bytes()
@@ -62,15 +63,16 @@ def _opens(path: Path, ledger: Ledger) -> bool:
             text = f"'{entry.filename}' is compressed: readers reject such an archive."
             ledger.wrong("usdz.compressed", text, entry.filename, suggestion="do not compress")
             continue
-        fields = _LOCAL.unpack_from(data, entry.header_offset)
-        start = entry.header_offset + _LOCAL.size + fields[-2] + fields[-1]
+        # The local header, not the directory, states the padding before the data.
+        *_, name_size, extra_size = _LOCAL.unpack_from(data, entry.header_offset)
+        start = entry.header_offset + _LOCAL.size + name_size + extra_size
         if start % ALIGNMENT:
             text = (
                 f"'{entry.filename}' starts at byte {start}, not a multiple of {ALIGNMENT}: readers that map the "
                 "file into memory fail."
             )
             ledger.wrong("usdz.alignment", text, entry.filename, size=Measured(start % ALIGNMENT, 0.0))
-    layers = [e.filename for e in entries if Path(e.filename).suffix.lower() in LAYERS]
+    layers = [entry.filename for entry in entries if _is_layer(entry.filename)]
     if len(layers) > 1:
         text = (
             f"the archive contains {len(layers)} layers: three.js shows nothing for such a file, and reports no error."
@@ -78,3 +80,7 @@ def _opens(path: Path, ledger: Ledger) -> bool:
         ledger.add("usdz.layers", "warning", text, layers[1], suggestion="flatten the layers into one")
     ledger.row("archive: stored, aligned, one layer", float(len(ledger.found)), "found", 0.0)
     return True
+
+
+def _is_layer(name: str) -> bool:
+    return Path(name).suffix.lower() in LAYERS

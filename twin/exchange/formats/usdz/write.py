@@ -51,14 +51,21 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
     """
     with Scratch() as name:
         folder = Path(name)
-        layers = [str(write_geometry(mechanism, folder / "geometry.usdc", _rest(mechanism, clip)))]
-        end = 0.0
-        if clip is not None:
-            moving = {n: Ts for n, Ts in rounded(clip.links).items() if np.abs(Ts - Ts[0]).max() > STILL}
-            layers.insert(0, str(write_motion(mechanism, folder, BakedMotion(clip.name, clip.times, moving)).layer))
-            returns = all(np.abs(Ts[-1] - Ts[0]).max() < STILL for Ts in moving.values())
-            end = (float(clip.times[-1]) + (0.0 if returns else HOLD)) * TIME_CODES_PER_SECOND
-        flat = _flattened(mechanism, layers, end)
+        geometry = str(write_geometry(mechanism, folder / "geometry.usdc", _rest(mechanism, clip)))
+        if clip is None:
+            flat = _flattened(mechanism, [geometry], 0.0)
+        else:
+            moving = {}
+            end = float(clip.times[-1])
+            returns = True
+            for link, Ts in rounded(clip.links).items():
+                if np.abs(Ts - Ts[0]).max() > STILL:
+                    moving[link] = Ts
+                    returns = returns and np.abs(Ts[-1] - Ts[0]).max() < STILL
+            if not returns:
+                end += HOLD
+            motion = write_motion(mechanism, folder, BakedMotion(clip.name, clip.times, moving))
+            flat = _flattened(mechanism, [str(motion.layer), geometry], end * TIME_CODES_PER_SECOND)
         package(save(flat, folder / f"{mechanism.name}.usdc"), path)
     return path
 
@@ -80,7 +87,8 @@ def _flattened(mechanism: Mechanism, layers: list[str], end: float) -> Sdf.Layer
     stage = Usd.Stage.Open(flat)
     root = stage.GetPrimAtPath(f"/{mechanism.name}")
     for prim in list(stage.Traverse()):
-        if UsdGeom.Imageable(prim) and UsdGeom.Imageable(prim).GetPurposeAttr().Get() == UsdGeom.Tokens.guide:
+        imageable = UsdGeom.Imageable(prim)
+        if imageable and imageable.GetPurposeAttr().Get() == UsdGeom.Tokens.guide:
             stage.RemovePrim(prim.GetPath())
             continue
         for attribute in prim.GetAuthoredAttributes():
@@ -104,16 +112,17 @@ def _single_precision(layer: Sdf.Layer) -> None:
     The reader of three.js (r187) does not support the packed form in which usdc stores double3 values of small whole
     numbers: a link with translation (0, 0, 0) is not displayed, and no error is reported.
     """
-    double = []
-    layer.Traverse(
-        Sdf.Path.absoluteRootPath,
-        lambda path: double.append(path) if path.name == "xformOp:translate" else None,
-    )
-    for path in double:
+    paths: list[Sdf.Path] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    for path in paths:
+        if path.name != "xformOp:translate":
+            continue
         old = layer.GetAttributeAtPath(path)
         if old.typeName != Sdf.ValueTypeNames.Double3:
             continue
-        default, samples = old.default, {t: layer.QueryTimeSample(path, t) for t in layer.ListTimeSamplesForPath(path)}
+        # The values must be read before the attribute is removed; USD cannot change its type.
+        default = old.default
+        samples = {code: layer.QueryTimeSample(path, code) for code in layer.ListTimeSamplesForPath(path)}
         prim = layer.GetPrimAtPath(path.GetPrimPath())
         prim.RemoveProperty(old)
         new = Sdf.AttributeSpec(prim, path.name, Sdf.ValueTypeNames.Float3)
@@ -130,7 +139,9 @@ def package(layer: Path, path: Path) -> None:
         OSError: the archive cannot be written.
     """
     info = zipfile.ZipInfo(layer.name, (1980, 1, 1, 0, 0, 0))
-    info.create_system, info.external_attr = 3, 0o644 << 16
+    info.create_system = 3  # Unix, also if the archive is written on Windows
+    info.external_attr = 0o644 << 16
+    # The data follow a header of 30 bytes, the name, and the extra field, whose own header has 4 bytes.
     spare = -(30 + len(layer.name) + 4) % _ALIGNMENT
     info.extra = _PADDING.to_bytes(2, "little") + spare.to_bytes(2, "little") + bytes(spare)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:

@@ -31,11 +31,10 @@ def check_package(folder: Path, ledger: Ledger) -> None:
     _check_scripts(folder, seen, ledger)
     check_shipped(folder, data, ledger)
     for file in seen:
-        name = file.relative_to(folder).as_posix()
         if file.name == "twin-golden.json":
-            check_golden(file, name, ledger)
-    wrong = [f for f in ledger.found if f.severity != "info"]
-    ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(wrong)), "found", 0.0)
+            check_golden(file, file.relative_to(folder).as_posix(), ledger)
+    faults = [finding for finding in ledger.found if finding.severity != "info"]
+    ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(faults)), "found", 0.0)
 
 
 def _json(file: Path, folder: Path, ledger: Ledger) -> JsonObject | None:
@@ -73,13 +72,14 @@ def _visible(folder: Path) -> Iterator[Path]:
     """Yield the files and folders that Unity imports. Hidden paths, `*~` and `*.tmp` are skipped."""
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
-        if not any(p.endswith("~") or p.startswith(".") for p in parts) and path.suffix != ".tmp":
+        hidden = any(part.endswith("~") or part.startswith(".") for part in parts)
+        if not hidden and path.suffix != ".tmp":
             yield path
 
 
 def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Path]:
     """Check that every asset has a .meta file with a unique GUID; return {GUID: asset}."""
-    assets = {p for p in seen if p.suffix != ".meta"}
+    assets = {path for path in seen if path.suffix != ".meta"}
     guids: dict[str, Path] = {}
     for asset in sorted(assets):
         name = asset.relative_to(folder).as_posix()
@@ -95,13 +95,14 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
             continue
         other = guids.setdefault(match[1], asset)
         if other != asset:
+            other_name = other.relative_to(folder).as_posix()
             text = (
-                f"'{name}' and '{other.relative_to(folder).as_posix()}' have the same GUID {match[1]}: Unity "
+                f"'{name}' and '{other_name}' have the same GUID {match[1]}: Unity "
                 "ignores one of them or changes its GUID, which breaks references to it."
             )
             ledger.wrong("unity.guid_twice", text, name, suggestion="use the hash of the path as GUID")
-    for meta in (p for p in seen if p.suffix == ".meta"):
-        if meta.with_suffix("") not in assets:
+    for meta in seen:
+        if meta.suffix == ".meta" and meta.with_suffix("") not in assets:
             name = meta.relative_to(folder).as_posix()
             text = f"'{name}' describes a file or folder that does not exist."
             ledger.add("unity.meta_orphan", "warning", text, name)
@@ -111,7 +112,9 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
 def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], ledger: Ledger) -> None:
     names: dict[str, str] = {}
     wanted: list[tuple[str, str]] = []
-    for file in (p for p in seen if p.suffix == ".asmdef"):
+    for file in seen:
+        if file.suffix != ".asmdef":
+            continue
         name = file.relative_to(folder).as_posix()
         data = _json(file, folder, ledger)
         if data is None:
@@ -124,46 +127,47 @@ def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], le
             text = f"{name} and {names[own]} both define the assembly '{own}'."
             ledger.wrong("unity.asmdef", text, name)
         names[own] = name
-        wanted += [(name, str(r)) for r in data.get("references", [])]
+        for reference in data.get("references", []):
+            wanted.append((name, str(reference)))
         if "Editor" in file.relative_to(folder).parts and data.get("includePlatforms") != ["Editor"]:
             text = f"{name} is in Editor/, but is not limited to the platform Editor: player builds fail."
             ledger.wrong("unity.asmdef", text, name, suggestion='"includePlatforms": ["Editor"]')
+    # References to assemblies of other packages, whose names begin with another word, cannot be checked here.
+    own_words = {name.split(".")[0] for name in names}
     for name, reference in wanted:
         if reference.startswith("GUID:"):
             missing = reference.removeprefix("GUID:") not in guids
-        else:  # assemblies of other packages are not available here
-            missing = reference not in names and reference.split(".")[0] in {n.split(".")[0] for n in names}
+        else:
+            missing = reference not in names and reference.split(".")[0] in own_words
         if missing:
             text = f"{name} references '{reference}', which is not in the package."
             ledger.wrong("unity.asmdef", text, name)
 
 
 def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
-    scripts = [p for p in seen if p.suffix == ".cs"]
+    scripts = [path for path in seen if path.suffix == ".cs"]
     if not scripts:
         ledger.wrong("unity.scripts", "the package has no C# file.", "Runtime")
-    assemblies = [p.parent for p in seen if p.suffix == ".asmdef"]
+    assemblies = [path.parent for path in seen if path.suffix == ".asmdef"]
     for script in scripts:
         name = script.relative_to(folder).as_posix()
         text = script.read_text(encoding="utf-8", errors="replace")
-        if not any(script.is_relative_to(a) for a in assemblies):
+        if not any(script.is_relative_to(folder_of_assembly) for folder_of_assembly in assemblies):
             message = f"{name} belongs to no assembly definition: Unity does not compile such a script of a package."
             ledger.wrong("unity.asmdef", message, name)
-        behaviours = _BEHAVIOUR.findall(_without_comments(text))
+        code = re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)  # without comments
+        behaviours = _BEHAVIOUR.findall(code)
         if behaviours and script.stem not in behaviours:
             message = f"{name} contains component {behaviours[0]}: Unity requires that the file has the same name."
             ledger.wrong("unity.script", message, name)
-        outside = "Editor" not in script.relative_to(folder).parts and "#if UNITY_EDITOR" not in text
-        if outside and "UnityEditor" in _without_comments(text):
+        in_editor = "Editor" in script.relative_to(folder).parts or "#if UNITY_EDITOR" in text
+        if not in_editor and "UnityEditor" in code:
             message = f"{name} uses UnityEditor, but is outside Editor/: player builds fail."
             ledger.wrong("unity.script", message, name)
 
 
-def _without_comments(text: str) -> str:
-    return re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)
-
-
 def read(path: Path, ledger: Ledger, context: Context) -> None:
     """Report faults of the package in a folder; a package contains no robot."""
-    ledger.tool, ledger.version = "twin.exchange.audit unity", "1"
+    ledger.tool = "twin.exchange.audit unity"
+    ledger.version = "1"
     check_package(path, ledger)

@@ -6,9 +6,9 @@ import base64
 import json
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
@@ -31,6 +31,7 @@ TOL = 1e-5
 """Tolerance in m and in quaternion components. Golden vectors have 8 decimals, streams have single precision."""
 
 _IMPORTS = {"gltfast": "GltFast", "urdf": "UrdfImporter"}
+# Mark, sequence number, time of the server and of the clip in s, counts of links and joints, flags.
 _HEAD = struct.Struct("<4sIddHHI")
 
 
@@ -59,27 +60,29 @@ def check_golden(path: Path, name: str, ledger: Ledger) -> None:
             text = f"golden vectors in {name}: {check.__name__} are malformed: {str(error)[:80]}."
             ledger.wrong("unity.golden", text, name)
             continue
-        for key, off in rows.items():
-            worst = max(worst, off)
-            if not off <= TOL:
-                text = f"golden vectors in {name}: '{key}' is {off:.4g} from the value computed from its inputs."
-                ledger.wrong("unity.golden", text, name, size=Measured(off, TOL))
+        for key, error in rows.items():
+            worst = max(worst, error)
+            if not error <= TOL:
+                text = f"golden vectors in {name}: '{key}' is {error:.4g} from the value computed from its inputs."
+                ledger.wrong("unity.golden", text, name, size=Measured(error, TOL))
     ledger.row("golden vectors, recomputed", worst, "m or 1", TOL, where=name)
 
 
 class _Vectors:
     def __init__(self, data: JsonObject) -> None:
-        self.data, self.track = data, data["track"]
+        self.data = data
+        self.track = data["track"]
         links = len(self.track["links"])
         self.times = np.array(self.track["times"], float)
         seven = np.array(self.track["poses"], float).reshape(len(self.times), links, 7)
         self.T = poses.from_seven(seven)
-        place = poses.from_seven(np.array(data["place"], float))
+        T_world_place = poses.from_seven(np.array(data["place"], float))
+        scale = np.diag([data["scale"]] * 3 + [1.0])
         self.worlds = {}
-        for short, convention in _IMPORTS.items():
+        for short, importer in _IMPORTS.items():
             W = np.eye(4)
-            W[:3, :3] = ROOTS[convention] @ MIRRORS[convention]
-            self.worlds[short] = place @ np.diag([data["scale"]] * 3 + [1.0]) @ W
+            W[:3, :3] = ROOTS[importer] @ MIRRORS[importer]
+            self.worlds[short] = T_world_place @ scale @ W
 
     def rows(self, key: str, width: int) -> Array:
         """Return the entry `key`, a flat list of k * width numbers, as an array (k, width)."""
@@ -87,76 +90,99 @@ class _Vectors:
 
     def points(self) -> dict[str, float]:
         """Return {vector name: error in m} for points of links, in imported coordinates and in Unity's world."""
-        robot, out = self.rows("point_robot", 3), {}
-        where = self.T[self.data["point_key"], self.data["point_link"]]
-        world = np.einsum("kij,kj->ki", where, np.column_stack([robot, np.ones(len(robot))]))
-        for short, convention in _IMPORTS.items():
-            out[f"point_{short}"] = _apart(self.rows(f"point_{short}", 3), robot @ MIRRORS[convention].T)
-            out[f"world_{short}"] = _apart(self.rows(f"world_{short}", 3), (world @ self.worlds[short].T)[:, :3])
-        return out
+        robot = self.rows("point_robot", 3)
+        T = self.T[self.data["point_key"], self.data["point_link"]]
+        homogeneous = np.column_stack([robot, np.ones(len(robot))])
+        world = np.einsum("kij,kj->ki", T, homogeneous)
+        errors = {}
+        for short, importer in _IMPORTS.items():
+            imported = robot @ MIRRORS[importer].T
+            placed = world @ self.worlds[short].T
+            errors[f"point_{short}"] = _difference(self.rows(f"point_{short}", 3), imported)
+            errors[f"world_{short}"] = _difference(self.rows(f"world_{short}", 3), placed[:, :3])
+        return errors
 
     def between(self) -> dict[str, float]:
         """Return {vector name: maximum error in m or of a quaternion component} for poses interpolated between keys."""
-        t, got = np.array(self.data["between_time"], float), self.rows("between_pose", 7)
+        t = np.array(self.data["between_time"], float)
+        stated = self.rows("between_pose", 7)
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         share = (t - self.times[k]) / (self.times[k + 1] - self.times[k])
-        A, B = (self.T[i, self.data["between_link"]] for i in (k, k + 1))
+        A = self.T[k, self.data["between_link"]]
+        B = self.T[k + 1, self.data["between_link"]]
         p = (1 - share)[:, None] * A[:, :3, 3] + share[:, None] * B[:, :3, 3]
         q = poses.slerp(poses.quaternion(A[:, :3, :3]), poses.quaternion(B[:, :3, :3]), share)
-        return {"between_pose": max(_apart(got[:, :3], p), _turned(got[:, 3:], q))}
+        return {"between_pose": max(_difference(stated[:, :3], p), _rotation_difference(stated[:, 3:], q))}
 
     def turns(self) -> dict[str, float]:
         """Return {vector name: maximum error} for quaternions interpolated along the shorter rotation."""
-        a, b = self.rows("turn_a", 4), self.rows("turn_b", 4)
         share = np.array(self.data["turn_share"], float)
-        return {"turn_want": _turned(self.rows("turn_want", 4), poses.slerp(a, b, share))}
+        expected = poses.slerp(self.rows("turn_a", 4), self.rows("turn_b", 4), share)
+        return {"turn_want": _rotation_difference(self.rows("turn_want", 4), expected)}
 
     def joints(self) -> dict[str, float]:
         """Return {vector name: maximum error} for joint values between keys, and for drive targets.
 
         A drive target is clipped to the limits; its sign may be reversed, and angles are in degrees.
         """
-        names, table = self.track["joints"], np.array(self.track["positions"], float).reshape(len(self.times), -1)
-        t = self.data["joint_time"]
-        want = [np.interp(t, self.times, table[:, names.index(n)]) for n in self.data["joint_name"]]
+        names = self.track["joints"]
+        positions = np.array(self.track["positions"], float).reshape(len(self.times), -1)
+        values = []
+        for name in self.data["joint_name"]:
+            column = positions[:, names.index(name)]
+            values.append(np.interp(self.data["joint_time"], self.times, column))
         targets = []
-        rows = zip(self.data["drive_joint"], self.data["drive_sign"], self.data["drive_value"], strict=True)
-        for name, sign, value in rows:
+        drives = zip(self.data["drive_joint"], self.data["drive_sign"], self.data["drive_value"], strict=True)
+        for name, sign, value in drives:
             i = names.index(name)
-            held = min(max(value, self.track["joint_lower"][i]), self.track["joint_upper"][i])
-            targets.append(sign * (np.degrees(held) if self.track["joint_types"][i] == "revolute" else held))
+            target = min(max(value, self.track["joint_lower"][i]), self.track["joint_upper"][i])
+            if self.track["joint_types"][i] == "revolute":
+                target = np.degrees(target)
+            targets.append(sign * target)
         return {
-            "joint_want": _apart(self.data["joint_want"], want),
-            "drive_target": _apart(self.data["drive_target"], targets),
+            "joint_want": _difference(self.data["joint_want"], values),
+            "drive_target": _difference(self.data["drive_target"], targets),
         }
 
     def phases(self) -> dict[str, float]:
         """Return {vector name: error} for the phase names at given times; 0 if all names are correct, else infinity."""
-        starts, names = self.track["phase_start"], self.track["phases"]
-        now = [[n for n, s in zip(names, starts, strict=True) if s <= t][-1] for t in self.data["phase_time"]]
-        return {"phase_name": 0.0 if now == self.data["phase_name"] else np.inf}
+        names = []
+        for t in self.data["phase_time"]:
+            begun = [
+                name for name, start in zip(self.track["phases"], self.track["phase_start"], strict=True) if start <= t
+            ]
+            names.append(begun[-1])
+        return {"phase_name": 0.0 if names == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:
         """Parse a stream frame, and return {vector name: error} for the entries of the frame.
 
         If the header of the frame is wrong, the error is infinite.
         """
-        d, raw = self.data, base64.b64decode(self.data["stream"])
-        mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(raw)
-        numbers = np.frombuffer(raw, "<f4", offset=_HEAD.size).astype(float)
-        n = 7 * links
-        said = (b"TWN1", int(d["stream_sequence"]), d["stream_server_time"], d["stream_clip_time"], d["stream_flags"])
-        same = (mark, sequence, server, clip, flags) == said and links == self.T.shape[1]
-        at = self.T[d["stream_key"]]
-        ghost = n + joints
+        data = self.data
+        frame = base64.b64decode(data["stream"])
+        mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(frame)
+        numbers = np.frombuffer(frame, "<f4", offset=_HEAD.size).astype(float)
+        header = (
+            b"TWN1",
+            int(data["stream_sequence"]),
+            data["stream_server_time"],
+            data["stream_clip_time"],
+            data["stream_flags"],
+        )
+        # The poses are compared only by their values: the header must state the right count of links.
+        agrees = (mark, sequence, server, clip, flags) == header and links == self.T.shape[1]
+        T = self.T[data["stream_key"]]
+        first_joint = 7 * links
+        first_ghost = first_joint + joints
+        sevens = numbers[:first_joint].reshape(-1, 7)
+        position_error = _difference(sevens[:, :3], T[:, :3, 3])
+        rotation_error = _rotation_difference(sevens[:, 3:], poses.quaternion(T[:, :3, :3]))
         return {
-            "stream": 0.0 if same else np.inf,
-            "stream_poses": max(
-                _apart(numbers[:n].reshape(-1, 7)[:, :3], at[:, :3, 3]),
-                _turned(numbers[:n].reshape(-1, 7)[:, 3:], poses.quaternion(at[:, :3, :3])),
-            ),
-            "stream_joints": _apart(d["stream_joints"], numbers[n:ghost]),
-            "stream_ghost": _apart(d["stream_ghost"], numbers[ghost:]),
+            "stream": 0.0 if agrees else np.inf,
+            "stream_poses": max(position_error, rotation_error),
+            "stream_joints": _difference(data["stream_joints"], numbers[first_joint:first_ghost]),
+            "stream_ghost": _difference(data["stream_ghost"], numbers[first_ghost:]),
         }
 
     def grab(self) -> dict[str, float]:
@@ -164,26 +190,31 @@ class _Vectors:
         hands = poses.from_seven(self.rows("grab_hands", 7))
         moved = hands[1] @ poses.inverse(hands[0])
         link = self.track["links"].index(self.data["tool_link"])
-        start = self.T[self.data["grab_key"], link] @ poses.from_seven(np.array(self.data["tool_frame"], float))
-        out = {}
+        T_link_tool = poses.from_seven(np.array(self.data["tool_frame"], float))
+        start = self.T[self.data["grab_key"], link] @ T_link_tool
+        errors = {}
         for short, W in self.worlds.items():
             goal = np.linalg.inv(W) @ moved @ W @ start
-            got = np.array(self.data[f"grab_want_{short}"], float)
-            off = _turned(got[None, 3:], poses.quaternion(goal[None, :3, :3]))
-            out[f"grab_want_{short}"] = max(_apart(got[:3], goal[:3, 3]), off)
-        return out
+            stated = np.array(self.data[f"grab_want_{short}"], float)
+            rotation_error = _rotation_difference(stated[None, 3:], poses.quaternion(goal[None, :3, :3]))
+            errors[f"grab_want_{short}"] = max(_difference(stated[:3], goal[:3, 3]), rotation_error)
+        return errors
 
 
-def _apart(a: Any, b: Any) -> float:
-    a, b = np.asarray(a, float), np.asarray(b, float)
+def _difference(a: ArrayLike, b: ArrayLike) -> float:
+    """Return the largest difference of two entries; infinite for other shapes and for entries that are not finite."""
+    a = np.asarray(a, float)
+    b = np.asarray(b, float)
     if a.shape != b.shape:
         return np.inf
-    off = np.abs(a - b).max(initial=0.0)
-    return float(off) if np.isfinite(off) else np.inf
+    largest = float(np.abs(a - b).max(initial=0.0))
+    return largest if np.isfinite(largest) else np.inf
 
 
-def _turned(a: Array, b: Array) -> float:
+def _rotation_difference(a: Array, b: Array) -> float:
     """Return the maximum difference between components of quaternions (k, 4); signs of quaternions are ignored."""
     if a.shape != b.shape:
         return np.inf
-    return float(np.minimum(np.abs(a - b).max(axis=1), np.abs(a + b).max(axis=1)).max(initial=0.0))
+    same_sign = np.abs(a - b).max(axis=1)
+    opposite_sign = np.abs(a + b).max(axis=1)
+    return float(np.minimum(same_sign, opposite_sign).max(initial=0.0))

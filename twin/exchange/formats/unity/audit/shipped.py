@@ -34,31 +34,37 @@ def check_shipped(folder: Path, data: JsonMapping, ledger: Ledger) -> None:
         )
         ledger.add("unity.version", "warning", text, "package.json", suggestion="export again")
         return
-    wrong = 0
-    files = sorted(p for p in PACKAGE.rglob("*") if p.is_file())
-    names = [p.relative_to(PACKAGE).as_posix() for p in files]
-    names = [n for n in names if not any(part.startswith(".") for part in n.split("/"))]
-    for name in names:
-        trouble = _differs(folder / name, PACKAGE / name)
-        if trouble:
-            wrong += 1
-            ledger.wrong("unity.shipped", f"{name} {trouble}.", name, suggestion="export the package again")
-    check = f"{len(names)} files of the package against those of twin"
-    ledger.row(check, float(wrong), "differ", 0.0, against="the package of twin")
+    count = 0
+    different = 0
+    for shipped in sorted(PACKAGE.rglob("*")):
+        path = shipped.relative_to(PACKAGE)
+        if not shipped.is_file() or any(part.startswith(".") for part in path.parts):
+            continue
+        count += 1
+        name = path.as_posix()
+        difference = _difference(folder / name, shipped)
+        if difference:
+            different += 1
+            ledger.wrong("unity.shipped", f"{name} {difference}.", name, suggestion="export the package again")
+    check = f"{count} files of the package against those of twin"
+    ledger.row(check, float(different), "differ", 0.0, against="the package of twin")
 
 
-def _differs(file: Path, shipped: Path) -> str:
+def _difference(file: Path, shipped: Path) -> str:
     """Return how a file differs from the shipped one; "" if it does not."""
     if not file.is_file():
         return "is missing; twin has this file"
-    here, there = (p.read_bytes().replace(b"\r\n", b"\n") for p in (file, shipped))
+    content = file.read_bytes().replace(b"\r\n", b"\n")
+    expected = shipped.read_bytes().replace(b"\r\n", b"\n")
     if shipped.suffix == ".meta":
-        guids = [_GUID.findall(data) for data in (here, there)]
-        return "" if guids[0] == guids[1] else "has another GUID than in twin: references to the asset are lost"
-    if here == there:
+        if _GUID.findall(content) == _GUID.findall(expected):
+            return ""
+        return "has another GUID than in twin: references to the asset are lost"
+    if content == expected:
         return ""
-    lines, meant = here.split(b"\n"), there.split(b"\n")
-    for number, (line, other) in enumerate(zip(lines, meant, strict=False), start=1):
-        if line != other:
+    lines = content.split(b"\n")
+    expected_lines = expected.split(b"\n")
+    for number, (line, expected_line) in enumerate(zip(lines, expected_lines, strict=False), start=1):
+        if line != expected_line:
             return f"differs from the file of twin, first in line {number}"
-    return f"has {len(lines)} lines, the file of twin has {len(meant)}"
+    return f"has {len(lines)} lines, the file of twin has {len(expected_lines)}"
