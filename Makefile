@@ -17,8 +17,9 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
 
+# COVERAGE="--cov=twin --cov-report=" counts the lines that run; `coverage report` prints them for each file.
 test: .venv/.synced-dev
-	$(RUN) pytest -n auto $(SHARED) --ignore tests/witness
+	$(RUN) pytest -n auto $(SHARED) $(COVERAGE) --ignore tests/witness
 
 # Only the files that have such tests are read: a process needs half a minute to collect all.
 SLOW = $$(grep -lE 'pytest\.mark\.(slow|wheel|nightly)|from made\.lanes import' tests/test_*.py)
