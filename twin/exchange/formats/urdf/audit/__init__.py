@@ -83,55 +83,79 @@ class Urdf:
         root = parse_xml(path, None if expanded is None else expanded.data)
         if root.tag != "robot":
             raise ReadError(f"the root element is <{root.tag}>, expected <robot>")
-        links = [e.get("name", "") for e in root.findall("link")]
-        if twice := {n for n in links if links.count(n) > 1}:
+        links = [element.get("name", "") for element in root.findall("link")]
+        twice = {link for link in links if links.count(link) > 1}
+        if twice:
             ledger.wrong("urdf.duplicate_name", f"two links are named '{min(twice)}'.", min(twice))
+        self.links = links
         self.above: dict[str, UrdfJoint] = {}
         for element in root.findall("joint"):
             joint = _joint(element, links, ledger)
-            if joint is None:
-                continue
-            if joint.child in self.above:
-                two = f"{self.above[joint.child].name} and {joint.name}"
-                text = f"link '{joint.child}' is the child of two joints, {two}, but a URDF must be a tree."
-                ledger.wrong("urdf.tree", text, joint.child)
-                continue
-            self.above[joint.child] = joint
-        roots = [n for n in links if n not in self.above]
+            if joint is not None:
+                self._attach(joint)
+        roots = [link for link in links if link not in self.above]
         if len(roots) != 1:
             raise ReadError(f"the file has {len(roots)} root links ({', '.join(roots[:3])}), expected one")
+        self.root = roots[0]
         for link in links:
-            self._way(link, roots[0])
-        self.root, self.links = roots[0], links
+            self._path(link, self.root)  # raises an error for a cycle
         self.content = Content(ledger, "urdf")
         self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
         self.content.rest = dict.fromkeys(links, np.eye(4))
         self.content.shapes, self.content.colors = _shapes(root, path, ledger)
-        masses = {e.get("name", ""): _inertial(e) for e in root.findall("link")}
-        known = {n: mass for n, mass in masses.items() if mass is not None}
-        joints = {j.name for j in self.above.values()}
-        beside = path.with_suffix(".yaml")
-        read = read_closures(beside, links, joints, ledger) if beside.is_file() else None
-        self.closures = read or Closures()
+        masses = _masses(root)
+        joints = {joint.name for joint in self.above.values()}
         moving = _moving(root)
-        if read and moving != read.driven:
-            apart = ", ".join(sorted(moving ^ read.driven))
-            text = f"the transmissions and 'name_mot' of {beside.name} do not name the same driven joints: {apart}."
-            ledger.wrong("urdf.driven", text, apart)
-        ends = {link for a, b, _ in self.closures.pairs for link in (a, b)}
-        bodies = [n for n in links if n not in ends or n in self.content.shapes]
-        self.content.physics = _tree_physics(bodies, known, self.above.values(), moving)
-        self.content.physics.joints += self.closures.joints()
-        if self.closures.couplings is not None:
-            mimics = {j.name: j.mimic for j in self.above.values() if j.mimic is not None}
-            follow = {f"{n}_mimic": ({n: 1.0, leader: -m}, total) for n, (leader, m, total) in mimics.items()}
-            self.content.physics.couplings = follow | dict(self.closures.couplings)
+        beside = path.with_suffix(".yaml")
+        self.closures = self._read_closures(beside, joints, moving)
+        self.content.physics = self._physics(masses, moving)
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
         self.content.physics.reductions = _reductions(root, moving)
-        _check_transmissions(root, {j.name for j in self.above.values()}, ledger)
+        _check_transmissions(root, joints, ledger)
         self._check_home(beside.name)
+
+    def _attach(self, joint: UrdfJoint) -> None:
+        other = self.above.get(joint.child)
+        if other is None:
+            self.above[joint.child] = joint
+            return
+        text = (
+            f"link '{joint.child}' is the child of two joints, {other.name} and {joint.name}, but a URDF must be a "
+            "tree."
+        )
+        self._ledger.wrong("urdf.tree", text, joint.child)
+
+    def _read_closures(self, file: Path, joints: Collection[str], moving: frozenset[str]) -> Closures:
+        """Return the content of a closure YAML, if there is one; its driven joints must be the joints `moving`."""
+        closures = None
+        if file.is_file():
+            closures = read_closures(file, self.links, joints, self._ledger)
+        if closures is None:
+            return Closures()
+        if moving != closures.driven:
+            apart = ", ".join(sorted(moving ^ closures.driven))
+            text = f"the transmissions and 'name_mot' of {file.name} do not name the same driven joints: {apart}."
+            self._ledger.wrong("urdf.driven", text, apart)
+        return closures
+
+    def _physics(self, masses: dict[str, FileMass], moving: Collection[str]) -> FilePhysics:
+        ends: set[str] = set()
+        for a, b, _ in self.closures.pairs:
+            ends.update((a, b))
+        # The ends of loops are frames, unless they have a shape: they are no links of the mechanism.
+        bodies = [link for link in self.links if link not in ends or link in self.content.shapes]
+        physics = _tree_physics(bodies, masses, self.above.values(), moving)
+        physics.joints += self.closures.joints()
+        if self.closures.couplings is not None:
+            couplings: dict[str, tuple[Mapping[str, float], float]] = {}
+            for joint in self.above.values():
+                if joint.mimic is not None:
+                    leader, multiplier, offset = joint.mimic
+                    couplings[f"{joint.name}_mimic"] = ({joint.name: 1.0, leader: -multiplier}, offset)
+            physics.couplings = couplings | dict(self.closures.couplings)
+        return physics
 
     def _check_home(self, name: str) -> None:
         """Report loops that are open, and joints outside their limits, at `home` of the closure YAML `name`."""
@@ -148,16 +172,17 @@ class Urdf:
                     )
                     self._ledger.wrong("urdf.limits", text, joint.name)
         for pair in self.closures.pairs:
-            T_a, T_b = (self._at(link, home) for link in pair[:2])
+            T_a = self._at(pair[0], home)
+            T_b = self._at(pair[1], home)
             check_gap(pair, T_a, T_b, f"{name}, home", CLOSED, self._ledger)
 
     def _at(self, link: str, values: Mapping[str, float]) -> Array:
         """Return the pose (1, 4, 4) of a link in the frame of the root at joint values; other joints are at zero."""
-        way = self._way(link, self.root)
-        q = [None if j.link.kind == "fixed" else np.array([values.get(j.name, 0.0)]) for j in way]
-        return along([j.link for j in way], q, 1)
+        path = self._path(link, self.root)
+        q = [np.array([values.get(joint.name, 0.0)]) for joint in path]
+        return along(_steps(path), q, 1)
 
-    def _way(self, link: str, stop: str) -> list[UrdfJoint]:
+    def _path(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints on the path from the ancestor `stop` to the link `link`, starting at `stop`."""
         out: list[UrdfJoint] = []
         while link != stop:
@@ -171,51 +196,52 @@ class Urdf:
         """Return a clip of the link poses T_world_link (k, 4, 4), computed from the joint values of `clip`."""
         count = len(clip.times)
         placed: dict[str, Array] = {}
-        T_root = clip.links.get(self.root)
-        placed[self.root] = np.broadcast_to(np.eye(4), (count, 4, 4)) if T_root is None else T_root
+        placed[self.root] = clip.links.get(self.root, np.broadcast_to(np.eye(4), (count, 4, 4)))
         for name in self._parents_first():
             if name not in clip.links or name == self.root:
                 continue
-            upper, way = self.above[name].parent, [self.above[name]]
-            while upper not in placed:
-                way.append(self.above[upper])
-                upper = self.above[upper].parent
-            way.reverse()
-            if any(j.link.kind == "free" for j in way):  # every pose of the link is a pose of the joint
+            upper, path = self._path_from(name, placed)
+            kinds = [joint.link.kind for joint in path]
+            if "free" in kinds:  # every pose of the link is a pose of the joint
                 placed[name] = clip.links[name]
                 continue
-            given = [j.values(clip) for j in way]
-            if any(g is None and j.link.kind != "fixed" for g, j in zip(given, way, strict=True)):
-                known = clip.links.get(upper, placed[upper])
-                given = fit([j.link for j in way], given, poses.inverse(known) @ clip.links[name])
-            placed[name] = placed[upper] @ along([j.link for j in way], given, count)
+            values: list[Array | None] = [joint.values(clip) for joint in path]
+            # Values that the track lacks are computed from the pose of the link in the track.
+            goal = poses.inverse(clip.links.get(upper, placed[upper])) @ clip.links[name]
+            values = fit(_steps(path), values, goal)
+            placed[name] = placed[upper] @ along(_steps(path), values, count)
         for pair in self.closures.pairs:
             self._close(pair, placed, clip)
-        return FileClip(clip.name, clip.times, {n: T for n, T in placed.items() if n in clip.links})
+        links = {link: T for link, T in placed.items() if link in clip.links}
+        return FileClip(clip.name, clip.times, links)
+
+    def _path_from(self, link: str, placed: Collection[str]) -> tuple[str, list[UrdfJoint]]:
+        """Return (nearest ancestor in `placed`, joints on the path from it to the link)."""
+        path: list[UrdfJoint] = []
+        while not path or link not in placed:
+            path.append(self.above[link])
+            link = path[-1].parent
+        return link, path[::-1]
 
     def _close(self, pair: tuple[str, str, str], placed: Mapping[str, Array], clip: FileClip) -> None:
         """Report a loop that is open at a key of a clip; `placed` contains the poses of links in this clip.
 
         Joint values that the clip lacks are those that close the loop best.
         """
-        ways: list[tuple[str, list[UrdfJoint]]] = []
+        ends: list[tuple[str, list[UrdfJoint]]] = []
         for link in pair[:2]:
-            upper, way = link, []
-            while upper not in placed:
-                way.insert(0, self.above[upper])
-                upper = way[0].parent
-            ways.append((upper, way))
-        ways.sort(key=lambda at: sum(j.link.kind != "fixed" for j in at[1]))
-        (still, fixed), (upper, way) = ways
+            ends.append((link, []) if link in placed else self._path_from(link, placed))
+        ends.sort(key=_moving_joints)
+        (still, fixed), (upper, path) = ends
         count = len(clip.times)
-        T_still = placed[still] @ along([j.link for j in fixed], [j.values(clip) for j in fixed], count)
-        given = [j.values(clip) for j in way]
-        given = fit([j.link for j in way], given, poses.inverse(placed[upper]) @ T_still)
-        T_other = placed[upper] @ along([j.link for j in way], given, count)
+        T_still = placed[still] @ along(_steps(fixed), [joint.values(clip) for joint in fixed], count)
+        goal = poses.inverse(placed[upper]) @ T_still
+        values = fit(_steps(path), [joint.values(clip) for joint in path], goal)
+        T_other = placed[upper] @ along(_steps(path), values, count)
         check_gap(pair, T_still, T_other, f"clip '{clip.name}'", PLAYED, self._ledger)
 
     def _parents_first(self) -> list[str]:
-        return sorted(self.links, key=lambda n: len(self._way(n, self.root)))
+        return sorted(self.links, key=lambda link: len(self._path(link, self.root)))
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
         """Compare the joint limits of the file with the joint limits in a track.
@@ -225,15 +251,27 @@ class Urdf:
         for joint in self.above.values():
             if joint.name not in low or joint.limits is None:
                 continue
-            its = (low[joint.name], high[joint.name])
-            ends = zip(joint.limits, its, strict=True)
-            off = max((abs(a - b) for a, b in ends if abs(b) < 1e29), default=0.0)  # a slide may have no limit
+            lower, upper = joint.limits
+            off = 0.0
+            for limit, track_limit in ((lower, low[joint.name]), (upper, high[joint.name])):
+                if abs(track_limit) < 1e29:  # a slide may have no limit
+                    off = max(off, abs(limit - track_limit))
             if off > 1e-6:
                 text = (
-                    f"joint '{joint.name}' has limits {joint.limits[0]:g} .. {joint.limits[1]:g}; in {name} they are "
-                    f"{its[0]:g} .. {its[1]:g}."
+                    f"joint '{joint.name}' has limits {lower:g} .. {upper:g}; in {name} they are "
+                    f"{low[joint.name]:g} .. {high[joint.name]:g}."
                 )
                 self._ledger.wrong("urdf.limits", text, joint.name, size=off)
+
+
+def _steps(path: Iterable[UrdfJoint]) -> list[ChainStep]:
+    return [joint.link for joint in path]
+
+
+def _moving_joints(end: tuple[str, list[UrdfJoint]]) -> int:
+    """Return the number of joints that can move on the path to an end of a loop."""
+    _, path = end
+    return len([joint for joint in path if joint.link.kind != "fixed"])
 
 
 def parse_xml(path: Path, data: bytes | None = None) -> ET.Element:
@@ -252,16 +290,21 @@ def parse_xml(path: Path, data: bytes | None = None) -> ET.Element:
 
 def assumed_masses(path: Path) -> frozenset[str]:
     """Return the names of links whose mass is unknown, as a comment in the file states."""
-    stated = re.findall(
-        r"<!--[^>]*?the mass of ([^>]*?) is unknown", path.read_text(encoding="utf-8", errors="replace")
-    )
-    return frozenset(n for names in stated for n in names.split(", "))
+    return _names_in_comments(r"the mass of ([^>]*?) is unknown", path)
 
 
 def partly_shown(path: Path) -> frozenset[str]:
     """Return the names of links whose shapes do not show the whole link, as a comment in the file states."""
-    stated = re.findall(r"<!--[^>]*?the shapes of ([^>]*?) are for display", path.read_text("utf-8", errors="replace"))
-    return frozenset(n for names in stated for n in names.split(", "))
+    return _names_in_comments(r"the shapes of ([^>]*?) are for display", path)
+
+
+def _names_in_comments(sentence: str, path: Path) -> frozenset[str]:
+    """Return the names, separated by commas, that the group of a regular expression finds in comments of a file."""
+    names: set[str] = set()
+    text = path.read_text("utf-8", errors="replace")
+    for listed in re.findall(rf"<!--[^>]*?{sentence}", text):
+        names.update(listed.split(", "))
+    return frozenset(names)
 
 
 def _partly_read(root: ET.Element) -> frozenset[str]:
@@ -292,41 +335,57 @@ def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
 
 
 def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint | None:
-    name, kind = element.get("name", ""), element.get("type", "")
-    ends = [(e.get("link", "") if e is not None else "") for e in (element.find("parent"), element.find("child"))]
-    for end in ends:
-        if end not in links:
-            raise ReadError(f"joint '{name}' names link '{end}', which does not exist")
+    name = element.get("name", "")
+    kind = element.get("type", "")
+    ends: list[str] = []
+    for tag in ("parent", "child"):
+        link = _text(element.find(tag), "link") or ""
+        if link not in links:
+            raise ReadError(f"joint '{name}' names link '{link}', which does not exist")
+        ends.append(link)
     if kind not in KINDS:
         ledger.add("urdf.joint", "warning", f"joint '{name}' of type '{kind}' is not supported.", name)
         return None
-    origin, axis = element.find("origin"), element.find("axis")
-    T = _origin(origin)
-    a = numbers(None if axis is None else axis.get("xyz"), 3, (1, 0, 0))
-    if abs(np.linalg.norm(a) - 1) > 1e-6 and KINDS[kind] not in ("fixed", "free"):
-        text = f"the axis of joint '{name}' has length {np.linalg.norm(a):.6g}, not 1."
-        ledger.wrong("urdf.axis", text, name, size=Measured(float(np.linalg.norm(a)), 1.0))
+    T = _origin(element.find("origin"))
+    axis = numbers(_text(element.find("axis"), "xyz"), 3, (1, 0, 0))
+    length = float(np.linalg.norm(axis))
+    if abs(length - 1) > 1e-6 and KINDS[kind] not in ("fixed", "free"):
+        text = f"the axis of joint '{name}' has length {length:.6g}, not 1."
+        ledger.wrong("urdf.axis", text, name, size=Measured(length, 1.0))
     limit = element.find("limit")
+    effort = _bound(limit, "effort")
+    speed = _bound(limit, "velocity")
     limits = None
-    effort, speed = (
-        None if limit is None or limit.get(k) is None else float(numbers(limit.get(k), 1, ())[0])
-        for k in ("effort", "velocity")
-    )
-    if limit is not None and {"lower", "upper"} & set(limit.keys()) and kind != "continuous":
+    stated = () if limit is None else limit.attrib
+    if limit is not None and kind != "continuous" and ("lower" in stated or "upper" in stated):
         limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
         if not limits[0] <= limits[1]:
             text = f"joint '{name}': lower limit {limits[0]:g} is above upper limit {limits[1]:g}."
             ledger.wrong("urdf.limits", text, name, suggestion="exchange the limits")
-    follows, mimic = element.find("mimic"), None
+    mimic = None
+    follows = element.find("mimic")
     if follows is not None:
-        factor, offset = (float(numbers(follows.get(k), 1, (d,))[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))
-        mimic = (follows.get("joint", ""), factor, offset)
+        multiplier = _number(follows, "multiplier", 1.0)
+        offset = _number(follows, "offset", 0.0)
+        mimic = (follows.get("joint", ""), multiplier, offset)
     dynamics = element.find("dynamics")
-    damping, friction = (
-        0.0 if dynamics is None else float(numbers(dynamics.get(k), 1, (0.0,))[0]) for k in ("damping", "friction")
-    )
-    link = ChainStep(T, KINDS[kind], a, name)
-    return UrdfJoint(name, ends[0], ends[1], link, limits, effort, speed, mimic, damping, friction)
+    damping = _number(dynamics, "damping", 0.0)
+    friction = _number(dynamics, "friction", 0.0)
+    step = ChainStep(T, KINDS[kind], axis, name)
+    return UrdfJoint(name, ends[0], ends[1], step, limits, effort, speed, mimic, damping, friction)
+
+
+def _text(element: ET.Element | None, key: str) -> str | None:
+    return None if element is None else element.get(key)
+
+
+def _number(element: ET.Element | None, key: str, default: float) -> float:
+    return float(numbers(_text(element, key), 1, (default,))[0])
+
+
+def _bound(limit: ET.Element | None, key: str) -> float | None:
+    text = _text(limit, key)
+    return None if text is None else float(numbers(text, 1, ())[0])
 
 
 def _origin(element: ET.Element | None) -> Array:
@@ -337,33 +396,47 @@ def _origin(element: ET.Element | None) -> Array:
 
 
 def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
-    out = {}
-    named = {m.get("name"): m.find("color") for m in root.findall("material")}
+    shapes: dict[str, LinkShape] = {}
+    named = {material.get("name"): material.find("color") for material in root.findall("material")}
     palette = Palette()
     checked: dict[str, tuple[Array, Array] | None] = {}
     for link in root.findall("link"):
-        parts = []
+        name = link.get("name", "")
+        parts: list[LinkShape] = []
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
             if mesh is None:
                 continue
             scale = numbers(mesh.get("scale"), 3, (1, 1, 1))
-            got = named_mesh(path, mesh.get("filename", ""), scale, checked, ledger, "urdf")
-            if got is not None:
-                T = _origin(visual.find("origin"))
-                parts.append(check_mesh(Ledger(""), "", got[0] @ T[:3, :3].T + T[:3, 3], got[1], None, "urdf"))
-                material = visual.find("material")
-                color = None if material is None else material.find("color")
-                if color is None and material is not None:
+            solid = named_mesh(path, mesh.get("filename", ""), scale, checked, ledger, "urdf")
+            if solid is None:
+                continue
+            part = placed_shape(solid, _origin(visual.find("origin")), "urdf")
+            material = visual.find("material")
+            color = None
+            if material is not None:
+                color = material.find("color")
+                if color is None:
                     color = named.get(material.get("name"))
-                if color is not None and parts[-1] is not None:
-                    rgba = numbers(color.get("rgba"), 4, (1, 1, 1, 1))
-                    shown = (*linear(rgba[:3]).tolist(), float(rgba[3]))
-                    palette.add(link.get("name", ""), shown, parts[-1].area)
-        shape = joined(p for p in parts if p is not None)
+            if color is not None and part is not None:
+                rgba = numbers(color.get("rgba"), 4, (1, 1, 1, 1))
+                red, green, blue = linear(rgba[:3]).tolist()
+                palette.add(name, (red, green, blue, float(rgba[3])), part.area)
+            if part is not None:
+                parts.append(part)
+        shape = joined(parts)
         if shape is not None:
-            out[link.get("name", "")] = shape
-    return out, palette.shares()
+            shapes[name] = shape
+    return shapes, palette.shares()
+
+
+def placed_shape(solid: tuple[Array, Array], T: Array, code: str) -> LinkShape | None:
+    """Return the shape of a mesh (points, triangles) at the pose T (4, 4) in its link; None if it has none.
+
+    `named_mesh` has already reported the faults of the mesh.
+    """
+    points, triangles = solid
+    return check_mesh(Ledger(""), "", points @ T[:3, :3].T + T[:3, 3], triangles, None, code)
 
 
 def named_mesh(
@@ -379,7 +452,7 @@ def named_mesh(
     key = f"{name} {scale.tolist()}"
     if key in checked:
         return checked[key]
-    checked[key] = None
+    checked[key] = None  # a file with a fault is reported once
     folder = path.resolve().parent
     file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
     # the expansion of a xacro replaces the package of a mesh by its folder, which is not below the file
@@ -403,17 +476,25 @@ def named_mesh(
     return checked[key]
 
 
-def _inertial(element: ET.Element) -> FileMass | None:
-    """Return the mass properties of a <link>; None if it has no <inertial>."""
-    here = element.find("inertial")
-    if here is None:
-        return None
-    mass, tensor, T = here.find("mass"), here.find("inertia"), _origin(here.find("origin"))
-    value = {k: float(numbers(None if tensor is None else tensor.get(k), 1, (0.0,))[0]) for k in _PARTS}
-    xx, xy, xz, yy, yz, zz = (value[k] for k in _PARTS)
+def _masses(root: ET.Element) -> dict[str, FileMass]:
+    """Return {link: mass properties} of the links with <inertial>."""
+    masses: dict[str, FileMass] = {}
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is None:
+            masses.pop(link.get("name", ""), None)  # of two links with one name, the last counts
+        else:
+            masses[link.get("name", "")] = _mass(inertial)
+    return masses
+
+
+def _mass(inertial: ET.Element) -> FileMass:
+    T = _origin(inertial.find("origin"))
+    tensor = inertial.find("inertia")
+    xx, xy, xz, yy, yz, zz = (_number(tensor, key, 0.0) for key in _PARTS)
     own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     R = T[:3, :3]
-    return FileMass(float(numbers(None if mass is None else mass.get("value"), 1, (0.0,))[0]), T[:3, 3], R @ own @ R.T)
+    return FileMass(_number(inertial.find("mass"), "value", 0.0), T[:3, 3], R @ own @ R.T)
 
 
 _PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -424,11 +505,18 @@ def _moving(root: ET.Element) -> frozenset[str]:
 
     If no joint is named, the file does not state which joints are driven.
     """
-    out = {str(e.get("name")) for t in root.findall("transmission") for e in t.findall("joint")}
-    for element in (e for control in root.findall("ros2_control") for e in control.findall("joint")):
-        if element.find("command_interface") is not None:
-            out.add(str(element.get("name")))
-    return frozenset(out)
+    names: set[str] = set()
+    for transmission in root.findall("transmission"):
+        names.update(_named(transmission, "joint"))
+    for control in root.findall("ros2_control"):
+        for joint in control.findall("joint"):
+            if joint.find("command_interface") is not None:
+                names.add(str(joint.get("name")))
+    return frozenset(names)
+
+
+def _named(parent: ET.Element, tag: str) -> list[str]:
+    return [str(element.get("name")) for element in parent.findall(tag)]
 
 
 def _tree_physics(
@@ -436,7 +524,8 @@ def _tree_physics(
 ) -> FilePhysics:
     out = FilePhysics(tuple(links), masses)
     for j in joints:
-        T, axis = j.link.fixed, j.link.axis
+        T = j.link.fixed
+        axis = j.link.axis
         motions: tuple[JointLine, ...] = ()
         if j.link.kind == "free":
             motions = lines_of("free", T)
@@ -445,19 +534,25 @@ def _tree_physics(
         low, high = j.limits or (-np.inf, np.inf)
         if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
             low, high = -np.inf, np.inf
-        effort, speed = (None if b is None or b >= NO_BOUND else b for b in (j.effort, j.speed))
-        driven = j.name in moving if moving else None
         drive = FileDrive()
         if len(motions) == 1:
+            driven = j.name in moving if moving else None
+            effort = _known_bound(j.effort)
+            speed = _known_bound(j.speed)
             drive = FileDrive((low, high), driven, None, None, effort, speed, (0.0, j.damping, j.friction, 0.0))
         out.joints.append(FileJoint((j.name,), j.parent, j.child, T, motions, drive))
     return out
 
 
+def _known_bound(bound: float | None) -> float | None:
+    return None if bound is None or bound >= NO_BOUND else bound
+
+
 def _check_transmissions(root: ET.Element, names: Collection[str], ledger: Ledger) -> None:
     """Report transmissions of one joint whose joint does not exist, or whose actuator is named as another joint."""
     for t in root.findall("transmission"):
-        joints, actuators = ([str(e.get("name")) for e in t.findall(k)] for k in ("joint", "actuator"))
+        joints = _named(t, "joint")
+        actuators = _named(t, "actuator")
         own = str(t.get("name"))
         if len(joints) != 1 or len(actuators) != 1:
             continue
@@ -472,13 +567,18 @@ def _check_transmissions(root: ET.Element, names: Collection[str], ledger: Ledge
 
 def _reductions(root: ET.Element, moving: Collection[str]) -> dict[str, float] | None:
     """Return {joint: reduction} of the transmissions with one joint; None if no transmission names a joint."""
-    out = {}
+    if not moving:
+        return None
+    out: dict[str, float] = {}
     for t in root.findall("transmission"):
-        joints = [str(e.get("name")) for e in t.findall("joint")]
+        joints = _named(t, "joint")
         if len(joints) == 1:
-            reductions = [float(numbers(r.text, 1, ())[0]) for r in t.iter("mechanicalReduction")]
-            out[joints[0]] = float(np.prod(reductions))  # without one, it is 1
-    return out if moving else None
+            out[joints[0]] = float(np.prod(_reduction(t)))  # without one, it is 1
+    return out
+
+
+def _reduction(transmission: ET.Element) -> list[float]:
+    return [float(numbers(element.text, 1, ())[0]) for element in transmission.iter("mechanicalReduction")]
 
 
 def _motors(root: ET.Element) -> dict[str, FileMotor]:
@@ -486,19 +586,21 @@ def _motors(root: ET.Element) -> dict[str, FileMotor]:
 
     A motor with the same name as its joint is omitted, because it represents the joint's drive.
     """
-    out = {}
+    out: dict[str, FileMotor] = {}
     for t in root.findall("transmission"):
-        joints, names = ([str(e.get("name")) for e in t.findall(k)] for k in ("joint", "actuator"))
-        reductions = [float(numbers(r.text, 1, ())[0]) for r in t.iter("mechanicalReduction")]
-        if len(joints) == len(names) == len(reductions) == 1 and names != joints:
-            out[names[0]] = FileMotor({joints[0]: reductions[0]})
+        joints = _named(t, "joint")
+        actuators = _named(t, "actuator")
+        reductions = _reduction(t)
+        if len(joints) == len(actuators) == len(reductions) == 1 and actuators != joints:
+            out[actuators[0]] = FileMotor({joints[0]: reductions[0]})
     return out
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content:
     """Return the content of a URDF with its poses along the tracks, and report its faults."""
     admit(path)
-    ledger.tool, ledger.version = "twin.exchange.audit urdf", "1"
+    ledger.tool = "twin.exchange.audit urdf"
+    ledger.version = "1"
     expanded: Expanded | None = None
     if is_xacro(path):
         expanded = expand(path, context.xacro)
