@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from twin.cad.description import Description
-from twin.model.scene import SceneTable
+from twin.model.scene import scene_table
 from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.result import ResultTable
@@ -19,7 +19,7 @@ from twin.schema.track import Track
 from twin.simulation.hazards.campaign import CampaignTable
 from twin.simulation.hazards.trends import TrendsTable
 from twin.simulation.machine.settings import Settings
-from twin.simulation.session.file import RecordingHead as SessionHead
+from twin.simulation.session.file import Head as SessionHead
 from twin.simulation.world.recording import RecordingHead
 
 FOLDER = Path(__file__).parent / "schemas"
@@ -30,7 +30,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "track": Track,
     "world": RecordingHead,
     "session": SessionHead,
-    "scene": SceneTable,
+    "scene": scene_table(),
     "machine": Settings,
     "campaign": CampaignTable,
     "trends": TrendsTable,

@@ -17,19 +17,19 @@ from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM
-from twin.model import alignment
-from twin.model.alignment import RECTANGLE
 from twin.model.body import Mesh
 from twin.model.movable import Movable
 from twin.reference import ReferenceModel
 from twin.simulation import console_scene
 from twin.simulation.console_scene import PICTURE
-from twin.simulation.devices import camera_surgeon
-from twin.simulation.session import aligned, camera_task, picture, run, upper_side
-from twin.simulation.session.camera_referee import CameraReferee
-from twin.simulation.session.camera_task import CameraView, in_picture, surfaces
-from twin.simulation.session.picture import ColouredSurface
+from twin.simulation.session import run
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.align import aligned, camera_surgeon, camera_task, picture, upper_side
+from twin.simulation.tasks.align import task as alignment
+from twin.simulation.tasks.align.camera_referee import CameraReferee
+from twin.simulation.tasks.align.camera_task import CameraView, in_picture, surfaces
+from twin.simulation.tasks.align.picture import ColouredSurface
+from twin.simulation.tasks.align.task import RECTANGLE
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
 
@@ -43,7 +43,7 @@ def davinci():
 
 @pytest.fixture(scope="module")
 def goal(davinci):
-    return davinci.tasks["camera"].alignment
+    return davinci.tasks["camera"].goal
 
 
 @pytest.fixture(scope="module")
@@ -245,7 +245,7 @@ def test_the_nearer_of_two_triangles_is_seen_and_a_mesh_behind_the_lens_is_not(g
 
 @pytest.mark.slow
 def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
-    a, start, end = performed.aligned, performed.ran.kept["ecm.at"][0], performed.ran.kept["ecm.at"][-1]
+    a, start, end = performed.outcome.aligned, performed.ran.kept["ecm.at"][0], performed.ran.kept["ecm.at"][-1]
     assert performed.verdict == "agree"
     assert abs(a.angle) < 0.2 * DEG
     assert abs(a.seen) < 0.2 * DEG
@@ -262,7 +262,7 @@ def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
 @pytest.mark.nightly
 def test_more_seeds_align(davinci):
     for seed in range(10, 13):
-        a = operate_console(davinci, "camera", seed=seed).aligned
+        a = operate_console(davinci, "camera", seed=seed).outcome.aligned
         assert max(abs(a.angle), abs(a.seen)) < 0.2 * DEG, seed
         assert abs(a.seen - a.angle) < 0.05 * DEG, seed
 
@@ -274,8 +274,8 @@ def test_the_same_seed_gives_the_same_bytes_and_the_replay_too(davinci, performe
     assert operate_console(davinci, "camera", seed=1).recorded == performed.recorded
     again = replay_session(path)
     assert again.ran.difference is None
-    assert again.aligned == performed.aligned
-    moved = replace(davinci.tasks["camera"].alignment, line=0.6)
+    assert again.outcome.aligned == performed.outcome.aligned
+    moved = replace(davinci.tasks["camera"].goal, line=0.6)
     changed = replace(davinci, tasks={"camera": replace(davinci.tasks["camera"], alignment=moved)})
     with pytest.raises(TwinError, match="has changed"):
         replay_session(path, changed)
@@ -290,14 +290,17 @@ def test_a_surgeon_who_gives_up_has_missed_the_task(davinci, monkeypatch):
     assert [f.code for f in found.findings if f.severity == "disagreement"] == ["task.missed"]
     assert found.word == "The endoscope is not aligned"
     assert found.ran.missed == ("camera",)
-    assert abs(found.aligned.seen - found.aligned.angle) < 0.05 * DEG  # 10 degrees askew, and measured
+    assert abs(found.outcome.aligned.seen - found.outcome.aligned.angle) < 0.05 * DEG  # 10 degrees askew, and measured
 
 
 @pytest.mark.slow
 def test_two_angles_that_differ_are_a_finding(performed):
-    wrong = replace(performed, aligned=replace(performed.aligned, seen=performed.aligned.angle + 0.06 * DEG))
+    outcome, aligned = performed.outcome, performed.outcome.aligned
+    differing = replace(outcome, aligned=replace(aligned, seen=aligned.angle + 0.06 * DEG))
+    wrong = replace(performed, outcome=differing)
     assert [f.code for f in wrong.findings if f.severity == "disagreement"] == ["task.angles"]
-    unseen = replace(performed, aligned=replace(performed.aligned, seen=None, refused="psm1 covers 9 %"))
+    covered = replace(outcome, aligned=replace(aligned, seen=None, refused="psm1 covers 9 %"))
+    unseen = replace(performed, outcome=covered)
     assert [f.code for f in unseen.findings if f.severity == "warning"] == ["task.unseen"]
 
 
@@ -317,7 +320,7 @@ def test_the_scoreboard_counts_what_the_report_measures(davinci, bare_theatre, p
     world = console_scene.world(setup, run.surgeon(setup, seed=1), records=False, watch=[referee])
     while not world.ended:
         world.step(1000)
-    assert referee.time == pytest.approx(performed.aligned.time, abs=2 * run.SAMPLE)
+    assert referee.time == pytest.approx(performed.outcome.aligned.time, abs=2 * run.SAMPLE)
     assert referee.moves == performed.console.camera_moves
 
 
@@ -346,7 +349,7 @@ def test_the_command_writes_the_measures_of_another_seed(performed, tmp_path, ca
     assert abs(told["align_err_deg"]) < 0.2
     assert abs(told["align_err_deg"] - told["align_err_in_picture_deg"]) < 0.05
     assert told["lens_path_mm"] > 10
-    assert told["lens_path_mm"] != pytest.approx(performed.aligned.path / MM)
+    assert told["lens_path_mm"] != pytest.approx(performed.outcome.aligned.path / MM)
 
 
 def test_the_plate_stands_clear_of_the_board_and_its_pegs(davinci, goal):

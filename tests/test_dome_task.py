@@ -25,18 +25,18 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError, TwinError, WorldError
 from twin.core.units import DEG, MM
 from twin.model.body import Mesh
-from twin.model.guide import GuideTable
 from twin.model.movable import Movable
 from twin.reference import ReferenceModel
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import WireCourse
-from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
 from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.plants.contact.gripper import grip_frame
-from twin.simulation.session.guiding import STEPS, GuidingReferee
 from twin.simulation.setup import Setup
-from twin.simulation.ways import Ways, _stations
+from twin.simulation.tasks.guide.guiding import STEPS, GuidingReferee
+from twin.simulation.tasks.guide.guiding_surgeon import GuidingSurgeon
+from twin.simulation.tasks.guide.task import GuideTable
+from twin.simulation.tasks.guide.ways import Ways, _stations
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
@@ -332,7 +332,7 @@ def test_a_wrong_wire_or_dome_is_named(scene, props):
         ("wire", "wire_piece01", "the wire has one part, 'wire_piece01'.* as two or more parts"),
         ("dome", "doom", r"there is no solid body 'doom'\. Did you mean 'dome'"),
     ):
-        wrong = replace(task, guide=task.guide.model_copy(update={field: value}))
+        wrong = replace(task, goal=task.goal.model_copy(update={field: value}))
         with pytest.raises(TwinError, match=text):
             contact_scene.course(scene, props, wrong)
     flat = [replace(m, vertices=m.vertices * (1, 1, 0)) for m in props.body("dome").meshes]
@@ -340,7 +340,7 @@ def test_a_wrong_wire_or_dome_is_named(scene, props):
     with pytest.raises(TwinError, match=r"task 'ring': dome 'dome' is flat.* Draw it with a thickness"):
         contact_scene.course(scene, replace(props, bodies=bodies), task)
     with pytest.raises(TwinError, match="has no ring to guide"):
-        contact_scene.course(scene, props, replace(task, guide=None))
+        contact_scene.course(scene, props, replace(task, goal=None))
 
 
 def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
@@ -384,7 +384,7 @@ def performed(scene):
 
 @pytest.mark.nightly
 def test_a_simulated_surgeon_hands_the_ring_over_and_guides_it(performed, props):
-    found, kept = performed.guided, performed.ran.kept
+    found, kept = performed.outcome.guided, performed.ran.kept
     assert performed.verdict == "agree", performed.findings
     assert performed.word == "The ring was guided along the wire"
     assert (found.missed, found.exceeded, performed.ran.missed) == ([], [], ())
@@ -394,7 +394,7 @@ def test_a_simulated_surgeon_hands_the_ring_over_and_guides_it(performed, props)
     assert changes.tolist() == [1, 0, -1]  # left, right, nobody: it is never free in between
     T = kept["ring.pose"].reshape(-1, 4, 4)
     assert T[0, 2, 3] > 0.9
-    assert np.linalg.norm(T[-1, :3, 3] - performed.wire[-1]) < 12 * MM  # it hangs on the wire
+    assert np.linalg.norm(T[-1, :3, 3] - performed.outcome.wire[-1]) < 12 * MM  # it hangs on the wire
     assert judge(performed, props) > 0.3 * MM  # exact geometry, without the simulation of contact
 
 
@@ -405,7 +405,7 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(scene, performed, tm
     (tmp_path / FILE).write_bytes(again.recorded)
     replayed = replay_session(tmp_path / FILE, scene)
     assert replayed.ran.difference is None
-    assert replayed.guided == performed.guided
+    assert replayed.outcome.guided == performed.outcome.guided
 
 
 @pytest.mark.slow
@@ -425,8 +425,8 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(scene, performed, tm
 def test_a_mistake_fails_what_the_docs_say(scene, mistake, missed, exceeded):
     found = operate_console(scene, seed=3, mistake=mistake)
     assert found.verdict == "disagree"
-    assert found.guided.missed == list(missed)
-    assert {row[0] for row in found.guided.exceeded} == exceeded
+    assert found.outcome.guided.missed == list(missed)
+    assert {row[0] for row in found.outcome.guided.exceeded} == exceeded
     row = next(line for line in DOCS.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{mistake}` |"))
     said = [cell.strip() for cell in row.split("|")[3:5]]
     assert said == [", ".join(missed) or "-", ", ".join(sorted(exceeded)) or "-"]

@@ -15,8 +15,9 @@ from twin.api.act import members_of
 from twin.api.session import replay_session
 from twin.core.units import DEG
 from twin.simulation import console_scene
-from twin.simulation.session import aligned, run, upper_side
+from twin.simulation.session import run
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.align import aligned, upper_side
 
 pytestmark = pytest.mark.browser
 
@@ -42,7 +43,7 @@ def linear(png):
 
 def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(browser, theatre, tmp_path):
     task, file = theatre.scene.tasks["camera"], tmp_path / "page.session"
-    projected = aligned.angle(aligned.seen_ends(task.alignment, start(theatre), 70 * DEG))
+    projected = aligned.angle(aligned.seen_ends(task.goal, start(theatre), 70 * DEG))
     server = headset.Serving("davinci", None, "--task", "camera", "--session", file)
     try:
         with console(browser, server.url, size=(1000, 760)) as page:
@@ -62,6 +63,6 @@ def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(bro
     found = replay_session(file)
     assert found.task.name == "camera"
     assert found.ran.difference is None
-    assert found.aligned.angle == pytest.approx(projected, abs=1e-6)
-    assert abs(found.aligned.seen - projected) < 0.05 * DEG
+    assert found.outcome.aligned.angle == pytest.approx(projected, abs=1e-6)
+    assert abs(found.outcome.aligned.seen - projected) < 0.05 * DEG
     assert "task.missed" in [f.code for f in found.findings]

@@ -20,11 +20,11 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.movable import Movable
-from twin.model.task import ConsoleTask, Transfer
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import Peg
 from twin.simulation.plants.contact.shapes import add_part
-from twin.simulation.session import rings
+from twin.simulation.tasks.transfer import rings
+from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording
 
 
@@ -41,7 +41,7 @@ def props(davinci):
 def only(scene, *names, **changes):
     """Return the scene with a task of the named rings."""
     task = scene.tasks["pegboard"]
-    few = replace(task, transfers=tuple(t for t in task.transfers if t.ring in names))
+    few = replace(task, goal=Transfers(tuple(t for t in task.goal.transfers if t.ring in names)))
     return replace(scene, tasks={"pegboard": few}, **changes)
 
 
@@ -105,7 +105,7 @@ def performed(davinci):
 
 @pytest.mark.slow
 def test_a_simulated_surgeon_brings_a_ring_with_each_hand(performed):
-    board = performed.board
+    board = performed.outcome.board
     assert performed.verdict == "agree"
     assert [(r.ring, r.peg) for r in board.rings] == [("ring1", "board_peg_right"), ("ring2", "board_peg_left")]
     assert (board.transferred, board.dropped) == (2, 0)
@@ -135,7 +135,7 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(davinci, tmp_path):
     replayed = replay_session(tmp_path / FILE, scene)
     assert replayed.verdict == "agree"
     assert replayed.ran.difference is None
-    assert replayed.board == found.board
+    assert replayed.outcome.board == found.outcome.board
     other = replace(scene, objects=tuple(replace(o, friction=0.61) for o in scene.objects))
     with pytest.raises(TwinError, match="has changed since this session"):
         replay_session(tmp_path / FILE, other)
@@ -151,7 +151,7 @@ def test_slippery_rings_stay_where_they_are(davinci):
     )
     found = operate_console(scene, seed=1)
     assert found.verdict == "disagree"
-    assert found.board.transferred == 0
+    assert found.outcome.board.transferred == 0
     assert found.word == "Not all rings are on their pegs"
     assert [f.where for f in found.findings if f.code == "task.missed"] == ["ring1"]
 
@@ -177,7 +177,7 @@ def test_four_rings_by_the_command(tmp_path, capsys):
 # -- how it is judged ----------------------------------------------------------------------------------------
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
-TASK = ConsoleTask("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
+TASK = Transfers((Transfer(ring="ring", peg="peg"),))
 RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5)
 
 
@@ -260,7 +260,7 @@ def test_a_wrong_object_is_named(davinci, tmp_path, old, new, text):
 
 def test_a_wrong_peg_or_body_is_named(davinci, props):
     task = davinci.tasks["pegboard"]
-    wrong = replace(task, transfers=(Transfer(ring="ring1", peg="board_peg_rihgt"),))
+    wrong = replace(task, goal=Transfers((Transfer(ring="ring1", peg="board_peg_rihgt"),)))
     with pytest.raises(TwinError, match=r"there is no peg 'board_peg_rihgt'\. Did you mean 'board_peg_right'"):
         contact_scene.pegs(davinci, props, wrong)
     scene = replace(davinci, contact=davinci.contact.model_copy(update={"solid": ["bord"]}))
@@ -272,10 +272,12 @@ def test_a_wrong_peg_or_body_is_named(davinci, props):
 
 def test_a_peg_without_another_part_is_named(davinci, props):
     task = davinci.tasks["pegboard"]
-    peg = task.transfers[0].peg
+    peg = task.goal.transfers[0].peg
     alone = [replace(b, meshes=tuple(m for m in b.meshes if m.name == peg) or b.meshes) for b in props.bodies]
     with pytest.raises(TwinError, match=f"task 'pegboard': '{peg}' is the only part of its body"):
-        contact_scene.pegs(davinci, replace(props, bodies=tuple(alone)), replace(task, transfers=task.transfers[:1]))
+        contact_scene.pegs(
+            davinci, replace(props, bodies=tuple(alone)), replace(task, goal=Transfers(task.goal.transfers[:1]))
+        )
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,12 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
 from twin.core.units import MM
 from twin.model.movable import Movable
-from twin.model.task import ConsoleTask, Transfer
 from twin.simulation.contact_scene import Peg
 from twin.simulation.devices.given import HandState
-from twin.simulation.session import movement, rings
+from twin.simulation.session import movement
 from twin.simulation.session.file import read_session, sizes
+from twin.simulation.tasks.transfer import rings
+from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording
 from twin.simulation.world.signals import columns
 from twin.ui.headset import protocol as wire
@@ -33,7 +34,7 @@ from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.exercise import Exercise
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
-TASK = ConsoleTask("t", "t", 0.0, 0.0, (), (Transfer(ring="ring", peg="peg"),))
+TASK = Transfers((Transfer(ring="ring", peg="peg"),))
 RING = Movable("ring", "ring", (6.75 * MM, 0.7 * MM), 0.5e-3, 0.5, color_rgba=(1.0, 0.0, 0.214, 1.0))
 ROBOTS = ("a", "b")
 
@@ -274,7 +275,7 @@ def test_frames_hold_the_rings_after_the_robots(theatre):
 def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(theatre, tmp_path):
     """The hands of a simulated surgeon come 250 times a second, as those of a page do."""
     scene, task = theatre.scene, theatre.scene.tasks["pegboard"]
-    few = replace(scene, tasks={"pegboard": replace(task, transfers=task.transfers[:2])})
+    few = replace(scene, tasks={"pegboard": replace(task, goal=Transfers(task.goal.transfers[:2]))})
     (tmp_path / FILE).write_bytes(operate_console(few, seed=1).recorded)
     session = read_session(tmp_path / FILE)
     at, given = columns(sizes(session.head.device)), session.device
@@ -311,7 +312,7 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(thea
     found = replay_session(tmp_path / "own.session", few)
     assert found.ran.difference is None
     assert found.seed is None
-    assert [list(r) for r in found.board.rows()] == board["rows"]
+    assert [list(r) for r in found.outcome.board.rows()] == board["rows"]
     until(lambda: live.report()[1] or live.report()[2], "the report")
     attempt, page, problem = live.report()
     assert (attempt, problem) == (1, "")
@@ -326,7 +327,7 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(thea
 def written(theatre, tmp_path_factory):
     """A session with two rings, and the folder with its files."""
     scene, task = theatre.scene, theatre.scene.tasks["pegboard"]
-    few = replace(scene, tasks={"pegboard": replace(task, transfers=task.transfers[:2])})
+    few = replace(scene, tasks={"pegboard": replace(task, goal=Transfers(task.goal.transfers[:2]))})
     found, folder = operate_console(few, seed=2), tmp_path_factory.mktemp("session")
     found.write(folder)
     return found, folder

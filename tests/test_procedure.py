@@ -22,14 +22,14 @@ from twin.model.scene import load_scene
 from twin.model.surface import nearest, volume
 from twin.model.vessel import Vessel
 from twin.simulation import operating_scene, procedure_scene
-from twin.simulation.devices.procedure_surgeon import ProcedureHabits, ProcedureSurgeon
 from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
-from twin.simulation.session import procedure_checks, procedure_run
 from twin.simulation.session.file import CHUNK, NAME, Chunk, Session, head
 from twin.simulation.session.run import Difference
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.procedure import procedure_checks, procedure_run
+from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureHabits, ProcedureSurgeon
 from twin.simulation.world import Recording
 
 STAGES = ["expose", "show", "clip", "cut", "remove"]
@@ -284,7 +284,7 @@ def test_endoscope_sees_what_is_in_its_picture_and_not_behind_an_organ():
 
 def signals(vsrs, **changes):
     """Measure signals of a procedure that is done, 100 rows at 0.1 s; `changes` replace some of them."""
-    p, (gallbladder,) = vsrs.tasks["cholecystectomy"].procedure, made.abdomen()[1:2]
+    p, (gallbladder,) = vsrs.tasks["cholecystectomy"].goal, made.abdomen()[1:2]
     t = np.arange(1, 101) * 0.1
     zero, late = np.zeros((100, 1)), (t > 5.0)[:, None]
     rows = {f"{r}.{what}": np.zeros((100, 3)) for r in p.start for what in ("tip", "pull", "lifted")}

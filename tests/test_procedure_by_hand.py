@@ -13,8 +13,8 @@ from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.controllers.tool_grip import HALF, GripToTool
 from twin.simulation.devices.given import HandState
-from twin.simulation.session.procedure_guide import ProcedureGuide
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.procedure.procedure_guide import ProcedureGuide
 from twin.simulation.world import Block, World
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
@@ -66,7 +66,7 @@ class Told:
 
     def __init__(self, scene):
         task, organ = scene.tasks["cholecystectomy"], made.abdomen()[1]
-        p = task.procedure
+        p = task.goal
         clips = [f"clip_{k}.on" for k in range(1, 7)]
         self.guide = ProcedureGuide(Setup(scene, {}, task, organs=[organ]), clips, 0.016)
         names = [*scene.tools]
@@ -178,4 +178,4 @@ def test_session_by_hand_is_replayed_with_the_same_bytes_and_judged(tmp_path, vs
 def test_settings_begin_with_the_tools_of_the_task(vsrs):
     names, task = [*vsrs.tools], vsrs.tasks["cholecystectomy"]
     found = console_scene.settings(vsrs, task=task)
-    assert {n: names[int(found[f"{n}.tool"])] for n in task.procedure.start} == task.procedure.start
+    assert {n: names[int(found[f"{n}.tool"])] for n in task.goal.start} == task.goal.start

@@ -25,15 +25,16 @@ from twin.core.errors import DescriptionError, OutputError, TwinError, WorldErro
 from twin.core.units import DEG, MM
 from twin.exchange.audit import audit
 from twin.model.scene import load_scene
-from twin.model.task import ConsoleTask, Target
+from twin.model.task import ConsoleTask
 from twin.reference import ReferenceModel
 from twin.simulation.devices.given import HandState
-from twin.simulation.devices.surgeon import ScriptedSurgeon
 from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
 from twin.simulation.session import file as session_file
 from twin.simulation.session import run
 from twin.simulation.session.file import CHUNK, SessionWriter, read_session
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.target.surgeon import ScriptedSurgeon
+from twin.simulation.tasks.target.task import KIND, Target, Targets
 from twin.simulation.world import Signals
 from twin.ui.headset.operation import Operation
 from twin.ui.session.exercise import Exercise
@@ -54,7 +55,9 @@ def setup(theatre, near):
 def near(davinci):
     """The scene with a task that takes two seconds: both tips go 5 mm."""
     points = {"right": np.array([14, 44, 914]) * MM, "left": np.array([-14, 44, 914]) * MM}
-    return replace(davinci, tasks={"near": ConsoleTask("near", "5 mm", 1 * MM, 0.1, (Target("there", points),))})
+    return replace(
+        davinci, tasks={"near": ConsoleTask("near", "5 mm", 1 * MM, 0.1, KIND, Targets((Target("there", points),)))}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -175,12 +178,12 @@ def test_a_target_for_no_hand_is_refused(target):
 
 def test_the_task_is_done_in_the_scene(performed):
     assert performed.verdict == "agree"
-    (target,) = performed.touched
+    (target,) = performed.outcome.touched
     assert target.name == "there"
     assert 1.0 < target.t < 3.0
     assert [h.robot for h in performed.hands] == ["psm1", "psm2"]
     for hand, start in zip(performed.hands, ([9.73, 43.01, 916.8], [-9.73, 43.01, 916.8]), strict=True):
-        way = np.linalg.norm(performed.task.targets[0].p_world[hand.hand] / MM - start)
+        way = np.linalg.norm(performed.task.goal.targets[0].p_world[hand.hand] / MM - start)
         assert way - 1 < hand.path / MM < 3 * way
         assert 0.5 < hand.economy <= 1
         assert -3 < hand.smoothness < -1.3
@@ -192,7 +195,7 @@ def test_the_task_is_done_in_the_scene(performed):
 def test_the_task_of_the_scene_needs_clutch_and_camera_and_is_done(davinci):
     found = operate_console(davinci, seed=1)
     assert found.verdict == "agree", found.findings
-    assert len(found.touched) == len(davinci.tasks["touch"].targets)
+    assert len(found.outcome.touched) == len(davinci.tasks["touch"].goal.targets)
     assert found.console.clutches > 2
     assert found.console.camera_moves >= 2
     assert not found.console.silent
@@ -583,7 +586,7 @@ def test_csv_has_hands_and_tips(exported, replayed):
     column = {n: rows[:, i] for i, n in enumerate(names)}
     assert np.allclose(np.diff(column["t_s"]), 0.02)
     tip = np.column_stack([column[f"psm1_tip_{a}_m"] for a in "xyz"])
-    assert np.linalg.norm(tip[-1] - replayed.task.targets[0].p_world["right"]) < 1 * MM
+    assert np.linalg.norm(tip[-1] - replayed.task.goal.targets[0].p_world["right"]) < 1 * MM
     assert {"right_grip_rad", "psm2_follows", "psm1_q3_m", "psm1_q1_rad", "ecm_q4_rad"} <= set(names)
 
 

@@ -8,11 +8,12 @@ from scipy.integrate import quad
 
 import twin
 from twin.core.units import MM
-from twin.model.task import ConsoleTask, Target
+from twin.model.task import ConsoleTask
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.hand import minimum_jerk
 from twin.simulation.session import measures, movement
-from twin.simulation.session.touch import touched
+from twin.simulation.tasks.target.task import KIND, Target, Targets
+from twin.simulation.tasks.target.touch import touched
 from twin.simulation.world import Recording
 
 DT = 5e-3
@@ -237,7 +238,7 @@ HERE, THERE = np.array([10, 0, 900.0]) * MM, np.array([40, 0, 900.0]) * MM
 
 def task(*targets, tolerance=1.0, hold=0.2):
     named = [Target(f"t{i}", points) for i, points in enumerate(targets)]
-    return ConsoleTask("touch", "", tolerance * MM, hold, tuple(named))
+    return ConsoleTask("touch", "", tolerance * MM, hold, KIND, Targets(tuple(named)))
 
 
 def along(*spans):

@@ -11,8 +11,8 @@ import pytest
 from twin.api.learning import measures, study_sessions
 from twin.cli import main
 from twin.core.errors import DescriptionError
-from twin.simulation.session.guiding import GuideMeasures
-from twin.simulation.session.rings import BoardMeasures
+from twin.simulation.tasks.guide.guiding import GuideMeasures
+from twin.simulation.tasks.transfer.rings import BoardMeasures
 from twin.ui.report.study import figure
 from twin.validation.questionnaires import keys
 from twin.validation.ranks import compare, label

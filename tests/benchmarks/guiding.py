@@ -62,7 +62,7 @@ def main(seeds: int = 50, first: int = 0) -> int:
         factors.append(found.ran.duration / (time.process_time() - start))
         if seed == first:
             same = hashlib.sha256(found.recorded or b"").digest() == bytes_of_first
-        g = found.guided
+        g = found.outcome.guided
         assert g is not None
         good += not g.missed and not g.exceeded
         rows.append((len(g.missed), g.touches, g.touching, g.drops, g.collisions, g.time, judge(found, props) / MM))

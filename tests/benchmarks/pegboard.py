@@ -41,7 +41,7 @@ def main(seeds: int = 50, first: int = 0) -> int:
         start = time.process_time()
         found = operate_console(scene, "pegboard", seed=seed)
         took = time.process_time() - start
-        board = found.board
+        board = found.outcome.board
         assert board is not None
         if seed == first:
             same = digest(found) == bytes_of_first

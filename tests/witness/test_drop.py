@@ -12,10 +12,10 @@ import twin
 from twin.api.act import props_of
 from twin.core import spatial
 from twin.core.units import DEG, MM
-from twin.model.task import Transfer
 from twin.reference import ReferenceModel
 from twin.simulation import contact_scene
 from twin.simulation.plants.contact import Contact, Solid
+from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import World
 
 pytestmark = pytest.mark.witness
@@ -31,13 +31,13 @@ def board():
     poses = ReferenceModel(props).home().link_poses
     solids = [Solid(n, props.body(n).meshes, scene.contact.friction, poses[n]) for n in scene.contact.solid]
     names = [part.name for solid in solids for part in solid.parts if "peg" in part.name]
-    task = replace(scene.tasks["pegboard"], transfers=tuple(Transfer(ring="ring1", peg=name) for name in names))
+    task = replace(scene.tasks["pegboard"], goal=Transfers(tuple(Transfer(ring="ring1", peg=name) for name in names)))
     return scene, solids, contact_scene.pegs(scene, props, task)
 
 
 def starts(scene, pegs):
     """Return the poses (4, 4) from which a ring falls, by what it falls on."""
-    peg = pegs[scene.tasks["pegboard"].transfers[0].peg]
+    peg = pegs[scene.tasks["pegboard"].goal.transfers[0].peg]
     hung = scene.objects[0].T_world_object
     floor = peg.foot[:2]
     high = max(o.T_world_object[2, 3] for o in scene.objects) - 20 * MM

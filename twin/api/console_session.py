@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,24 +17,19 @@ from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity, mm
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
-from twin.core.spoken import spoken
-from twin.core.units import DEG, MM
+from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.movable import together
-from twin.model.scene import Place, Scene
+from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
-from twin.simulation.contact_scene import Peg
-from twin.simulation.session import camera_task, forces, measures, movement, rings
-from twin.simulation.session.camera_task import AlignMeasures
+from twin.simulation.session import forces, measures, movement
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.forces import ForceMeasures
-from twin.simulation.session.guiding import GuideMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
-from twin.simulation.session.rings import BoardMeasures
+from twin.simulation.session.play import ArmPath, Outcome
 from twin.simulation.session.run import Difference, Ran
-from twin.simulation.session.touch import Touched, touched
 from twin.simulation.session.training import Training
 
 if TYPE_CHECKING:
@@ -48,24 +43,6 @@ _PEDAL_SIGNALS = ("clutch", "camera", "scale")
 
 
 @dataclass(frozen=True)
-class ArmPath:
-    """A robot of a session: its place, its mechanism, and its motion at the samples of the session.
-
-    Attributes:
-        place, mechanism: place of the robot in the scene, and mechanism of the robot.
-        q: (k, n) active joints in m or rad.
-        links: {link: T_base_link (k, 4, 4)}, from the mechanism with closed loops, not from the robot's equations.
-        tip: (k, 3) position of the tip (the frame whose path is measured) in m in the World.
-    """
-
-    place: Place
-    mechanism: Mechanism
-    q: Array
-    links: Mapping[str, Array]
-    tip: Array
-
-
-@dataclass(frozen=True)
 class ConsoleSession(Result):
     """Measures of a session at a console.
 
@@ -76,10 +53,7 @@ class ConsoleSession(Result):
         arms: {name of a place: arm} of all robots that the console moves.
         lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
-        pegs: {name: peg} of a task with rings; empty for another task.
-        aligned: measures of a task with an alignment; None for another task.
-        guided: measures of a task with a ring to guide; None for another task.
-        wire: (k, 3) centre line of the wire of a task with a ring to guide, in m in the World; empty for another task.
+        outcome: measures of the task; None: no task.
         training: measures of each machine: deviation of the machine from its model, cues (forces on the hands), stops.
     """
 
@@ -91,10 +65,7 @@ class ConsoleSession(Result):
     arms: Mapping[str, ArmPath]
     lost: str = ""
     recorded: bytes | None = None
-    pegs: Mapping[str, Peg] = field(default_factory=dict)
-    aligned: AlignMeasures | None = None
-    guided: GuideMeasures | None = None
-    wire: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    outcome: Outcome | None = None
     training: Sequence[Training] = ()
 
     kind = "session"
@@ -107,8 +78,8 @@ class ConsoleSession(Result):
                 return "The replay gives the same bytes"
             return self._success
         codes = {finding.code for finding in self.findings if finding.severity == "disagreement"}
-        if "task.missed" in codes:
-            return self._failure
+        if "task.missed" in codes and self.outcome is not None:
+            return self.outcome.failure
         if "task.errors" in codes:
             return "More errors than allowed"
         if "session.differs" in codes:
@@ -120,24 +91,9 @@ class ConsoleSession(Result):
         """What was done in a session without disagreements, in words."""
         if self.training:
             return "The machine followed its model"
-        if self.guided is not None:
-            return "The ring was guided along the wire"
-        if self.aligned is not None:
-            return "The endoscope is aligned"
-        if self.board is not None:
-            return "All rings are on their pegs"
+        if self.outcome is not None:
+            return self.outcome.success
         return "All targets were touched"
-
-    @property
-    def _failure(self) -> str:
-        """What was missed in a session, in words."""
-        if self.aligned is not None:
-            return "The endoscope is not aligned"
-        if self.guided is not None:
-            return "Not all steps of the task are done"
-        if self.board is not None:
-            return "Not all rings are on their pegs"
-        return "Not all targets were touched"
 
     @property
     def t(self) -> Array:
@@ -153,26 +109,6 @@ class ConsoleSession(Result):
     def console(self) -> ConsoleMeasures:
         """Measures of pedals and camera."""
         return measures.of_console(self.ran.kept, console_scene.console_of(self.scene), self.camera, self.ran.duration)
-
-    @cached_property
-    def touched(self) -> Sequence[Touched]:
-        """For every target of the task, when it was touched and how near the tips came; empty without a task."""
-        if self.task is None:
-            return ()
-        table = console_scene.console_of(self.scene)
-        tips: dict[str, Array] = {}
-        for hand in HANDS:
-            first_robot = getattr(table, hand)[0]
-            tips[hand] = self.arms[first_robot].tip
-        return touched(self.task, self.t, tips)
-
-    @cached_property
-    def board(self) -> BoardMeasures | None:
-        """Measures of a task with rings; None for another task."""
-        if self.task is None or not self.task.transfers:
-            return None
-        robots = list(console_scene.hands_of(self.scene))
-        return rings.measure(self.ran.kept, self.task, self.scene.objects, self.pegs, robots)
 
     @cached_property
     def forces(self) -> ForceMeasures | None:
@@ -201,86 +137,14 @@ class ConsoleSession(Result):
         if self.console.time == 0:
             text = "no arm followed a hand: the condition to start following (docs/console.md) was never met"
             findings.append(warning("session.idle", "", text))
-        findings += self._untouched()
-        if self.board is not None:
-            for ring in self.board.rings:
-                if ring.t is None:
-                    text = f"at the end, the ring is not around its peg, {spoken(ring.peg)}"
-                    findings.append(disagreement("task.missed", ring.ring, text))
-        findings += self._unguided()
-        findings += self._unaligned()
+        if self.outcome is not None:
+            findings += self.outcome.findings()
         for machine in self.training:
             findings += machine.findings()
         if find_spec("mcap") is None:
             text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             findings.append(info("session.no_mcap", "", text))
         return findings
-
-    def _untouched(self) -> Iterator[Finding]:
-        """Yield a finding on every target of the task that no tip touched."""
-        if self.task is None:
-            return
-        for target in self.touched:
-            if target.t is not None:
-                continue
-            yield disagreement(
-                "task.missed",
-                target.name,
-                "the target was not touched; minimum distance between the target and the tips",
-                mm(target.nearest),
-                mm(self.task.tolerance),
-                word="required",
-            )
-
-    def _unguided(self) -> Iterator[Finding]:
-        """Yield findings on steps that are not done, and on errors that exceed their limits."""
-        if self.guided is None:
-            return
-        for step in self.guided.missed:
-            text = f"the step is not done; the ring passed along {self.guided.passed:.0%} of the wire"
-            yield disagreement("task.missed", step, text)
-        for what, value, most, unit in self.guided.exceeded:
-            text = f"more {what} than allowed"
-            yield disagreement("task.errors", what, text, Quantity(value, unit), most, word="allowed")
-
-    def _unaligned(self) -> Iterator[Finding]:
-        """Yield findings on the alignment.
-
-        The camera is not aligned, AlignErr cannot be measured in the picture, or AlignErr in the picture differs from
-        AlignErr by projection.
-        """
-        aligned = self.aligned
-        if aligned is None or self.task is None or self.task.alignment is None:
-            return
-        required = self.task.alignment
-        if np.isnan(aligned.angle):
-            yield disagreement("task.missed", self.task.name, "at the end, the rectangle is behind the lens")
-        elif not aligned.done(required):
-            yield disagreement(
-                "task.missed",
-                self.task.name,
-                f"the upper side of the rectangle is not aligned: its ends are up to {aligned.off:.0%} of the line's "
-                f"length from the line's ends (allowed: {required.off:.0%}); AlignErr",
-                Quantity(abs(aligned.angle) / DEG, "deg"),
-                required.tolerance / DEG,
-                word="allowed",
-            )
-        if aligned.seen is None:
-            text = f"AlignErr cannot be measured in the picture: {aligned.refused}"
-            yield warning("task.unseen", self.task.name, text)
-            return
-        # NaN, if the rectangle is behind the lens, is reported above and is no difference
-        difference = abs(aligned.seen - aligned.angle)
-        if difference > camera_task.AGREE:
-            seen_deg = aligned.seen / DEG
-            projected_deg = aligned.angle / DEG
-            yield disagreement(
-                "task.angles",
-                self.task.name,
-                f"AlignErr is {seen_deg:.3f} deg in the picture and {projected_deg:.3f} deg by projection; difference",
-                Quantity(difference / DEG, "deg"),
-                camera_task.AGREE / DEG,
-            )
 
     def content(self) -> JsonObject:
         """Return the measures; the keys of quantities end with the unit."""
@@ -291,15 +155,9 @@ class ConsoleSession(Result):
         if self.source:
             replay = "same" if self.ran.difference is None else "differs"
         hands = [_hand_content(hand) for hand in self.hands]
-        targets = []
-        for target in self.touched:
-            targets.append({"name": target.name, "t_s": target.t, "nearest_mm": target.nearest / MM})
         task = None
         if self.task is not None:
             task = self.task.name
-        alignment = None
-        if self.aligned is not None:
-            alignment = _alignment_content(self.aligned)
         condition = None
         if self.ran.condition is not None:
             condition = self.ran.condition.model_dump()
@@ -310,14 +168,8 @@ class ConsoleSession(Result):
                 "felt_s": dict(self.forces.felt),
                 "largest_n": dict(self.forces.largest),
             }
-        guided = None
-        if self.guided is not None:
-            guided = self.guided.content()
-        board = None
-        if self.board is not None:
-            board = _board_content(self.board)
         console = self.console
-        return {
+        content: JsonObject = {
             "scene": self.scene.name,
             "surgeon": surgeon,
             "seed": self.seed,
@@ -334,14 +186,17 @@ class ConsoleSession(Result):
             "taps": console.taps,
             "scale": list(console.scale),
             "task": task,
-            "targets": targets,
-            "alignment": alignment,
+            "targets": [],
+            "alignment": None,
             "condition": condition,
             "forces": forces_on_hands,
-            "guided": guided,
+            "guided": None,
             "machines": [machine.content() for machine in self.training],
-            "board": board,
+            "board": None,
         }
+        if self.outcome is not None:
+            content |= self.outcome.content()
+        return content
 
     def text(self) -> Iterator[Part]:
         """Yield the measures of hands and console, the targets, the result of the replay, and the findings."""
@@ -391,28 +246,11 @@ class ConsoleSession(Result):
         return rows
 
     def _task_text(self) -> Iterator[Part]:
-        """Yield the title of the task and the outcome of each of its targets, rings or steps."""
+        """Yield the title of the task and the outcome of each of its parts."""
         if self.task is not None:
             yield f"\n  {self.task.name}: {self.task.title}"
-        rows: list[tuple[str, ...]] = []
-        if self.board is not None:
-            for ring in self.board.rings:
-                rows.append((spoken(ring.ring), spoken(ring.peg), _time(ring.t), str(ring.drops)))
-            yield TextTable(("ring", "peg", "transferred at", "dropped"), rows)
-            yield ""
-            yield TextTable((), self.board.rows())
-        elif self.guided is not None:
-            for name, t in self.guided.steps.items():
-                rows.append((name, _time(t)))
-            yield TextTable(("step", "done at"), rows)
-            yield ""
-            yield TextTable((), self.guided.rows())
-        elif self.aligned is not None:
-            yield TextTable((), _aligned_rows(self.aligned))
-        elif self.task is not None:
-            for target in self.touched:
-                rows.append((target.name, _time(target.t, "not touched"), str(mm(target.nearest))))
-            yield TextTable(("target", "touched at", "smallest distance"), rows)
+        if self.outcome is not None:
+            yield from self.outcome.text()
 
     def write(self, folder: Path) -> None:
         """Write the files of the session: session.csv, session.mcap (if mcap is installed), and motions.
@@ -576,64 +414,6 @@ def _hand_row(hand: ArmMeasures) -> tuple[str, ...]:
     )
 
 
-def _alignment_content(aligned: AlignMeasures) -> JsonObject:
-    # JSON has no NaN, which the measures have if the rectangle is behind the lens
-    angle = None
-    if np.isfinite(aligned.angle):
-        angle = aligned.angle / DEG
-    angle_in_picture = None
-    if aligned.seen is not None:
-        angle_in_picture = aligned.seen / DEG
-    off_line = None
-    if np.isfinite(aligned.off):
-        off_line = aligned.off
-    return {
-        "time_s": aligned.time,
-        "align_err_deg": angle,
-        "align_err_in_picture_deg": angle_in_picture,
-        "not_in_picture": aligned.refused or None,
-        "off_line": off_line,
-        "lens_path_mm": aligned.path / MM,
-        "hand_paths_mm": {hand: path / MM for hand, path in aligned.hands.items()},
-    }
-
-
-def _board_content(board: BoardMeasures) -> JsonObject:
-    of_rings = []
-    for ring in board.rings:
-        of_rings.append({"ring": ring.ring, "peg": ring.peg, "t_s": ring.t, "drops": ring.drops})
-    return {
-        "time_s": board.time,
-        "rings_transferred": board.transferred,
-        "rings_dropped": board.dropped,
-        "instrument_collisions": board.collisions,
-        "errors": board.errors,
-        "rings": of_rings,
-    }
-
-
-def _aligned_rows(aligned: AlignMeasures) -> list[tuple[str, str]]:
-    projected = "-"
-    if not np.isnan(aligned.angle):
-        projected = f"{aligned.angle / DEG:+.3f} deg"
-    in_picture = "-"
-    if aligned.seen is not None:
-        in_picture = f"{aligned.seen / DEG:+.3f} deg"
-    off_line = "-"
-    if not np.isnan(aligned.off):
-        off_line = f"{aligned.off:.1%} of its length"
-    rows = [
-        ("AlignErr by projection", projected),
-        ("AlignErr in the picture", in_picture),
-        ("distance between the ends of the rectangle's upper side and of the line", off_line),
-        ("time from the first press of the camera pedal to the last motion", f"{aligned.time:.1f} s"),
-        ("path of the lens", str(mm(aligned.path))),
-    ]
-    for hand, path in aligned.hands.items():
-        rows.append((f"path of the {hand} hand while it moved the camera", str(mm(path))))
-    return rows
-
-
 def _add_axes(columns: dict[str, Array], prefix: str, vectors: Array, suffix: str) -> None:
     """Add a column for each axis of vectors (k, 3)."""
     for i, axis in enumerate("xyz"):
@@ -643,12 +423,6 @@ def _add_axes(columns: dict[str, Array], prefix: str, vectors: Array, suffix: st
 def _positions(poses: Array) -> Array:
     """Return the positions (k, 3) of poses (k, 16)."""
     return poses.reshape(-1, 4, 4)[:, :3, 3]
-
-
-def _time(t: float | None, never: str = "-") -> str:
-    if t is None:
-        return never
-    return f"{t:.1f} s"
 
 
 def _number(value: float) -> str:

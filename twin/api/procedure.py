@@ -18,17 +18,16 @@ from twin.core.findings import Finding, by_severity, disagreement, warning
 from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM
-from twin.model.procedure import ProcedureTable
 from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
-from twin.simulation.devices.procedure_surgeon import Mistake
-from twin.simulation.session import procedure_checks, procedure_run
 from twin.simulation.session.file import NAME, read_session
-from twin.simulation.session.procedure_checks import ProcedureMeasures
 from twin.simulation.session.run import Ran, task_of
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.procedure import procedure_checks, procedure_run
+from twin.simulation.tasks.procedure.procedure_checks import ProcedureMeasures
+from twin.simulation.tasks.procedure.task import Mistake, ProcedureTable
 
 
 @dataclass(frozen=True)
@@ -274,4 +273,4 @@ def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:
     if head.task is None:
         return False
     found = load_scene(scene or head.scene).tasks.get(head.task)
-    return found is not None and found.procedure is not None
+    return found is not None and not found.kind.console

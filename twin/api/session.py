@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from twin.api.act import members_of, props_of, robots_at
-from twin.api.console_session import ArmPath, ConsoleSession
+from twin.api.console_session import ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
 from twin.api.standing import load_scene
 from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
-from twin.core.units import DEG
-from twin.model import alignment
-from twin.model.alignment import Alignment
 from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
-from twin.reference import ReferenceModel
-from twin.simulation import console_scene, contact_scene, machine_scene
+from twin.simulation import console_scene, machine_scene
 from twin.simulation.condition import Condition
 from twin.simulation.machine.link import Address
-from twin.simulation.session import camera_task, guiding, training
-from twin.simulation.session.camera_task import AlignMeasures, CameraView
+from twin.simulation.session import training
 from twin.simulation.session.file import NAME as FILE
+from twin.simulation.session.play import ArmPath, play_of
 from twin.simulation.session.run import Ran
 from twin.simulation.session.training import Training
 from twin.simulation.setup import Setup
@@ -51,7 +46,7 @@ def operate_console(
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
         haptics: whether to compute forces on the hands (the simulated surgeon does not react to them); default: no.
-        mistake: a mistake that the surgeon makes in a task with a ring to guide; see `devices.guiding_surgeon`.
+        mistake: a mistake that the surgeon makes in a task with a ring to guide; see `simulation.tasks`.
         progress: see `Progress`.
 
     Raises:
@@ -63,7 +58,7 @@ def operate_console(
     chosen = run.task_of(scene, task)
     _require_console(chosen)
     _require_scale(scale)
-    if mistake and chosen.guide is None:
+    if mistake and not chosen.kind.mistakes:
         raise TwinError(f"task '{chosen.name}': a simulated surgeon makes mistakes only in a task with a ring to guide")
     progress("read CAD", 0.0)
     condition = None
@@ -193,20 +188,12 @@ def _session(
     """Return the result of a session with the measures of its task."""
     arms = _arms(setup, robots, ran)
     task = setup.task
-    session = ConsoleSession(
-        setup.scene, source, seed, task, ran, arms, lost=lost, recorded=recorded, training=training
+    outcome = None
+    if task is not None:
+        outcome = play_of(task).outcome(setup, task, ran.kept, arms)
+    return ConsoleSession(
+        setup.scene, source, seed, task, ran, arms, lost=lost, recorded=recorded, outcome=outcome, training=training
     )
-    if task is None:
-        return session
-    if task.transfers:
-        session = replace(session, pegs=contact_scene.pegs(setup.scene, setup.props, task))
-    if task.guide is not None:
-        referee = guiding.GuidingReferee.of(setup, ran.kept.dt)
-        referee.see_all(ran.kept)
-        session = replace(session, guided=referee.measures(), wire=referee.course.wire)
-    if task.alignment is not None:
-        session = replace(session, aligned=_aligned(setup, task.alignment, ran, arms))
-    return session
 
 
 def _training(setup: Setup, ran: Ran) -> list[Training]:
@@ -222,50 +209,23 @@ def _training(setup: Setup, ran: Ran) -> list[Training]:
 
 
 def _require_console(task: ConsoleTask) -> None:
-    if task.procedure is not None:
+    if not task.kind.console:
         raise TwinError(
             f"task '{task.name}' is a procedure: use `operate_procedure` and `replay_procedure` of twin.api.procedure"
         )
 
 
 def _setup(scene: Scene, task: ConsoleTask | None, condition: Condition | None) -> tuple[dict[str, Robot], Setup]:
-    """Return a console's robots and setup; props are read only with a `condition`, or if a task grasps or aligns."""
+    """Return a console's robots and setup; props are read only with a `condition`, or if the task needs them."""
     robots = robots_at(console_scene.led_by(scene))
     members = members_of(robots)
     props_needed = condition is not None
-    if task is not None and (task.grasps or task.alignment is not None):
+    if task is not None and task.kind.props:
         props_needed = True
     props = None
     if props_needed:
         props = props_of(scene)
     return robots, Setup(scene, members, task, props, condition)
-
-
-def _aligned(setup: Setup, goal: Alignment, ran: Ran, arms: Mapping[str, ArmPath]) -> AlignMeasures:
-    """Return the measures of an alignment, from the camera's equations and from a picture of the mechanisms."""
-    scene, props = setup.scene, setup.props
-    camera = scene.cameras[console_scene.console_of(scene).camera]
-    arm = arms[camera.robot]
-    kin = setup.members[camera.robot].kin
-    T_tool_picture = console_scene.picture_in_tool(camera, arm.mechanism)
-    Ts_world_picture = arm.place.T_world_base @ kin.forward_many(arm.q) @ T_tool_picture
-    frame = arm.mechanism.frame(camera.frame)
-    Ts_world_camera = arm.place.T_world_base @ arm.links[frame.body] @ frame.T_body_frame @ camera.in_frame
-    seen = camera_task.surfaces(alignment.BODY, [goal.body()], {alignment.BODY: np.eye(4)})
-    if props is not None:
-        home = ReferenceModel(props).home()
-        seen += camera_task.surfaces(props.name, props.bodies, home.link_poses)
-    for name, other in arms.items():
-        poses_at_end = {link: other.place.T_world_base @ Ts[-1] for link, Ts in other.links.items()}
-        bodies = []
-        for body in other.mechanism.bodies:
-            if name == camera.robot and body.name == frame.body:
-                continue  # the lens does not see its own link
-            bodies.append(body)
-        seen += camera_task.surfaces(name, bodies, poses_at_end)
-    sight = CameraView(seen, Ts_world_camera[-1])
-    view = camera.view_deg * DEG
-    return camera_task.measure(ran.kept, goal, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
 
 
 def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmPath]:

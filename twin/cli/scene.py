@@ -41,7 +41,7 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedScene:
     """Return a scene with its soft organs. The World simulates them in a procedure; otherwise, the `feed` does."""
     found = tissues(loaded.scene)
-    if task is not None and task.procedure is not None:
+    if task is not None and not task.kind.console:
         return replace(loaded, organs=found)
     if not found:
         return loaded

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 from twin.core.errors import TwinError
 
@@ -21,6 +22,15 @@ def entry_points(group: str) -> dict[str, object]:
             if name not in found:
                 found[name] = _loaded(name, place, file)
     return found
+
+
+def names(package: str, group: str) -> list[str]:
+    """Return the names of the modules in a package of twin, and of the entry points of a group; nothing is loaded."""
+    found = {module.name for module in iter_modules(import_module(package).__path__)}
+    for file in _files(group):
+        for name, _ in _rows(file, group):
+            found.add(name)
+    return sorted(found)
 
 
 def _files(group: str) -> list[Path]:

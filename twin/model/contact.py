@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core import spatial
+from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.units import MM, linear_rgba
 from twin.model.movable import Movable, ShapeName
-from twin.schema import Identifier, Sourced, Vector, at
+from twin.schema import Identifier, Sourced, Vector, at, error_at
 
 
 class ObjectTable(Sourced):
@@ -86,3 +88,18 @@ def listed(objects: Mapping[str, ObjectTable], contact: ContactTable | None) -> 
     if contact is not None:
         rows = (("friction", contact.friction, "1"), ("jaw effort", contact.jaw_effort_n_mm, "N mm"))
         yield from contact.parameters("contact", rows)
+
+
+def require_contact(path: Path, task: str, kind: str, contact: ContactTable | None) -> None:
+    """Raise an error if a task of a kind with movable objects is in a scene without a section [contact]."""
+    if contact is None:
+        raise error_at(path, ("task", task), f"a task with `{kind}` requires a section [contact] in this file")
+
+
+def check_ring(path: Path, keys: tuple[str | int, ...], name: str, objects: Mapping[str, ObjectTable]) -> None:
+    """Raise an error if the object that a task names at `keys` is not in the scene, or is not a ring."""
+    if name not in objects:
+        raise error_at(path, keys, unknown("object", name, objects))
+    shape = objects[name].shape
+    if shape != "ring":
+        raise error_at(path, keys, f"'{name}' is a {shape}; only a ring goes around a peg or a wire")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
@@ -61,6 +62,13 @@ class RobotTable(Sourced):
         return self
 
 
+class BlockTable(Table):
+    """A device, controller, plant or hazard of the World: the file or entry point to use, and its settings."""
+
+    use: Identifier
+    settings: dict[Identifier, float | int | str | bool | list[float]] = Field(default_factory=dict)
+
+
 class SceneTable(Table):
     """The content of a scene file. `props` is the file that describes the props; no joint of the props is driven."""
 
@@ -83,6 +91,17 @@ class SceneTable(Table):
     vessel: dict[Identifier, VesselTable] = Field(default_factory=dict)
     tool: dict[Identifier, ToolTable] = Field(default_factory=dict)
     task: dict[Identifier, TaskTable] = Field(default_factory=dict)
+    device: dict[Identifier, BlockTable] = Field(default_factory=dict)
+    controller: dict[Identifier, BlockTable] = Field(default_factory=dict)
+    plant: dict[Identifier, BlockTable] = Field(default_factory=dict)
+    hazard: dict[Identifier, BlockTable] = Field(default_factory=dict)
+
+
+@cache
+def scene_table() -> type[SceneTable]:
+    """Return the table of a scene file, in which tasks of all kinds are accepted."""
+    tasks = (dict[Identifier, task.task_table()], Field(default_factory=dict))
+    return create_model("SceneTable", __base__=SceneTable, __doc__=SceneTable.__doc__, task=tasks)
 
 
 @dataclass(frozen=True)
@@ -122,6 +141,7 @@ class Scene:
     `clearance` is the required minimum clearance in m. `touching` has pairs of bodies, each as "owner/body", that touch
     by design and are not checked for clearance. `parameters` has every number with its provenance. An optional part
     that the file does not describe is None or empty; if `haptics` is None, the default forces on the hands apply.
+    `blocks` has the blocks that the file adds to the World of the console, by folder of `twin/simulation` and name.
     """
 
     name: str
@@ -144,6 +164,7 @@ class Scene:
     tools: Mapping[str, ToolTable]
     tasks: Mapping[str, ConsoleTask]
     parameters: tuple[Parameter, ...]
+    blocks: Mapping[str, Mapping[str, BlockTable]]
 
     @property
     def plays(self) -> bool:
@@ -184,7 +205,7 @@ def load_scene(path: Path) -> Scene:
     Raises:
         DescriptionError: the file is malformed; the message gives file, line, key, value and allowed values.
     """
-    table = load_toml(path, SceneTable)
+    table = load_toml(path, scene_table())
     names = [robot.name for robot in table.robot]
     _robots(path, table, names)
     for k, pair in enumerate(table.touching):
@@ -196,14 +217,15 @@ def load_scene(path: Path) -> Scene:
         console.check(path, table.console, table.camera, names)
     trainer.check(path, table.trainer, table.console, names)
     for name, t in table.task.items():
-        if table.console is None and t.procedure is None:
+        if table.console is None and t.kind.console:
             raise error_at(path, ("task", name), "a task needs a console: add a section [console]")
-        task.check_rings(path, name, t, table.object, table.contact is not None)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
     _organs(path, table, names)
     _tools(path, table, names)
+    for name, t in table.task.items():  # the goal of a procedure names tools, which are checked before
+        t.kind.check(path, name, t.value, table, names)
     places = [_place(robot, table, path.parent) for robot in table.robot]
     touching = [frozenset(pair) for pair in table.touching]
     objects = [contact.movable(name, item) for name, item in table.object.items()]
@@ -229,6 +251,7 @@ def load_scene(path: Path) -> Scene:
         dict(table.tool),
         {name: task.task_of(name, item) for name, item in table.task.items()},
         tuple(_parameters(table)),
+        {"devices": table.device, "controllers": table.controller, "plants": table.plant, "hazards": table.hazard},
     )
 
 
@@ -303,7 +326,7 @@ def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
 
 
 def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
-    """Raise an error if a vessel, a tool or a procedure names something that the scene does not have."""
+    """Raise an error if a vessel or a tool names something that the scene does not have."""
     for name, v in table.vessel.items():
         if v.organ is not None and v.organ not in table.tissue:
             raise error_at(path, ("vessel", name, "organ"), unknown("tissue", v.organ, table.tissue))
@@ -311,31 +334,6 @@ def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
         for robot in t.robots:
             if robot not in names:
                 raise error_at(path, ("tool", name, "robots"), unknown("robot", robot, names))
-    for name, t in table.task.items():
-        procedure = t.procedure
-        if procedure is None:
-            continue
-        keys = ("task", name, "procedure")
-        named: list[tuple[str, str, str, Collection[str]]] = [
-            ("organ", "tissue", procedure.organ, table.tissue),
-            ("vessel", "vessel", procedure.vessel, table.vessel),
-            ("camera", "camera", procedure.camera, table.camera),
-        ]
-        for organ in procedure.spare:
-            named.append(("spare", "tissue", organ, table.tissue))
-        for robot in procedure.start:
-            named.append(("start", "robot", robot, names))
-        for first_tool in procedure.start.values():
-            named.append(("start", "tool", first_tool, table.tool))
-        for key, what, value, known in named:
-            if value not in known:
-                raise error_at(path, (*keys, key), unknown(what, value, known))
-        for robot, first_tool in procedure.start.items():
-            carriers = table.tool[first_tool].robots
-            if robot not in carriers:
-                listed = ", ".join(carriers)
-                message = f"{robot} cannot carry '{first_tool}'; only {listed} can carry it"
-                raise error_at(path, (*keys, "start"), message)
 
 
 def _ports(r: RobotTable) -> dict[str, str]:

@@ -1,48 +1,139 @@
-"""A task at a console or a bedside.
+"""A task at a console or a bedside, and the kinds of tasks, each in a folder of its own.
 
-Targets to touch, rings to bring to pegs, a ring to guide along a wire, a camera to align, or a procedure.
+A folder in `twin/simulation/tasks/` has the name of the key of a section [task.NAME], and a module `task` with
+`KIND = TaskKind(...)`. Another package names such an object in its metadata, in the group of entry points `twin.tasks`:
+`circle = "circle_task.task:KIND"`. The other modules of the folder simulate and judge the task;
+`twin.simulation.session.play` loads them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
+from typing import Protocol, TypeVar
 
-import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
-from twin.core.errors import unknown
+from twin.core.entry_points import entry_points
+from twin.core.errors import TwinError
 from twin.core.provenance import Parameter
-from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model import alignment, guide, procedure
-from twin.model.alignment import Alignment, AlignTable
-from twin.model.contact import ObjectTable
-from twin.model.guide import GuideTable
-from twin.model.procedure import ProcedureTable
-from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
+from twin.model.contact import ContactTable, ObjectTable
+from twin.model.tool import ToolTable
+from twin.schema import Row, Sourced, Table, at
+
+GROUP = "twin.tasks"
+"""Group of the entry points that name kinds of tasks of other packages."""
+
+FOLDER = "twin.simulation.tasks"
+"""Package of the built-in kinds. Only their modules `task` are loaded here, and only by name: those of the simulation
+stay above this room."""
+
+G = TypeVar("G")
 
 
-class Transfer(Table):
-    """A ring to bring to a peg: `ring` names the object, `peg` names a mesh of a solid body."""
+class SceneNames(Protocol):
+    """The tables of a scene file that the goal of a task can name."""
 
-    ring: Identifier
-    peg: Identifier
+    @property
+    def object(self) -> Mapping[str, ObjectTable]: ...  # noqa: D102
+    @property
+    def contact(self) -> ContactTable | None: ...  # noqa: D102
+    @property
+    def tissue(self) -> Mapping[str, Table]: ...  # noqa: D102
+    @property
+    def vessel(self) -> Mapping[str, Table]: ...  # noqa: D102
+    @property
+    def camera(self) -> Mapping[str, Table]: ...  # noqa: D102
+    @property
+    def tool(self) -> Mapping[str, ToolTable]: ...  # noqa: D102
 
 
-class TargetTable(Table):
-    """A target: a point (world frame, mm) for one or both hands; the tips must touch their points at the same time."""
+def _unchecked(path: Path, name: str, value: object, scene: SceneNames, robots: Sequence[str]) -> None:
+    """Accept each value of a key that names nothing of the scene."""
 
-    name: Identifier
-    right_mm: Vector | None = None
-    left_mm: Vector | None = None
 
-    @model_validator(mode="after")
-    def _someone(self) -> TargetTable:
-        if self.right_mm is None and self.left_mm is None:
-            raise at("name", "a target needs `right_mm`, `left_mm`, or both")
-        return self
+def _no_rows(value: object) -> Iterable[Row]:
+    return ()
+
+
+def _one_step(name: str, goal: object) -> Sequence[str]:
+    return (name,)
+
+
+def _unchanged(value: object) -> object:
+    return value
+
+
+@dataclass(frozen=True)
+class TaskKind:
+    """A kind of task: the key of a section [task.NAME] that contains the goal, and what the goal requires.
+
+    Beside `task.py`, its folder contains `play.py` with a `twin.simulation.session.play.Play`.
+
+    Attributes:
+        name: the key, and the name of the folder.
+        title: what there is to do, for help and messages, such as "rings to bring to pegs".
+        order: position in lists, smallest first.
+        field: type and default of the key in the table of a task; the default is empty.
+        package: package of the modules `task` and `play`: `__package__`.
+        goal: function from the value of the key to `ConsoleTask.goal`.
+        rows: function from the value of the key to (name, value, unit) of its numbers.
+        check: function (file, name of the task, value of the key, scene, names of the robots) that raises an error if
+            the value names something that the scene does not have.
+        steps: function from name and goal of a task to the names of its parts, in the order of `surgeon.target`.
+        timed: whether a task of this kind has the keys `tolerance_mm` and `hold_s`.
+        console: whether it needs a console; otherwise, it has a World of its own.
+        grasps: whether the instruments grasp movable objects.
+        props: whether the props are read also for sessions without forces.
+        judged: whether a page judges the task while it is performed.
+        mistakes: mistakes that the simulated surgeon makes on request.
+    """
+
+    name: str
+    title: str
+    order: int
+    field: tuple[object, object]
+    package: str | None
+    goal: Callable[..., object] = _unchanged
+    rows: Callable[..., Iterable[Row]] = _no_rows
+    check: Callable[..., None] = _unchecked
+    steps: Callable[..., Sequence[str]] = _one_step
+    timed: bool = False
+    console: bool = True
+    grasps: bool = False
+    props: bool = False
+    judged: bool = False
+    mistakes: tuple[str, ...] = ()
+
+
+@cache
+def kinds() -> tuple[TaskKind, ...]:
+    """Return all kinds of tasks, in their order.
+
+    Raises:
+        TwinError: a kind of another package cannot be imported, or has the name of another kind.
+    """
+    found: dict[str, TaskKind] = {}
+    for folder in iter_modules(import_module(FOLDER).__path__):
+        kind = import_module(f"{FOLDER}.{folder.name}.task").KIND
+        found[kind.name] = kind
+    for name, kind in entry_points(GROUP).items():
+        if not isinstance(kind, TaskKind):
+            raise TwinError(f"the entry point '{name}' of {GROUP} is {kind!r}, not a twin.model.task.TaskKind")
+        if kind.name in found or kind.name in TaskTable.model_fields:
+            text = f"the key '{kind.name}' of a task has a meaning already"
+            raise TwinError(f"{text}; the entry point '{name}' of {GROUP} needs another")
+        if kind.name != name:
+            raise TwinError(
+                f"the entry point '{name}' of {GROUP} is the kind of task '{kind.name}': give both one name"
+            )
+        found[kind.name] = kind
+    return tuple(sorted(found.values(), key=lambda kind: (kind.order, kind.name)))
 
 
 class TaskTable(Sourced):
@@ -57,117 +148,103 @@ class TaskTable(Sourced):
     title: str = Field(min_length=1)
     tolerance_mm: float | None = Field(None, gt=0)
     hold_s: float | None = Field(None, ge=0, le=10)
-    target: list[TargetTable] = Field(default_factory=list)
-    transfer: list[Transfer] = Field(default_factory=list)
-    guide: GuideTable | None = None
-    align: AlignTable | None = None
-    procedure: ProcedureTable | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskTable:
-        kinds = [name for name in ("target", "transfer", "guide", "align", "procedure") if getattr(self, name)]
-        if len(kinds) != 1:
-            found = " and ".join(f"`{k}`" for k in kinds) or "none of them"
-            raise at(
-                "title",
-                "a task needs a goal: `target` or `transfer` with at least one entry, `guide`, `align` or `procedure`; "
-                f"this task has {found}",
-            )
+        given = [kind for kind in kinds() if getattr(self, kind.name, None)]
+        if len(given) != 1:
+            found = " and ".join(f"`{kind.name}`" for kind in given) or "none of them"
+            raise at("title", f"a task needs a goal: {_goals()}; this task has {found}")
+        (kind,) = given
         for key in ("tolerance_mm", "hold_s"):
-            if (getattr(self, key) is None) == bool(self.target):
-                raise at("title" if self.target else key, f"a task with `{kinds[0]}` "
-                         f"{'needs' if self.target else 'takes no'} `{key}`")  # fmt: skip
+            has_key = getattr(self, key) is not None
+            if kind.timed and not has_key:
+                raise at("title", f"a task with `{kind.name}` needs `{key}`")
+            if has_key and not kind.timed:
+                raise at(key, f"a task with `{kind.name}` takes no `{key}`")
         return self
 
+    @property
+    def kind(self) -> TaskKind:
+        """The kind of the task: the one whose key it has."""
+        for kind in kinds():
+            if getattr(self, kind.name, None):
+                return kind
+        raise AssertionError("the validator requires one kind")
 
-@dataclass(frozen=True)
-class Target:
-    """A target of a task: its name, and {hand ("right", "left"): point (3,) in the world frame, in m}."""
+    @property
+    def value(self) -> object:
+        """Value of the key that makes the task one of its kind."""
+        return getattr(self, self.kind.name)
 
-    name: str
-    p_world: Mapping[str, Array]
+
+def _goals() -> str:
+    """Return the keys of all kinds as text: first those with lists, which need an entry."""
+    lists = []
+    tables = []
+    for kind in kinds():
+        of_its_sort = lists if "list" in str(kind.field[0]) else tables
+        of_its_sort.append(f"`{kind.name}`")
+    others = [f"{' or '.join(lists)} with at least one entry", *tables]
+    return f"{', '.join(others[:-1])} or {others[-1]}"
+
+
+@cache
+def task_table() -> type[TaskTable]:
+    """Return the table of a task with one key for each kind of task."""
+    fields = {kind.name: kind.field for kind in kinds()}
+    return create_model("TaskTable", __base__=TaskTable, __doc__=TaskTable.__doc__, **fields)  # pyright: ignore[reportCallIssue, reportArgumentType]
 
 
 @dataclass(frozen=True)
 class ConsoleTask:
-    """A task with targets, transfers, a guide, an alignment or a procedure; all except a procedure need a console.
+    """A task of a kind, with its goal in SI units.
 
     `tolerance` is the maximum distance in m of a tip from its point during a touch; `hold` is the time in s for which
-    all tips of a target must be within the tolerance. `alignment` describes the camera task.
+    all tips of a target must be within the tolerance; both are 0 for kinds of tasks without targets.
     """
 
     name: str
     title: str
     tolerance: float
     hold: float
-    targets: tuple[Target, ...]
-    transfers: tuple[Transfer, ...] = ()
-    alignment: Alignment | None = None
-    procedure: ProcedureTable | None = None
-    guide: GuideTable | None = None
+    kind: TaskKind
+    goal: object
 
     @property
-    def grasps(self) -> bool:
-        """Whether the instruments grasp movable objects."""
-        return bool(self.transfers) or self.guide is not None
+    def steps(self) -> Sequence[str]:
+        """Names of the parts of the task, in the order of their numbers in `surgeon.target`."""
+        return self.kind.steps(self.name, self.goal)
+
+
+def goal_of(task: ConsoleTask | None, goal: type[G]) -> G | None:
+    """Return the goal of a task if it has this type; None: there is no task, or it is of another kind."""
+    if task is not None and isinstance(task.goal, goal):
+        return task.goal
+    return None
+
+
+def required_goal(task: ConsoleTask, goal: type[G]) -> G:
+    """Return the goal of a task, which must have this type.
+
+    Raises:
+        TwinError: the task is of another kind.
+    """
+    found = goal_of(task, goal)
+    if found is None:
+        raise TwinError(f"task '{task.name}' with the key `{task.kind.name}` has no {goal.__name__}")
+    return found
 
 
 def task_of(name: str, task: TaskTable) -> ConsoleTask:
     """Return the `ConsoleTask` that a table describes, in SI units."""
-    targets = []
-    for target in task.target:
-        points = {"right": target.right_mm, "left": target.left_mm}
-        targets.append(Target(target.name, {h: np.array(p) * MM for h, p in points.items() if p is not None}))
-    return ConsoleTask(
-        name,
-        task.title,
-        (task.tolerance_mm or 0.0) * MM,
-        task.hold_s or 0.0,
-        tuple(targets),
-        tuple(task.transfer),
-        None if task.align is None else alignment.alignment(task.align),
-        task.procedure,
-        task.guide,
-    )
-
-
-def check_rings(path: Path, name: str, task: TaskTable, objects: Mapping[str, ObjectTable], contact: bool) -> None:
-    """Raise an error if task `name` lists a ring twice, or lists a ring that is missing or cannot be touched.
-
-    A ring is missing if the scene has no ring of this name. A ring cannot be touched if `contact` is False: the scene
-    file has no section [contact].
-
-    Raises:
-        DescriptionError: the message gives the file, the line, the key and the wrong value.
-    """
-    kind = "transfer" if task.transfer else "guide" if task.guide else ""
-    if kind and not contact:
-        raise error_at(path, ("task", name), f"a task with `{kind}` requires a section [contact] in this file")
-    if task.guide is not None:
-        _check_ring(path, ("task", name, "guide", "ring"), task.guide.ring, objects)
-    for k, transfer in enumerate(task.transfer):
-        keys = ("task", name, "transfer", k, "ring")
-        _check_ring(path, keys, transfer.ring, objects)
-        if transfer.ring in [t.ring for t in task.transfer[:k]]:
-            raise error_at(path, keys, f"'{transfer.ring}' is listed twice")
-
-
-def _check_ring(path: Path, keys: tuple[str | int, ...], name: str, objects: Mapping[str, ObjectTable]) -> None:
-    if name not in objects:
-        raise error_at(path, keys, unknown("object", name, objects))
-    if (shape := objects[name].shape) != "ring":
-        raise error_at(path, keys, f"'{name}' is a {shape}; only a ring goes around a peg or a wire")
+    tolerance = (task.tolerance_mm or 0.0) * MM
+    kind = task.kind
+    return ConsoleTask(name, task.title, tolerance, task.hold_s or 0.0, kind, kind.goal(task.value))
 
 
 def listed(name: str, task: TaskTable) -> Iterator[Parameter]:
     """Yield the numbers of task `name` as parameters with provenance."""
     rows: list[Row] = [("tolerance", task.tolerance_mm, "mm"), ("hold", task.hold_s, "s")]
-    if task.guide is not None:
-        rows += guide.rows(task.guide)
-    if task.align is not None:
-        rows += alignment.rows(task.align)
-    if task.procedure is not None:
-        rows += procedure.rows(task.procedure)
-    for target in task.target:
-        rows += [(f"{target.name} right", target.right_mm, "mm"), (f"{target.name} left", target.left_mm, "mm")]
+    rows += task.kind.rows(task.value)
     return task.parameters(f"task {name}", rows)

@@ -18,8 +18,8 @@ from twin.kinematics import Kinematics
 from twin.model.console import CameraTable, ConsoleTable
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
-from twin.model.task import ConsoleTask
-from twin.simulation import contact_scene, machine_scene, operating_scene
+from twin.model.task import ConsoleTask, goal_of
+from twin.simulation import blocks, contact_scene, machine_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.following import FollowingArm, HandToPose
 from twin.simulation.controllers.hand_force import ForceParameters
@@ -34,7 +34,9 @@ from twin.simulation.limits import JointLimits
 from twin.simulation.machine.machine import Parts
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.session.play import play_of
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.procedure.task import ProcedureTable
 from twin.simulation.world import Block, Placed, World
 
 TICK = 1e-3
@@ -143,9 +145,10 @@ def world(
         robots=robots,
         deformables=() if operated is None else operated.deformables,
         objects=setup.objects if operated is None else operated.objects,
-        devices=[device],
-        controllers=controllers,
-        plants=[*plants, *watch],
+        devices=[device, *blocks.blocks(setup, "devices")],
+        controllers=[*controllers, *blocks.blocks(setup, "controllers")],
+        plants=[*plants, *blocks.blocks(setup, "plants"), *watch],
+        hazards=blocks.hazards(setup),
         dt=dt,
         records=records,
     )
@@ -236,7 +239,8 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask |
     table = console_of(scene)
     out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
     out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands_of(scene)) if scene.tools}
-    first = {} if task is None or task.procedure is None else task.procedure.start
+    procedure = goal_of(task, ProcedureTable)
+    first = {} if procedure is None else procedure.start
     out |= machine_scene.SETTINGS if scene.trainer is not None else {}
     return out | {f"{n}.tool": float([*scene.tools].index(tool)) for n, tool in first.items()}
 
@@ -271,25 +275,17 @@ def identity(setup: Setup, dt: float = TICK) -> str:
         about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
     if setup.haptics is not None:
         about.append([plain(x) for x in astuple(surface(scene))])
-    if (setup.felt or (task is not None and task.grasps)) and scene.contact is not None:
+    if (setup.felt or (task is not None and task.kind.grasps)) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))
-    if task is not None and task.grasps and scene.contact is not None:
-        about += [
-            [o.name, o.shape, plain(o.size), plain(o.mass), plain(o.friction), plain(o.T_world_object)]
-            for o in scene.objects
-        ]
-        about += [
-            [peg.name, plain(peg.end), plain(peg.foot), plain(peg.radius)]
-            for peg in contact_scene.pegs(scene, setup.props, task).values()
-        ]
-    if task is not None and task.guide is not None:
-        course = contact_scene.course(scene, setup.props, task)
-        about += [task.guide.model_dump(), plain(course.wire), plain(course.dome)]
-    if task is not None and (a := task.alignment) is not None:
-        about.append([plain(a.T_world_plate), plain(a.size), plain(a.plate), plain(a.line), camera.view_deg])
-        about.append([plain(a.tolerance), plain(a.off)])
-    if setup.procedure is not None:
-        about += operating_scene.about(setup)
+    if task is not None and task.kind.grasps and scene.contact is not None:
+        for item in scene.objects:
+            shape = [item.name, item.shape, plain(item.size), plain(item.mass)]
+            about.append([*shape, plain(item.friction), plain(item.T_world_object)])
+    if task is not None:
+        about += play_of(task).identity(setup, task)
+    for folder, tables in scene.blocks.items():
+        for name, block in tables.items():
+            about.append([folder, name, block.model_dump()])
     if dt != TICK:
         about.append(["tick", dt])
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()

@@ -15,10 +15,12 @@ from twin.model.contact import ContactTable
 from twin.model.hull import require_hull
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
-from twin.model.task import ConsoleTask
+from twin.model.task import ConsoleTask, goal_of, required_goal
 from twin.reference import ReferenceModel
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.guide.task import GuideTable
+from twin.simulation.tasks.transfer.task import Transfers
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,10 @@ def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) ->
     effort = table.jaw_effort_n_mm * MM
     grippers = [Gripper(n, members[n].mechanism, members[n].kin, places[n].T_world_base, effort) for n in instruments]
     solids = _solids(scene, setup.props)
-    rubbed = [part.name for _, part in _wire(solids, scene, task)] if task is not None and task.guide else []
+    rubbed = []
+    if task is not None and goal_of(task, GuideTable) is not None:
+        for _, part in _wire(solids, scene, task):
+            rubbed.append(part.name)
     return Contact(setup.objects, solids, grippers, q, friction=table.friction, feels=setup.felt, rubbed=rubbed)
 
 
@@ -82,7 +87,8 @@ def pegs(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> dict[str, 
         TwinError: a peg is not a part of a solid body, or the body has no other part.
     """
     solids = _solids(scene, props)
-    return {name: _peg(scene, solids, task, name) for name in sorted({t.peg for t in task.transfers})}
+    names = {transfer.peg for transfer in required_goal(task, Transfers).transfers}
+    return {name: _peg(scene, solids, task, name) for name in sorted(names)}
 
 
 def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCourse:
@@ -94,14 +100,15 @@ def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCour
     """
     from scipy.spatial import ConvexHull  # imported here, because the import takes a while
 
-    if task.guide is None:
+    guide = goal_of(task, GuideTable)
+    if guide is None:
         raise TwinError(f"task '{task.name}' has no ring to guide: choose a task with a section [task.NAME.guide]")
     solids = _solids(scene, props)
     wire = _wire(solids, scene, task)
     if len(wire) < 2:
         raise TwinError(
             f"{scene.file.name}: task '{task.name}': the wire has one part, '{wire[0][1].name}': its free end "
-            f"is not known. Draw the wire as two or more parts whose names begin with '{task.guide.wire}', first the "
+            f"is not known. Draw the wire as two or more parts whose names begin with '{guide.wire}', first the "
             "one with the free end"
         )
     axes = [_axis(solid, part) for solid, part in wire]
@@ -112,9 +119,9 @@ def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCour
     for pair in ends[1:]:
         line.append(max(pair, key=lambda p: _far(p, line[-1])))
     bodies = {solid.name: solid for solid in solids}
-    if task.guide.dome not in bodies:
-        raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('solid body', task.guide.dome, bodies)}")
-    dome = bodies[task.guide.dome]
+    if guide.dome not in bodies:
+        raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('solid body', guide.dome, bodies)}")
+    dome = bodies[guide.dome]
     corners = np.concatenate([part.vertices for part in dome.parts])
     require_hull(f"{scene.file.name}: task '{task.name}': dome '{dome.name}'", corners)
     hull = ConvexHull(corners @ dome.T_world_body[:3, :3].T + dome.T_world_body[:3, 3])
@@ -139,7 +146,7 @@ def _peg(scene: Scene, solids: Sequence[Solid], task: ConsoleTask, name: str) ->
 
 def _wire(solids: Sequence[Solid], scene: Scene, task: ConsoleTask) -> list[tuple[Solid, Mesh]]:
     """Return the parts of the wire of a task, from the free end."""
-    prefix = "" if task.guide is None else task.guide.wire
+    prefix = required_goal(task, GuideTable).wire
     parts = {part.name: (solid, part) for solid in solids for part in solid.parts}
     if not (found := [parts[name] for name in parts if name.startswith(prefix)]):
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('wire', prefix, parts)}")

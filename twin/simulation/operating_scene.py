@@ -14,14 +14,14 @@ from twin.core.units import DEG
 from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.model.procedure import ProcedureTable
 from twin.model.scene import Place, Scene
-from twin.model.task import ConsoleTask
+from twin.model.task import ConsoleTask, goal_of
 from twin.model.tissue import Tissue
 from twin.simulation import tissue_scene
 from twin.simulation.plants.tissue import Links, Operating, OperatingRobot, Sight, clips_of
 from twin.simulation.plants.tissue.organs import PERIOD
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.procedure.task import ProcedureTable
 
 _TIP = "instrument_tip"
 """Name of the frame at the tip of an instrument, z out of it."""
@@ -45,10 +45,11 @@ def procedure_of(scene: Scene, task: ConsoleTask | None) -> ProcedureTable:
     Raises:
         TwinError: the task is not a procedure, or there is no task.
     """
-    if task is None or task.procedure is None:
+    procedure = goal_of(task, ProcedureTable)
+    if procedure is None:
         named = "there is no task" if task is None else f"task '{task.name}' is not a procedure"
         raise TwinError(f"{scene.name}: {named}; choose a task that has a section [task.NAME.procedure]")
-    return task.procedure
+    return procedure
 
 
 def port_of(place: Place) -> Array:

@@ -9,11 +9,11 @@ from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.model.procedure import ProcedureTable
 from twin.model.scene import Place, Scene
-from twin.model.task import ConsoleTask
+from twin.model.task import ConsoleTask, goal_of
 from twin.model.tissue import Tissue
 from twin.simulation.condition import Condition
+from twin.simulation.tasks.procedure.task import ProcedureTable
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Setup:
     @property
     def objects(self) -> Sequence[Movable]:
         """The movable objects of the task."""
-        return self.scene.objects if self.task is not None and self.task.grasps else ()
+        return self.scene.objects if self.task is not None and self.task.kind.grasps else ()
 
     @property
     def label(self) -> str:
@@ -65,7 +65,7 @@ class Setup:
     @property
     def procedure(self) -> ProcedureTable | None:
         """The procedure; None: the task is not a procedure."""
-        return None if self.task is None else self.task.procedure
+        return goal_of(self.task, ProcedureTable)
 
     @property
     def haptics(self) -> bool | None:

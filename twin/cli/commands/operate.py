@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command
+from twin.core.entry_points import names
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin operate`."""
     command.robot("a built-in robot, the path of a robot folder, or a scene with a task")
     command.protocol()
-    command.text("--task", "NAME", "task of a scene (default: its first task)")
+    keys = ", ".join(names("twin.simulation.tasks", "twin.tasks"))
+    command.text("--task", "NAME", f"task of a scene (default: its first task); a task has one of the keys {keys}")
     mistakes = "clip_missed, wrong_vessel, organ_punctured, cut_outside, bed_left"
     guided = "dropped, not_handed_over, stopped_short, wire_touched, wall_hit, left_inside"
     text = f"mistake that the surgeon makes. In a procedure: {mistakes}; with a ring to guide: {guided}"
@@ -118,9 +120,9 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
             )
     task = task_of(scene, args.task)
     folder = show.folder(args, scene.name, f"{task.name}-operator")
-    if task.procedure is not None:
+    if not task.kind.console:
         return _procedure(scene, task.name, folder, args)
-    if args.mistake is not None and task.guide is None:
+    if args.mistake is not None and not task.kind.mistakes:
         raise TwinError(f"--mistake applies to a procedure or a ring to guide; task '{task.name}' is neither")
     with show.progress(args.quiet or args.json) as progress:
         haptics = None

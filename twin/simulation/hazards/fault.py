@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.errors import WorldError
+from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.simulation.world import Hazard
+
+if TYPE_CHECKING:
+    from twin.simulation.setup import Setup
 
 Operation = Literal["hold", "overwrite", "add", "add_once", "delay", "skip", "duplicate"]
 """How a fault changes a signal. hold: the last value before the fault; overwrite: `value`; add: the sum with `value`;
@@ -84,3 +88,8 @@ class Fault(Hazard):
         if self.operation == "delay":
             return self._past[0]
         return value if self.operation in ("skip", "duplicate") else value + np.asarray(self.value, float)
+
+
+def from_scene(name: str, settings: JsonMapping, setup: Setup) -> Fault:
+    """Return the fault that a section [hazard.NAME] of a scene describes; `settings` has the attributes of `Fault`."""
+    return Fault(**settings)

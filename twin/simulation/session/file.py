@@ -178,7 +178,8 @@ class SessionWriter:
         column_of = columns(world_sizes)
         device_columns = []
         for signal in head.device:
-            found = column_of[signal.name]
+            # what the device wrote, also if a hazard has changed the signal since
+            found = column_of.get(f"{signal.name}.written", column_of[signal.name])
             device_columns.append(np.arange(found.start, found.stop))
         self._device = np.concatenate(device_columns)
         chunk_size = 8 * (CHUNK * len(self._device) + sum(world_sizes.values()))  # bytes, unpacked

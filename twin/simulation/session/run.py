@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,23 +13,17 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
-from twin.simulation import console_scene, contact_scene
+from twin.simulation import console_scene
 from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS, PEDALS
-from twin.simulation.devices.camera_surgeon import CameraSurgeon
-from twin.simulation.devices.guiding_surgeon import GuidingSurgeon
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.devices.ring_surgeon import Ring, RingSurgeon
-from twin.simulation.devices.surgeon import ScriptedSurgeon
-from twin.simulation.devices.surgeon_hands import Eye, Seat
+from twin.simulation.devices.surgeon_hands import Eye, Seat, SurgeonHands
 from twin.simulation.machine.machine import Parts
-from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
-from twin.simulation.session.guiding import STEPS
+from twin.simulation.session.play import play_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
-from twin.simulation.ways import Ways
 from twin.simulation.world import Block, Recording, World
 from twin.simulation.world.signals import columns
 
@@ -136,9 +130,7 @@ def task_of(scene: Scene, name: str | None) -> ConsoleTask:
     return scene.tasks[name or next(iter(scene.tasks))]
 
 
-def surgeon(
-    setup: Setup, seed: int = 0, scale: float | None = None, mistake: str = ""
-) -> ScriptedSurgeon | RingSurgeon | GuidingSurgeon | CameraSurgeon:
+def surgeon(setup: Setup, seed: int = 0, scale: float | None = None, mistake: str = "") -> SurgeonHands:
     """Return the simulated surgeon of a task, who controls the first arm of each hand.
 
     Args:
@@ -151,33 +143,7 @@ def surgeon(
     task = setup.task
     if task is None:
         raise TwinError(f"scene '{setup.scene.name}': the simulated surgeon needs a task")
-    if task.transfers:
-        return RingSurgeon(seat, _rings(setup, task))
-    if task.guide is not None:
-        ring = next(item for item in setup.scene.objects if item.name == task.guide.ring)
-        course = contact_scene.course(setup.scene, setup.props, task)
-        # this surgeon guides the place between the jaws, not the tip
-        grips = {}
-        for hand, eye in seat.arms.items():
-            T_tool_grip = grip_frame(setup.members[eye.robot].mechanism)
-            grips[hand] = replace(eye, T_tool_tip=T_tool_grip)
-        return GuidingSurgeon(replace(seat, arms=grips), ring, course, task.guide.first, Ways(setup), mistake)
-    if task.alignment is not None:
-        return CameraSurgeon(seat, task.name, task.alignment.upper, task.alignment.line)
-    targets = [(target.name, target.p_world) for target in task.targets]
-    return ScriptedSurgeon(seat, targets, task.tolerance, task.hold)
-
-
-def _rings(setup: Setup, task: ConsoleTask) -> list[Ring]:
-    """Return the rings of a task with transfers, with their pegs."""
-    pegs = contact_scene.pegs(setup.scene, setup.props, task)
-    objects = {item.name: item for item in setup.scene.objects}
-    rings = []
-    for transfer in task.transfers:
-        size = objects[transfer.ring].size
-        peg = pegs[transfer.peg]
-        rings.append(Ring(transfer.ring, size[0], size[1], transfer.peg, peg.end, peg.foot))
-    return rings
+    return play_of(task).surgeon(setup, task, seat, mistake)
 
 
 def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
@@ -223,7 +189,7 @@ def perform(
     world = console_scene.world(setup, device, records=False, watch=[tape])
     keep = Keep(world, kept(world))
     assert setup.task is not None, "the surgeon has a task"
-    names = _parts(setup.task)
+    names = setup.task.steps
     with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
             world.step(file.CHUNK)
@@ -233,17 +199,6 @@ def perform(
             i = min(max(int(world.signals["surgeon.target"][0]), 0), len(names) - 1)
             progress(names[i], i / len(names))
     return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=setup.condition)
-
-
-def _parts(task: ConsoleTask) -> list[str]:
-    """Return the names of the targets, rings or steps of a task, in the order of their numbers in `surgeon.target`."""
-    names = [target.name for target in task.targets]
-    names += [transfer.ring for transfer in task.transfers]
-    if names:
-        return names
-    if task.guide:
-        return [*STEPS, task.name]
-    return [task.name]
 
 
 def head_of(

@@ -139,7 +139,7 @@ class Operation(LiveConsole):
 
     def _has_jaw(self, hand: str) -> bool:
         """Return whether the gripper of a hand moves a joint of an arm or the jaws of a tool."""
-        if self.task is not None and self.task.procedure is not None:
+        if self.task is not None and not self.task.kind.console:
             return True
         arms = self.table.right if hand == "right" else self.table.left
         for arm in arms:

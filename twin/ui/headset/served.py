@@ -16,10 +16,12 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.units import DEG, MM
-from twin.model import alignment
 from twin.model.movable import together
 from twin.model.scene import Place, Scene
+from twin.model.task import goal_of
 from twin.model.trainer import MODEL
+from twin.simulation.tasks.align import task as alignment
+from twin.simulation.tasks.align.task import Alignment
 from twin.ui.access.responses import File
 from twin.ui.headset import files
 from twin.ui.headset import protocol as wire
@@ -158,8 +160,7 @@ def of_console(
     for place in scene.places:
         robot = robots[place.name]
         about.append(describe(robot, Desk(robot), {}, {}, place) | _FOLLOWS)
-    goal = None if exercise.task is None else exercise.task.alignment
-    props = alignment.beside(loaded.props, goal)
+    props = alignment.beside(loaded.props, goal_of(exercise.task, Alignment))
     return _placed(LoadedScene(scene, robots, props, operation.feed), operation, about)
 
 
@@ -207,10 +208,11 @@ def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[JsonObj
     late: dict[str, File] = {}
     if not isinstance(live, Live):
         late = live.files
-        if live.task is not None and live.task.alignment is not None:
+        goal = goal_of(live.task, Alignment)
+        if goal is not None:
             for camera in described["cameras"]:
                 if camera["name"] == live.table.camera:
-                    camera["line"] = live.task.alignment.line
+                    camera["line"] = goal.line
         described["console"] = live.about
         machines = live.about_machines
         if machines is not None:

@@ -10,12 +10,20 @@ import numpy as np
 from twin.api.console_session import ConsoleSession
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model.alignment import Alignment
+from twin.model.task import goal_of, required_goal
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.session import movement
-from twin.simulation.session.camera_task import AlignMeasures
+from twin.simulation.tasks.align.camera_task import AlignMeasures
+from twin.simulation.tasks.align.play import AlignOutcome
+from twin.simulation.tasks.align.task import Alignment
+from twin.simulation.tasks.guide.play import GuideOutcome
+from twin.simulation.tasks.guide.task import GuideTable
+from twin.simulation.tasks.target.play import TargetOutcome
+from twin.simulation.tasks.target.task import Targets
+from twin.simulation.tasks.transfer.play import BoardOutcome
+from twin.simulation.tasks.transfer.task import Transfers
 from twin.ui.report.curves import thin
 from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, operator, sheet, styled
 
@@ -76,14 +84,15 @@ def _view(ax: Axes, i: int, found: ConsoleSession, arms: list[tuple[str, str]]) 
     if found.training and i == 1:
         _deviation(ax, found)
         return
-    if found.aligned is None or found.task is None or found.task.alignment is None:
+    outcome = found.outcome
+    if not isinstance(outcome, AlignOutcome):
         title, x, y = _VIEWS[i]
         _paths(ax, found, arms, title, x, y)
         return
     if i == 0:
-        _picture(ax, found.aligned, found.task.alignment)
+        _picture(ax, outcome.aligned, outcome.required)
     else:
-        _angle(ax, found, found.aligned, found.task.alignment)
+        _angle(ax, found, outcome.aligned, outcome.required)
 
 
 def _speeds(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
@@ -158,25 +167,25 @@ def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: 
         _path(ax, tip[:, [x, y]], color=color, lw=0.8)
         ax.plot(tip[:1, x], tip[:1, y], "o", ms=5, mfc="none", mec=color)
     legend = ""
-    task = found.task
-    if task is not None and task.targets:
+    outcome = found.outcome
+    if isinstance(outcome, TargetOutcome) and found.task is not None:
         legend = ", cross = target"
-        for target, result in zip(task.targets, found.touched, strict=True):
+        for target, result in zip(required_goal(found.task, Targets).targets, outcome.touched, strict=True):
             marker = "x" if result.t is None else "+"
             for hand, point in target.p_world.items():
                 p = point / MM
                 ax.plot([p[x]], [p[y]], marker, ms=8, mec=_color(arms, hand), mew=1.4)
-    if task is not None and task.transfers:
+    if isinstance(outcome, BoardOutcome) and found.task is not None:
         legend = ", dashed = rings, square = peg"
-        for transfer in task.transfers:
+        for transfer in required_goal(found.task, Transfers).transfers:
             ring = _positions(found, transfer.ring) / MM
             _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
-            peg = found.pegs[transfer.peg].end / MM
+            peg = outcome.pegs[transfer.peg].end / MM
             ax.plot([peg[x]], [peg[y]], "s", ms=5, mfc="none", mec=INK)
-    if found.guided is not None and task is not None and task.guide is not None:
+    if isinstance(outcome, GuideOutcome) and found.task is not None:
         legend = ", dashed = ring, grey = wire"
-        ring = _positions(found, task.guide.ring) / MM
-        wire = found.wire / MM
+        ring = _positions(found, required_goal(found.task, GuideTable).ring) / MM
+        wire = outcome.wire / MM
         ax.plot(wire[:, x], wire[:, y], color=INK, lw=3, alpha=0.35)
         _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
     ax.set_aspect("equal", adjustable="datalim")
@@ -217,13 +226,14 @@ def _rows(found: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
         rows.append(_Band("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
     for hand in HANDS:
         rows.append(_Band(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)))
-    if found.guided is not None and found.task is not None and found.task.guide is not None:
-        ring = found.task.guide.ring
+    guide = goal_of(found.task, GuideTable)
+    if guide is not None:
+        ring = guide.ring
         touches = kept[f"{ring}.rubs"][:, 0] > 0.5
         # the number of the holding instrument; negative: none
         held = kept[f"{ring}.holder"][:, 0] >= 0
         rows.append(_Band("wire touched", touches & held, INK))
-    if found.board is not None or found.guided is not None:
+    if found.task is not None and found.task.kind.grasps:
         # the session has contacts of instruments with props and objects
         for hand, name in arms:
             rows.append(_Band(f"{name} touches", _hits(found, name), _color(arms, hand)))

@@ -23,7 +23,7 @@ from twin.core.spatial import Array
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.movable import Movable
 from twin.model.trainer import MODEL
-from twin.simulation import console_scene, contact_scene, operating_scene
+from twin.simulation import console_scene, operating_scene
 from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
@@ -32,9 +32,7 @@ from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
-from twin.simulation.session import guiding, rings
-from twin.simulation.session.camera_referee import CameraReferee
-from twin.simulation.session.procedure_guide import ProcedureGuide
+from twin.simulation.session.play import LiveReferee, play_of
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Member, Setup
@@ -59,8 +57,6 @@ _OWED = 0.1
 
 _NICE = 10
 """Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
-
-Referee = rings.RingsReferee | guiding.GuidingReferee | CameraReferee | ProcedureGuide
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
 
@@ -122,7 +118,7 @@ class LiveConsole:
         self.device.feel(self.condition.haptics)
         is_procedure = self._setup.procedure is not None
         self.objects: Sequence[Movable] = clips_of(scene.tools) if is_procedure else self._setup.objects
-        is_judged = task is not None and bool(task.grasps or task.alignment or task.procedure)
+        is_judged = task is not None and task.kind.judged
         self._scratch = None
         self._session = exercise.session
         # A report is made from a session file: without a file of the user, a temporary one is recorded.
@@ -171,6 +167,7 @@ class LiveConsole:
             watch.append(packets)
             parts = self.machines.parts
         if referee is not None:
+            assert isinstance(referee, Block), "a referee is a block"
             watch.append(referee)
         if tape is not None:  # the last block: it records what all others have written
             watch.append(tape)
@@ -191,24 +188,11 @@ class LiveConsole:
         self._stopped = ""
         self._over = ""
 
-    def _new_referee(self) -> Referee | None:
+    def _new_referee(self) -> LiveReferee | None:
         """Return the judge of a new attempt at the task; None for a task without one."""
-        task = self.task
-        setup = self._setup
-        if task is None:
+        if self.task is None:
             return None
-        if task.transfers:
-            pegs = contact_scene.pegs(self.scene, setup.props, task)
-            robots = list(console_scene.hands_of(self.scene))
-            return rings.RingsReferee(task, self.objects, pegs, robots, SAMPLE)
-        if task.guide is not None:
-            return guiding.GuidingReferee.of(setup, SAMPLE)
-        if task.alignment is not None:
-            return CameraReferee(self._camera, SAMPLE)
-        if task.procedure is not None:
-            switches = [f"{item.name}.on" for item in self.objects]
-            return ProcedureGuide(setup, switches, console_scene.ORGANS)
-        return None
+        return play_of(self.task).referee(self._setup, self.task, SAMPLE)
 
     def restart(self, client: str) -> None:
         """Begin a new attempt, with objects, robots and measures as at the start of the first attempt.
@@ -222,8 +206,9 @@ class LiveConsole:
         old_recorder = self.recorder
         old_ticks = self.world.tick
         self.planning.reset()
-        if self.task is not None and self.task.procedure is not None:
-            for robot in self.task.procedure.start:
+        procedure = self._setup.procedure
+        if procedure is not None:
+            for robot in procedure.start:
                 self.device.set(f"{robot}.tool", self._first_settings[f"{robot}.tool"])
         self._begin()
         if old_recorder is not None:

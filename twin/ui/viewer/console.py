@@ -19,13 +19,15 @@ from twin.core.errors import TwinError
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.model import alignment
 from twin.model.console import CameraTable
+from twin.model.task import goal_of
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import GripParameters
 from twin.simulation.controllers.pivot import FULCRUMS
+from twin.simulation.tasks.align import task as alignment
+from twin.simulation.tasks.align.task import Alignment
 from twin.ui.session import plan_view
 from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import NO_TASK, Exercise
@@ -120,7 +122,7 @@ class ConsoleFront(ViewerPage):
             self.nodes[item.name] = object_nodes(server, item, poses[item.name][item.name])
         boxes = [n.box for n in self.nodes.values()]
         self.props: RobotNodes | None = None
-        goal = None if exercise.task is None else exercise.task.alignment
+        goal = goal_of(exercise.task, Alignment)
         if goal is not None:
             self._draw_line(server, camera, goal.line)
         if (props := alignment.beside(loaded.props, goal)) is not None:

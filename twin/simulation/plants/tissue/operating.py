@@ -19,7 +19,6 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Frame
 from twin.model.movable import Movable
-from twin.model.procedure import ProcedureTable
 from twin.model.surface import inside, nearest
 from twin.model.tissue import Tissue
 from twin.model.tool import ToolTable
@@ -29,6 +28,7 @@ from twin.simulation.plants.tissue.organs import PERIOD
 from twin.simulation.plants.tissue.plant import Links, Tissues
 from twin.simulation.plants.tissue.sight import Sight
 from twin.simulation.plants.tissue.tubes import Held, Tube
+from twin.simulation.tasks.procedure.task import ProcedureTable
 from twin.simulation.world import Signals
 
 

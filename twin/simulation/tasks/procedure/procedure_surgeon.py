@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,11 +24,8 @@ from twin.simulation.devices.hand import HandMotion, Tremor, minimum_jerk
 from twin.simulation.plants.tissue.operating import Grasped
 from twin.simulation.procedure_scene import TICK
 from twin.simulation.setup import Member, Setup
+from twin.simulation.tasks.procedure.task import KIND, Mistake
 from twin.simulation.world import Block, Signals
-
-Mistake = Literal["", "clip_missed", "wrong_vessel", "organ_punctured", "cut_outside", "bed_left"]
-"""Mistakes on request: a clip beside the vessel; a clip on another vessel; a tip pushed into an organ that must be
-spared; a cut outside the clips; a cell of the bed that is not freed."""
 
 _TRIES = 3
 """Number of attempts at a grasp, a clip, a cut or a cell of the bed before the surgeon goes on."""
@@ -107,7 +104,7 @@ class ProcedureSurgeon(Block):
             WorldError: there is no such mistake, or no robot can carry a tool that is needed.
         """
         if mistake not in get_args(Mistake):
-            raise WorldError(unknown("mistake", mistake, [name for name in get_args(Mistake) if name]))
+            raise WorldError(unknown("mistake", mistake, KIND.mistakes))
         scene = setup.scene
         self.procedure = operating_scene.procedure_of(scene, setup.task)
         self.manner = manner or ProcedureHabits()

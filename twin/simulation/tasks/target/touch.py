@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.model.task import ConsoleTask
+from twin.model.task import ConsoleTask, required_goal
 from twin.simulation.session.movement import runs
+from twin.simulation.tasks.target.task import Targets
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def touched(task: ConsoleTask, t: Array, tips: Mapping[str, Array]) -> list[Touc
     dt = float(t[1] - t[0]) if len(t) > 1 else np.inf
     results = []
     begin = 0
-    for target in task.targets:
+    for target in required_goal(task, Targets).targets:
         distances = []
         for hand, p in target.p_world.items():
             distances.append(np.linalg.norm(tips[hand][begin:] - p, axis=1))

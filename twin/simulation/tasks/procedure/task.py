@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Literal, get_args
 
 from pydantic import Field
 
-from twin.schema import Identifier, Row, Table
+from twin.core.errors import unknown
+from twin.model.task import SceneNames, TaskKind
+from twin.schema import Identifier, Row, Table, error_at
+
+Mistake = Literal["", "clip_missed", "wrong_vessel", "organ_punctured", "cut_outside", "bed_left"]
+"""Mistakes on request: a clip beside the vessel; a clip on another vessel; a tip pushed into an organ that must be
+spared; a cut outside the clips; a cell of the bed that is not freed."""
 
 
 class ProcedureTable(Table):
@@ -41,7 +49,7 @@ class ProcedureTable(Table):
     depth_mm: float = Field(gt=0, le=100)
 
 
-def rows(p: ProcedureTable) -> Iterator[Row]:
+def _rows(p: ProcedureTable) -> Iterator[Row]:
     """Yield (name, value, unit) of each number of a procedure."""
     yield "change", p.change_mm, "mm"
     yield "lift", p.lift_mm, "mm"
@@ -52,3 +60,42 @@ def rows(p: ProcedureTable) -> Iterator[Row]:
     yield "energy of the bed", p.bed_j, "J"
     yield "out", p.out_mm, "mm"
     yield "depth", p.depth_mm, "mm"
+
+
+def _check(path: Path, name: str, procedure: ProcedureTable, scene: SceneNames, robots: Sequence[str]) -> None:
+    """Raise an error if the procedure names something that the scene does not have."""
+    keys = ("task", name, KIND.name)
+    named: list[tuple[str, str, str, Collection[str]]] = [
+        ("organ", "tissue", procedure.organ, scene.tissue),
+        ("vessel", "vessel", procedure.vessel, scene.vessel),
+        ("camera", "camera", procedure.camera, scene.camera),
+    ]
+    for organ in procedure.spare:
+        named.append(("spare", "tissue", organ, scene.tissue))
+    for robot in procedure.start:
+        named.append(("start", "robot", robot, robots))
+    for first_tool in procedure.start.values():
+        named.append(("start", "tool", first_tool, scene.tool))
+    for key, what, value, known in named:
+        if value not in known:
+            raise error_at(path, (*keys, key), unknown(what, value, known))
+    for robot, first_tool in procedure.start.items():
+        carriers = scene.tool[first_tool].robots
+        if robot not in carriers:
+            listed = ", ".join(carriers)
+            message = f"{robot} cannot carry '{first_tool}'; only {listed} can carry it"
+            raise error_at(path, (*keys, "start"), message)
+
+
+KIND = TaskKind(
+    name="procedure",
+    title="a procedure on organs",
+    order=50,
+    field=(ProcedureTable | None, None),
+    rows=_rows,
+    check=_check,
+    console=False,
+    judged=True,
+    mistakes=get_args(Mistake)[1:],
+    package=__package__,
+)

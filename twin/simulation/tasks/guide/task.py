@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, get_args
 
 from pydantic import Field
 
+from twin.model.contact import check_ring, require_contact
+from twin.model.task import SceneNames, TaskKind
 from twin.schema import Identifier, Row, Table
+
+STEPS = ("picked up", "handed over", "guided", "released", "retracted")
+"""Steps of the task, in order."""
+
+Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
+"""Mistakes on request, in the order of the names after "" (none): the first hand opens before the second arm holds the
+ring; the first arm guides the ring itself; the ring is released in the middle of the wire; the ring touches the first
+half of the wire; an instrument is moved into the wall of the dome; the instruments stay in the dome."""
 
 
 class AllowedTable(Table):
@@ -41,7 +53,7 @@ class GuideTable(Table):
     allowed: AllowedTable
 
 
-def rows(table: GuideTable) -> list[Row]:
+def _rows(table: GuideTable) -> list[Row]:
     """Return (name, value, unit) of each number of the table."""
     return [
         ("lift", table.lifted_mm, "mm"),
@@ -51,3 +63,29 @@ def rows(table: GuideTable) -> list[Row]:
         ("allowed drops", table.allowed.drops, "1"),
         ("allowed collisions", table.allowed.collisions, "1"),
     ]
+
+
+def _check(path: Path, name: str, table: GuideTable, scene: SceneNames, robots: Sequence[str]) -> None:
+    """Raise an error if the ring is not in the scene, or if nothing can be touched."""
+    require_contact(path, name, KIND.name, scene.contact)
+    check_ring(path, ("task", name, KIND.name, "ring"), table.ring, scene.object)
+
+
+def _steps(name: str, goal: GuideTable) -> list[str]:
+    return [*STEPS, name]  # the last one is shown after the last step
+
+
+KIND = TaskKind(
+    name="guide",
+    title="a ring to guide along a wire",
+    order=30,
+    field=(GuideTable | None, None),
+    rows=_rows,
+    check=_check,
+    steps=_steps,
+    grasps=True,
+    props=True,
+    judged=True,
+    mistakes=get_args(Mistake)[1:],
+    package=__package__,
+)

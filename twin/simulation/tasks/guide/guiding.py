@@ -17,16 +17,14 @@ from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
 from twin.kinematics import Kinematics
-from twin.model.guide import GuideTable
 from twin.model.movable import Movable
+from twin.model.task import goal_of
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.contact_scene import WireCourse
 from twin.simulation.session.referee import InstrumentReferee, Runs
-from twin.simulation.session.rings import crossing
 from twin.simulation.setup import Setup
-
-STEPS = ("picked up", "handed over", "guided", "released", "retracted")
-"""Steps of the task, in order."""
+from twin.simulation.tasks.guide.task import STEPS, GuideTable
+from twin.simulation.tasks.transfer.rings import crossing
 
 _ENTRY = 0.25
 """Fraction of the wire, from its free end, in which the ring must be put over the wire; ASSUMED."""
@@ -261,9 +259,9 @@ class GuidingReferee(InstrumentReferee):
     @classmethod
     def of(cls, setup: Setup, period: float) -> GuidingReferee:
         """Return the referee of the task in `setup`."""
-        if setup.task is None or setup.task.guide is None:
+        guide = goal_of(setup.task, GuideTable)
+        if setup.task is None or guide is None:
             raise TwinError(f"{setup.label} has no ring to guide")
-        guide = setup.task.guide
         scene = setup.scene
         robots = list(console_scene.hands_of(scene))
         ring = next(item for item in scene.objects if item.name == guide.ring)

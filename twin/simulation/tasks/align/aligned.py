@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.model.alignment import Alignment
+from twin.simulation.tasks.align.task import Alignment
 
 
 def seen_ends(alignment: Alignment, T_world_picture: Array, view: float) -> Array:

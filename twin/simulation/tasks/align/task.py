@@ -18,6 +18,7 @@ from twin.core.units import DEG, MM, linear_rgba
 from twin.model.body import Body, Finish, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
+from twin.model.task import TaskKind
 from twin.schema import Row, Table, Vector, at
 
 BODY = "target"
@@ -166,7 +167,7 @@ def frame(middle: Array, facing: Array, roll: float) -> Array:
     return spatial.pose(R, middle)
 
 
-def alignment(a: AlignTable) -> Alignment:
+def _goal(a: AlignTable) -> Alignment:
     """Return the `Alignment` that a table describes, in SI units."""
     return Alignment(
         frame(np.array(a.position_mm) * MM, np.array(a.facing, float), a.roll_deg * DEG),
@@ -179,7 +180,7 @@ def alignment(a: AlignTable) -> Alignment:
     )
 
 
-def rows(a: AlignTable) -> Iterator[Row]:
+def _rows(a: AlignTable) -> Iterator[Row]:
     """Yield (name, value, unit) of each number of an alignment."""
     yield "rectangle", a.position_mm, "mm"
     for what, (width, height) in (("rectangle", a.size_mm), ("plate", a.plate_mm)):
@@ -190,3 +191,16 @@ def rows(a: AlignTable) -> Iterator[Row]:
     yield "tolerance", a.tolerance_deg, "deg"
     yield "line", a.line, "1"
     yield "tolerance of the line", a.tolerance_line, "1"
+
+
+KIND = TaskKind(
+    name="align",
+    title="a camera to align with a rectangle",
+    order=40,
+    field=(AlignTable | None, None),
+    goal=_goal,
+    rows=_rows,
+    props=True,
+    judged=True,
+    package=__package__,
+)

@@ -14,9 +14,9 @@ from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
 from twin.model.movable import Movable
-from twin.model.task import ConsoleTask
 from twin.simulation.contact_scene import Peg
 from twin.simulation.session.referee import InstrumentReferee, Tone
+from twin.simulation.tasks.transfer.task import Transfers
 from twin.simulation.world import Recording
 
 _FALL = 10 * MM
@@ -90,17 +90,12 @@ class RingsReferee(InstrumentReferee):
     ending = "All rings are on their pegs."
 
     def __init__(
-        self,
-        task: ConsoleTask,
-        objects: Sequence[Movable],
-        pegs: Mapping[str, Peg],
-        robots: Sequence[str],
-        period: float,
+        self, goal: Transfers, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str], period: float
     ) -> None:
         """Begin with no sample.
 
         Args:
-            task: a task with transfers.
+            goal: the rings with their pegs.
             objects: the objects of the scene.
             pegs: {name: peg}.
             robots: the instruments, in the order of the numbers in `<ring>.holder`.
@@ -109,7 +104,7 @@ class RingsReferee(InstrumentReferee):
         super().__init__(robots, period)
         by_name = {item.name: item for item in objects}
         self._rings: list[_Ring] = []
-        for transfer in task.transfers:
+        for transfer in goal.transfers:
             self._rings.append(_Ring(by_name[transfer.ring], pegs[transfer.peg], self._few))
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
@@ -156,10 +151,10 @@ class RingsReferee(InstrumentReferee):
 
 
 def measure(
-    kept: Recording, task: ConsoleTask, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
+    kept: Recording, goal: Transfers, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
 ) -> BoardMeasures:
     """Return the measures of a task with transfers from recorded signals; other arguments: see `RingsReferee`."""
-    referee = RingsReferee(task, objects, pegs, robots, kept.dt)
+    referee = RingsReferee(goal, objects, pegs, robots, kept.dt)
     referee.see_all(kept)
     return referee.measures()
 

@@ -10,12 +10,13 @@ import numpy as np
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.alignment import RECTANGLE, Alignment
 from twin.model.body import Body
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pedals import CAMERA
-from twin.simulation.session import aligned, movement, picture, upper_side
-from twin.simulation.session.picture import ColouredSurface
+from twin.simulation.session import movement
+from twin.simulation.tasks.align import aligned, picture, upper_side
+from twin.simulation.tasks.align.picture import ColouredSurface
+from twin.simulation.tasks.align.task import RECTANGLE, Alignment
 from twin.simulation.world import Recording
 
 AGREE = 0.05 * DEG

@@ -1,6 +1,6 @@
 """A simulated surgeon, with a random seed, who hands a ring over in a dome and guides it along a wire, with two arms.
 
-A planner (`simulation.ways`) computes paths ("ways") into the dome and out of it; the hands follow these paths. The
+A planner (`tasks.guide.ways`) computes paths ("ways") into the dome and out of it; the hands follow these paths. The
 first arm grasps the ring on the tower and brings the ring to the meeting place. The second arm grasps the ring there,
 brings it to the free end of the wire and guides it to the other end. The motion of the hands is in
 `devices.surgeon_hands`; all habits are ASSUMED.
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,12 +23,8 @@ from twin.model.movable import Movable
 from twin.simulation.contact_scene import WireCourse
 from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
-from twin.simulation.ways import Ways
-
-Mistake = Literal["", "dropped", "not_handed_over", "stopped_short", "wire_touched", "wall_hit", "left_inside"]
-"""Mistakes on request, in the order of the names after "" (none): the first hand opens before the second arm holds the
-ring; the first arm guides the ring itself; the ring is released in the middle of the wire; the ring touches the first
-half of the wire; an instrument is moved into the wall of the dome; the instruments stay in the dome."""
+from twin.simulation.tasks.guide.task import KIND, Mistake
+from twin.simulation.tasks.guide.ways import Ways
 
 _TRIES = 3
 """Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""
@@ -101,7 +97,7 @@ class GuidingSurgeon(SurgeonHands):
             WorldError: there is no such mistake.
         """
         if mistake not in get_args(Mistake):
-            raise WorldError(unknown("mistake", mistake, [m for m in get_args(Mistake) if m]))
+            raise WorldError(unknown("mistake", mistake, KIND.mistakes))
         self.ring, self.course, self.mistake, self.manner = ring, course, mistake, GuidingHabits()
         self._first, self._ways, self._seed = first, ways, seat.seed
         (self._second,) = (hand for hand in seat.arms if hand != first)

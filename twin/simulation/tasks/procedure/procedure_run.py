@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from twin.core.errors import WorldError
-from twin.model.procedure import ProcedureTable
 from twin.simulation import console_scene, operating_scene, procedure_scene
-from twin.simulation.devices.procedure_surgeon import Mistake, ProcedureSurgeon
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
 from twin.simulation.session.run import Keep, Progress, Ran, head_of, repeat
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureSurgeon
+from twin.simulation.tasks.procedure.task import Mistake, ProcedureTable
 from twin.simulation.world import Recording, World
 
 _SAMPLE = 8e-3

@@ -12,9 +12,9 @@ from twin.core.units import MM
 from twin.model.tool import Kind
 from twin.simulation.console_scene import hands_of
 from twin.simulation.plants.tissue.operating import Grasped
-from twin.simulation.session.procedure_checks import Closed, ProcedureCheck, ProcedureReferee
 from twin.simulation.session.referee import Event
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.procedure.procedure_checks import Closed, ProcedureCheck, ProcedureReferee
 
 _TITLES = {
     "expose": "Expose the organ",

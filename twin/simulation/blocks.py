@@ -1,0 +1,76 @@
+"""Devices, controllers, plants and hazards that a scene file names, each in a file of its own.
+
+A file in the folders `devices`, `controllers`, `plants` or `hazards` can be named in the sections [device.NAME],
+[controller.NAME], [plant.NAME] and [hazard.NAME] of a scene if it has a function `from_scene`. Another package names
+such a function in its metadata, in the group of entry points `twin.devices`, `twin.controllers`, `twin.plants` or
+`twin.hazards`: `pulse = "pulse_device:from_scene"`.
+
+`from_scene(name, settings, setup)` returns a `Block` or a `Hazard`: `name` is that of the section, `settings` are its
+settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+
+from twin.core.entry_points import entry_points, names
+from twin.core.errors import TwinError, unknown
+from twin.simulation.setup import Setup
+from twin.simulation.world import Block, Hazard
+
+
+def blocks(setup: Setup, folder: str) -> list[Block]:
+    """Return the blocks that a scene names of the folder "devices", "controllers" or "plants", in their order.
+
+    Raises:
+        TwinError: there is no such block, or its settings are wrong.
+    """
+    made = []
+    for block in _made(setup, folder):
+        if not isinstance(block, Block):
+            raise TwinError(f"scene '{setup.scene.name}': {folder}: {block!r} is not a block")
+        made.append(block)
+    return made
+
+
+def hazards(setup: Setup) -> list[Hazard]:
+    """Return the hazards that a scene names, in their order.
+
+    Raises:
+        TwinError: there is no such hazard, or its settings are wrong.
+    """
+    made = []
+    for hazard in _made(setup, "hazards"):
+        if not isinstance(hazard, Hazard):
+            raise TwinError(f"scene '{setup.scene.name}': {hazard!r} is not a hazard")
+        made.append(hazard)
+    return made
+
+
+def _made(setup: Setup, folder: str) -> list[object]:
+    scene = setup.scene
+    made = []
+    for name, table in scene.blocks.get(folder, {}).items():
+        from_scene = _function(folder, table.use)
+        try:
+            made.append(from_scene(name, table.settings, setup))
+        except (TwinError, TypeError, ValueError) as error:
+            raise TwinError(f"{scene.file}: {folder}: '{name}': {error}") from error
+    return made
+
+
+def _function(folder: str, use: str) -> Callable[..., object]:
+    """Return the function `from_scene` of a file, or of an entry point."""
+    package = f"twin.simulation.{folder}"
+    group = f"twin.{folder}"
+    others = entry_points(group)
+    if use in others:
+        found = others[use]
+    elif use in names(package, group):
+        found = getattr(import_module(f"{package}.{use}"), "from_scene", None)
+    else:
+        raise TwinError(unknown(folder.removesuffix("s"), use, names(package, group)))
+    if not callable(found):
+        raise TwinError(f"'{use}' of {folder} cannot be named in a scene: it has no function from_scene")
+    return found

@@ -1,0 +1,1 @@
+"""Tasks with a camera to align with a rectangle."""

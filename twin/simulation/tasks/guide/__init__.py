@@ -1,0 +1,1 @@
+"""Tasks with a ring to guide along a wire."""

@@ -1,0 +1,1 @@
+"""Tasks with rings to bring to pegs."""
