@@ -318,7 +318,7 @@ def test_the_scoreboard_of_a_task_its_end_and_a_restart(theatre):
 
 
 def drag(front, hand, way, ended=True):
-    T = front._at[hand].copy()
+    T = front._T_arrows[hand].copy()
     T[:3, 3] += way
     front.ask(hand, lambda: front._move(hand, "page 1", T, ended))
     return T
@@ -371,7 +371,7 @@ def test_controls_show_what_holds_in_the_world(front):
 def test_a_page_that_is_refused_is_told_once_and_its_arrows_go_back(front, monkeypatch):
     said = []
     monkeypatch.setattr("twin.ui.viewer.loop.tell", lambda server, title, text, bad: said.append(text))
-    go_on(front, lambda: front._rested > 0.3)
+    go_on(front, lambda: front._rest_time > 0.3)
     front.pens.use("page 7")
     go_on(front, lambda: front.console.owner == "page 7")
     for _ in range(3):

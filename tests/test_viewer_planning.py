@@ -85,7 +85,7 @@ def front(page):
     """The page, without hands and without planning."""
     page.console.planning.reset()
     page.pens.release()
-    go_on(page, lambda: page._rested > 0.3)
+    go_on(page, lambda: page._rest_time > 0.3)
     return page
 
 
@@ -239,7 +239,7 @@ def test_a_target_stays_when_the_arm_had_not_reached_its_goal(scene):
         go_on(front, lambda: front.console.reading["hands"]["left"]["wall"])
         assert not np.allclose(front.console.goal("left"), front.console.tool("left"), atol=1e-6)
         T = aim(front, (0.0, 0.002, 0.003))
-        go_on(front, lambda: front._rested > 0.4)
+        go_on(front, lambda: front._rest_time > 0.4)
         np.testing.assert_allclose(front.console.moved("left"), T, atol=1e-6)
 
 

@@ -37,7 +37,7 @@ from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.planning import PlanningPanel
-from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
+from twin.ui.viewer.room import FIRST, OUTSIDE, extent, furnish
 from twin.ui.viewer.score import ScorePanel
 from twin.ui.viewer.trainer import TrainerPanel
 
@@ -50,13 +50,17 @@ CLOSE = np.array([0.15, -0.26, 0.2])
 AWAY = 0.7
 """Factor on the usual distance of the camera in the views from outside, below 1 because the scene is wide and low."""
 
-FAR, CAVITY = 100.0, 0.4
-"""Maximum distances in m from the camera at which objects are drawn: in views of the room; in the endoscope's view, in
-which only the cavity is visible."""
+FAR = 100.0
+"""Maximum distance in m from the camera at which objects are drawn in views of the room."""
 
-BEFORE_LENS, THICK = 0.01, 0.006
-"""Distance in m from the lens to the target line of a camera task; thickness of this line as a fraction of the
-picture's height."""
+CAVITY = 0.4
+"""The same distance in the endoscope's view, in which only the cavity is visible."""
+
+BEFORE_LENS = 0.01
+"""Distance in m from the lens to the target line of a camera task."""
+
+THICK = 0.006
+"""Thickness of this line as a fraction of the picture's height."""
 
 _FELT = 0.05
 """Smallest force on a hand in N that is shown."""
@@ -109,43 +113,46 @@ class ConsoleFront(ViewerPage):
         """
         super().__init__(server, title, stopping)
         self.console = LiveConsole(loaded, exercise)
-        self._fields = None if self.console.feed is None else FieldNodes(server, self.console.feed)
+        self._fields: FieldNodes | None = None
+        if self.console.feed is not None:
+            self._fields = FieldNodes(server, self.console.feed)
         self.pens = Pens(self.console)
         camera = loaded.scene.cameras[self.console.table.camera]
         self._view_angle = camera.view_deg * DEG
         self._poses = poses = self.console.world.frame().link_poses
-        self.nodes = {
-            n: RobotNodes(server, f"/{n}", m.mechanism, poses[n], None if n in self.console.members else BLUE)
-            for n, m in self.console.shown.items()
-        }
+        self.nodes: dict[str, RobotNodes] = {}
+        for name, member in self.console.shown.items():
+            # the model of a machine is a ghost
+            ghost = None if name in self.console.members else BLUE
+            self.nodes[name] = RobotNodes(server, f"/{name}", member.mechanism, poses[name], ghost)
         for item in self.console.objects:
             self.nodes[item.name] = object_nodes(server, item, poses[item.name][item.name])
-        boxes = [n.box for n in self.nodes.values()]
+        boxes = [nodes.box for nodes in self.nodes.values()]
         self.props: RobotNodes | None = None
         goal = goal_of(exercise.task, Alignment)
         if goal is not None:
             self._draw_line(server, camera, goal.line)
-        if (props := alignment.beside(loaded.props, goal)) is not None:
+        props = alignment.beside(loaded.props, goal)
+        if props is not None:
             self.props = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
             boxes.append(self.props.box)
-        found = np.concatenate([corners(b) for b in boxes])
-        low, high = found.min(axis=0), found.max(axis=0)
-        self._middle, self._size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        low, self._middle, self._size = extent(boxes)
         furnish(server, self._middle, self._size, min(0.0, float(low[2])))
-        self._shown = self._row()
-        self._rested = 0.0
+        self._shown = self.console.state_row()
+        self._rest_time = 0.0
         self._left_to_settle: set[str] = set()
-        self._at = {hand: self.console.moved(hand) for hand in HANDS}
+        self._T_arrows = {hand: self.console.moved(hand) for hand in HANDS}
         self._dragged: set[str] = set()
         self._touched: dict[str, float] = {}
         self._written: JsonObject = {}
         self._through: set[int] = set()
-        self._viewed = np.zeros((4, 4))
+        self._T_endoscope = np.zeros((4, 4))
         self.arrows = {hand: self._arrows(hand) for hand in HANDS}
         self._panel()
-        eye, at, _ = self.camera("close")
-        server.initial_camera.position, server.initial_camera.look_at = eye, at
-        server.on_client_disconnect(lambda client: self.ask(f"gone {client.client_id}", lambda: self._gone(client)))
+        eye, target, _ = self.camera("close")
+        server.initial_camera.position = eye
+        server.initial_camera.look_at = target
+        server.on_client_disconnect(lambda client: self.ask(f"gone {client.client_id}", lambda: self._forget(client)))
 
     # -- the loop -------------------------------------------------------------------------------------
 
@@ -154,9 +161,12 @@ class ConsoleFront(ViewerPage):
         self.pens.say(passed)
         for text in self.console.advance(passed):
             self.say(text, bad=True)
-        row = self._row()
+        row = self.console.state_row()
         moved = bool(np.abs(row - self._shown).max() > STILL)
-        self._rested = 0.0 if moved or wished or not self.pens.settled else self._rested + passed
+        if moved or wished or not self.pens.settled:
+            self._rest_time = 0.0
+        else:
+            self._rest_time += passed
         if moved:
             self._shown = row
             self._poses = self.console.world.frame().link_poses
@@ -164,7 +174,7 @@ class ConsoleFront(ViewerPage):
                 nodes.write(self._poses[name])
         if self._fields is not None and self._fields.follow(lambda robot: self._poses[robot], passed):
             self._bend(self._fields)
-        if self._rested > RESTS:
+        if self._rest_time > RESTS:
             for hand in self._left_to_settle - self._dragged:
                 self.pens.settle(hand)
             self._left_to_settle &= self._dragged
@@ -174,8 +184,9 @@ class ConsoleFront(ViewerPage):
 
     def _bend(self, fields: FieldNodes) -> None:
         """Show the deformables, and a notice of their first error."""
-        if wrong := fields.show(self.console.world.t):
-            self.say(wrong, bad=True)
+        error = fields.show(self.console.world.t)
+        if error:
+            self.say(error, bad=True)
 
     def close(self) -> None:
         """Release the hands and the port."""
@@ -183,15 +194,10 @@ class ConsoleFront(ViewerPage):
         self.console.close()
         super().close()
 
-    def _row(self) -> Array:
-        signals, items = self.console.world.signals, self.console.objects
-        poses = [signals[f"{item.name}.pose"] for item in items]
-        return np.concatenate([*(signals[f"{n}.q"] for n in self.console.shown), *poses])
-
     # -- arrows ---------------------------------------------------------------------------------------
 
     def _arrows(self, hand: str) -> viser.TransformControlsHandle:
-        T = self._at[hand]
+        T = self._T_arrows[hand]
         arrows = self.server.scene.add_transform_controls(
             f"/hands/{hand}",
             scale=ARROWS,
@@ -206,13 +212,16 @@ class ConsoleFront(ViewerPage):
             if event.client is None:
                 return
             R = spatial.matrix_from_quat_wxyz(np.array(event.target.wxyz))
-            T, client, phase = spatial.pose(R, np.array(event.target.position)), _name(event.client), event.phase
-            self.ask(hand, lambda: self._move(hand, client, T, phase == "end"))
+            T = spatial.pose(R, np.array(event.target.position))
+            client = _name(event.client)
+            ended = event.phase == "end"
+            self.ask(hand, lambda: self._move(hand, client, T, ended))
 
         return arrows
 
     def _move(self, hand: str, client: str, T: Array, ended: bool) -> None:
-        T_old, self._at[hand] = self._at[hand], T
+        T_old = self._T_arrows[hand]
+        self._T_arrows[hand] = T
         self._dragged.discard(hand)
         self.pens.move(client, hand, T_old, T)
         self._left_to_settle.add(hand)
@@ -225,12 +234,14 @@ class ConsoleFront(ViewerPage):
             if hand in self._dragged or hand in self._left_to_settle or self.wished(hand):
                 continue
             T = self.console.moved(hand)
-            if np.array_equal(T, self._at[hand]):
+            if np.array_equal(T, self._T_arrows[hand]):
                 continue
-            self._at[hand] = T
-            arrows.position, arrows.wxyz = T[:3, 3], spatial.quat_from_matrix_wxyz(T[:3, :3])
+            self._T_arrows[hand] = T
+            arrows.position = T[:3, 3]
+            arrows.wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
 
-    def _gone(self, client: viser.ClientHandle) -> None:
+    def _forget(self, client: viser.ClientHandle) -> None:
+        """Release the hands if the browser that has closed the page controlled them."""
         self._through.discard(client.client_id)
         if self.pens.client == _name(client):
             self._dragged.clear()
@@ -256,30 +267,41 @@ class ConsoleFront(ViewerPage):
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
         """Return (camera position, target, up vector) of a view, each (3,) in m in the World."""
-        up, tools = np.array([0.0, 0.0, 1.0]), [self.console.tool(h)[:3, 3] for h in HANDS]
         if view == "endoscope":
             T = self.console.view
-            return T[:3, 3], T[:3, 3] - 0.08 * T[:3, 2], T[:3, 1]
+            lens = T[:3, 3]
+            # the camera looks against the z axis of the picture
+            return lens, lens - 0.08 * T[:3, 2], T[:3, 1]
+        up = np.array([0.0, 0.0, 1.0])
         if view == "close":
+            tools = [self.console.tool(hand)[:3, 3] for hand in HANDS]
             middle = np.mean(tools, axis=0)
             return middle + CLOSE, middle, up
         return self._middle + AWAY * self._size * OUTSIDE[view], self._middle, up
 
     def look(self, view: str, client: viser.ClientHandle) -> None:
         """Move the camera of a browser to a view; in the endoscope's view, the camera follows the endoscope."""
-        inside = view == "endoscope"
-        (self._through.add if inside else self._through.discard)(client.client_id)
-        eye, at, up = self.camera(view)
+        eye, target, up = self.camera(view)
         with client.atomic():
             client.camera.up_direction = up
-            client.camera.position, client.camera.look_at = eye, at
-            client.camera.fov = self._view_angle if inside else FIRST * DEG
-            client.camera.near, client.camera.far = (0.001, CAVITY) if inside else (0.01, FAR)
+            client.camera.position = eye
+            client.camera.look_at = target
+            if view == "endoscope":
+                self._through.add(client.client_id)
+                client.camera.fov = self._view_angle
+                client.camera.near = 0.001
+                client.camera.far = CAVITY
+            else:
+                self._through.discard(client.client_id)
+                client.camera.fov = FIRST * DEG
+                client.camera.near = 0.01
+                client.camera.far = FAR
 
     def _look_through(self) -> None:
-        if np.array_equal(self.console.view, self._viewed):
+        """Move the cameras of the browsers with the endoscope's view to the endoscope."""
+        if np.array_equal(self.console.view, self._T_endoscope):
             return
-        self._viewed = self.console.view.copy()
+        self._T_endoscope = self.console.view.copy()
         for client in self.server.get_clients().values():
             if client.client_id in self._through:
                 self.look("endoscope", client)
@@ -287,7 +309,8 @@ class ConsoleFront(ViewerPage):
     # -- controls -------------------------------------------------------------------------------------
 
     def _panel(self) -> None:
-        gui, pens = self.server.gui, self.pens
+        gui = self.server.gui
+        pens = self.pens
         gui.set_panel_label(self.title)
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
@@ -316,22 +339,23 @@ class ConsoleFront(ViewerPage):
         with gui.add_folder("Instruments"):
             self._scale = gui.add_slider("motion scale", *SCALE, 0.01, self.console.table.scale)
             self._on(self._scale, "scale", self.console.rescale)
-            self._jaws = {
-                hand: gui.add_slider(f"{hand} jaw [% open]", 0, 100, 1, 0, hint=self.console.arm(hand))
-                for hand in HANDS
-            }
-            for hand, slider in self._jaws.items():
+            self._jaws = {}
+            for hand in HANDS:
+                slider = gui.add_slider(f"{hand} jaw [% open]", 0, 100, 1, 0, hint=self.console.arm(hand))
+                self._jaws[hand] = slider
                 self._on(slider, f"jaw {hand}", lambda client, v, hand=hand: pens.squeeze(client, hand, v / 100))
         self._haptics = gui.add_checkbox("forces", self.console.reading["haptics"], hint="Forces on the hands")
         self._on(self._haptics, "haptics", self.console.feel)
         self._choices(gui)
         with gui.add_folder("Camera"):
-            limits, at = drag(self.console.table), self.console.camera_at
-            self._camera = [
-                gui.add_slider(name, low / unit, high / unit, step, _rounded(x, unit, step))
-                for (name, unit, step), low, high, x in zip(_CAMERA, limits.lower, limits.upper, at, strict=True)
-            ]
-            for k, (slider, (_, unit, _)) in enumerate(zip(self._camera, _CAMERA, strict=True)):
+            limits = drag(self.console.table)
+            values = self.console.camera_at
+            self._camera = []
+            for k, (name, unit, step) in enumerate(_CAMERA):
+                low = limits.lower[k] / unit
+                high = limits.upper[k] / unit
+                slider = gui.add_slider(name, low, high, step, _rounded(values[k], unit, step))
+                self._camera.append(slider)
                 self._on(slider, f"aim {k}", lambda client, v, k=k, unit=unit: pens.aim(client, k, v * unit))
         let_go = gui.add_button(
             "Release the hands", hint="Let other clients use the hands; also happens after 5 s without use"
@@ -345,13 +369,15 @@ class ConsoleFront(ViewerPage):
     def _choices(self, gui: viser.GuiApi) -> None:
         """Add the controls for the fulcrum and for the tools, if the scene has them."""
         self._tools: JsonObject = {}
-        tools = {t.title: name for name, t in self.console.scene.tools.items()}
-        for hand in HANDS if tools else ():
-            choice = gui.add_dropdown(f"tool of the {hand} hand", list(tools), initial_value=self._tool(hand))
-            self._on(choice, f"tool {hand}", lambda c, v, hand=hand: self.console.take_tool(c, hand, tools[v]))
-            self._tools[hand] = choice
+        tools = {tool.title: name for name, tool in self.console.scene.tools.items()}
+        if tools:
+            for hand in HANDS:
+                choice = gui.add_dropdown(f"tool of the {hand} hand", list(tools), initial_value=self._tool(hand))
+                self._on(choice, f"tool {hand}", lambda c, v, hand=hand: self.console.take_tool(c, hand, tools[v]))
+                self._tools[hand] = choice
         self._direct = None
-        if (fulcrum := self.console.reading["fulcrum"]) is not None:
+        fulcrum = self.console.reading["fulcrum"]
+        if fulcrum is not None:
             self._direct = gui.add_checkbox(
                 "direct fulcrum", fulcrum == "direct", hint="The hands move the outer ends of the instruments"
             )
@@ -377,7 +403,8 @@ class ConsoleFront(ViewerPage):
         def changed(event: viser.GuiEvent) -> None:
             if event.client is None:
                 return
-            client, value = _name(event.client), control.value
+            client = _name(event.client)
+            value = control.value
             self._touched[kind] = self.now
             self.ask(kind, lambda: wish(client, value))
 
@@ -403,37 +430,46 @@ class ConsoleFront(ViewerPage):
 
     def _felt(self) -> list[tuple[str, str]]:
         """Return [(tone, text)] on the forces on the hands; [] without a force."""
-        sizes = {hand: float(np.linalg.norm(force)) for hand, force in self.console.forces().items()}
-        text = ", ".join(f"{hand} {size:.1f} N" for hand, size in sizes.items() if size >= _FELT)
-        return [("warn", f"Force: {text}")] if text else []
+        texts = []
+        for hand, force in self.console.forces().items():
+            size = float(np.linalg.norm(force))
+            if size >= _FELT:
+                texts.append(f"{hand} {size:.1f} N")
+        if not texts:
+            return []
+        return [("warn", f"Force: {', '.join(texts)}")]
 
     def _show(self) -> None:
         """Set the controls to the values in the World, and show the status."""
         pens = self.pens
+        reading = self.console.reading
         self._set(self._clutch, "clutch", pens.clutch)
         self._set(self._pedal, "camera pedal", pens.camera)
-        self._set(self._haptics, "haptics", self.console.reading["haptics"])
+        self._set(self._haptics, "haptics", reading["haptics"])
         for hand, choice in self._tools.items():
             self._set(choice, f"tool {hand}", self._tool(hand))
         if self._direct is not None:
-            self._set(self._direct, "fulcrum", self.console.reading["fulcrum"] == "direct")
-        self._set(self._scale, "scale", self.console.reading["scale"], 0.005)
+            self._set(self._direct, "fulcrum", reading["fulcrum"] == "direct")
+        self._set(self._scale, "scale", reading["scale"], 0.005)
         for hand, slider in self._jaws.items():
-            self._set(slider, f"jaw {hand}", round(100 * pens.pens[hand].grip / GripParameters().travel), 0.5)
-        for k, (slider, (_, unit, step), x) in enumerate(
-            zip(self._camera, _CAMERA, self.console.camera_at, strict=True)
-        ):
+            percent_open = round(100 * pens.pens[hand].grip / GripParameters().travel)
+            self._set(slider, f"jaw {hand}", percent_open, 0.5)
+        values = self.console.camera_at
+        for k, slider in enumerate(self._camera):
+            _, unit, step = _CAMERA[k]
             if pens.aims:
                 self._written.pop(f"aim {k}", None)
             else:
-                self._set(slider, f"aim {k}", _rounded(x, unit, step), step / 2)
-        hands = [hand_text(self.console.reading, hand) for hand in HANDS]
-        planned = plan_view.status(self.console.reading["plan"], self.console.planning.preview)
-        said = "".join(
-            f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
-            for tone, text in (status(self.console.reading, planned), *hands, *self._felt())
-        )
-        self._status.content = said
+                self._set(slider, f"aim {k}", _rounded(values[k], unit, step), step / 2)
+        planned = plan_view.status(reading["plan"], self.console.planning.preview)
+        lines = [status(reading, planned)]
+        for hand in HANDS:
+            lines.append(hand_text(reading, hand))
+        lines += self._felt()
+        html = ""
+        for tone, text in lines:
+            html += f"<div style='padding:0 1em .4em;color:{_TONES[tone]}'>{escape(text)}</div>"
+        self._status.content = html
         self._planning.show(self.now)
         if self._trainer is not None:
             self._trainer.show(self.console.world.t)
@@ -445,14 +481,16 @@ class ConsoleFront(ViewerPage):
 
         A control that a user has just changed is not set.
         """
-        if (
-            value == self._written.get(kind)
-            or self.wished(kind)
-            or self.now - self._touched.get(kind, -np.inf) < TOUCHED
-        ):
+        if value == self._written.get(kind) or self.wished(kind):
+            return
+        if self.now - self._touched.get(kind, -np.inf) < TOUCHED:
             return
         self._written[kind] = value
-        if control.value != value if isinstance(value, str) else abs(control.value - value) > apart:
+        if isinstance(value, str):
+            differs = control.value != value
+        else:
+            differs = abs(control.value - value) > apart
+        if differs:
             control.value = value
 
 
@@ -470,8 +508,13 @@ def status(reading: JsonMapping, planned: tuple[str, str] | None = None) -> tupl
     The tone is "good", "warn", "bad" or "plain". `planned` is the status (tone, text) of planning mode; None: no
     status.
     """
-    moved = [h["robot"] for h in reading["hands"].values() if h["follows"]]
-    walls = [f"{h['robot']}: {h['wall']}" for h in reading["hands"].values() if h["wall"]]
+    moved = []
+    walls = []
+    for hand in reading["hands"].values():
+        if hand["follows"]:
+            moved.append(hand["robot"])
+        if hand["wall"]:
+            walls.append(f"{hand['robot']}: {hand['wall']}")
     if reading["stopped"]:
         return "bad", f"The simulation has stopped: {reading['stopped']}"
     if reading["task"] and reading["task"]["over"]:
@@ -497,9 +540,16 @@ def status(reading: JsonMapping, planned: tuple[str, str] | None = None) -> tupl
 
 def hand_text(reading: JsonMapping, hand: str) -> tuple[str, str]:
     """Return (tone, text) on one hand: its robot, and whether the robot follows, is at rest or is at a limit."""
-    now = reading["hands"][hand]
+    state = reading["hands"][hand]
     plan = reading["plan"]
-    aims = plan is not None and plan["phase"] == "aim" and now["follows"]
-    doing = now["wall"] or ("is at rest; its target follows" if aims else "follows" if now["follows"] else "is at rest")
-    tone = "warn" if now["wall"] else "good" if now["follows"] else "plain"
-    return tone, f"{hand.capitalize()} hand: {now['robot']} {doing}"
+    tone = "plain"
+    motion = "is at rest"
+    if state["follows"]:
+        tone = "good"
+        motion = "follows"
+        if plan is not None and plan["phase"] == "aim":
+            motion = "is at rest; its target follows"
+    if state["wall"]:
+        tone = "warn"
+        motion = state["wall"]
+    return tone, f"{hand.capitalize()} hand: {state['robot']} {motion}"

@@ -16,7 +16,10 @@ from twin.model.movable import Movable
 from twin.ui.session.shapes import Look, behind, looks
 from twin.ui.viewer.frames import FrameWriter
 
-GREEN, RED, ORANGE, BLUE = (38, 150, 90), (225, 0, 0), (255, 120, 20), (40, 110, 220)
+GREEN = (38, 150, 90)
+RED = (225, 0, 0)
+ORANGE = (255, 120, 20)
+BLUE = (40, 110, 220)
 _GHOST_OPACITY = 0.28
 
 
@@ -44,13 +47,16 @@ class RobotNodes:
         poses: Mapping[str, Array],
         ghost: tuple[int, int, int] | None = None,
     ) -> None:
-        self._server, self._path, self._mechanism = server, path, mechanism
+        self._server = server
+        self._path = path
+        self._mechanism = mechanism
         scene = server.scene
         self.root = scene.add_frame(path, show_axes=False)
         self.bodies: dict[str, viser.FrameHandle] = {}
         self.meshes: list[tuple[str, viser.MeshHandle]] = []
         self._looks: list[tuple[str, Look]] = []
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        low = np.full(3, np.inf)
+        high = np.full(3, -np.inf)
         with server.atomic():
             for body in mechanism.bodies:
                 place = f"{path}/{body.name}"
@@ -73,9 +79,14 @@ class RobotNodes:
                     )
                     self.meshes.append((body.name, handle))
                     self._looks.append((body.name, look))
-                    world = vertices @ T[:3, :3].T + T[:3, 3]
-                    low, high = np.minimum(low, world.min(axis=0)), np.maximum(high, world.max(axis=0))
-        self.box = np.array([low, high]) if np.isfinite(low).all() else np.array([[-0.2] * 3, [0.2] * 3])
+                    points = vertices @ T[:3, :3].T + T[:3, 3]
+                    low = np.minimum(low, points.min(axis=0))
+                    high = np.maximum(high, points.max(axis=0))
+        # a robot without meshes has a box, too, so that there is a view of it
+        if not np.isfinite(low).all():
+            low = np.full(3, -0.2)
+            high = np.full(3, 0.2)
+        self.box = np.array([low, high])
         self.size = float(np.linalg.norm(self.box[1] - self.box[0]))
         self._writer = FrameWriter(server, list(self.bodies.values()))
         self._extras: dict[str, list[viser.SceneNodeHandle]] = {}
@@ -84,23 +95,25 @@ class RobotNodes:
     def write(self, poses: Mapping[str, Array]) -> None:
         """Show link poses T_base_body (4, 4), by body; all poses are sent as one frame."""
         Ts = np.array([poses[name] for name in self.bodies])
-        self._writer.write(Ts[:, :3, 3], np.array([spatial.quat_from_matrix_wxyz(T[:3, :3]) for T in Ts]))
+        self._writer.write(Ts[:, :3, 3], spatial.quat_from_matrix_wxyz(Ts[:, :3, :3]))
 
     def place(self, T_world_base: Array, scale: float) -> None:
         """Set pose and display scale of the whole robot; child nodes remain in m."""
-        self.root.position, self.root.scale = T_world_base[:3, 3], scale
+        self.root.position = T_world_base[:3, 3]
+        self.root.scale = scale
         self.root.wxyz = spatial.quat_from_matrix_wxyz(T_world_base[:3, :3])
 
     def to_base(self, p_world: Array) -> Array:
         """Convert a point (3,) from the displayed world, which has the display scale, to the base frame in m."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz)), self.root.position
-        return T[:3, :3].T @ (np.asarray(p_world, float) - T[:3, 3]) / float(np.atleast_1d(self.root.scale)[0])
+        R = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz))
+        scale = float(np.atleast_1d(self.root.scale)[0])
+        return R.T @ (np.asarray(p_world, float) - np.asarray(self.root.position, float)) / scale
 
     def to_world(self, p_base: Array) -> Array:
         """Convert a point (3,) from the base frame in m to the displayed world, which has the display scale."""
         R = spatial.matrix_from_quat_wxyz(np.asarray(self.root.wxyz))
-        return np.asarray(self.root.position) + float(np.atleast_1d(self.root.scale)[0]) * R @ p_base
+        scale = float(np.atleast_1d(self.root.scale)[0])
+        return np.asarray(self.root.position) + scale * R @ p_base
 
     def show(self, visible: bool) -> None:
         """Show or hide the whole robot."""
@@ -117,11 +130,14 @@ class RobotNodes:
         """Show or hide the names of the links."""
 
         def make() -> list[viser.SceneNodeHandle]:
-            middles: dict[str, Array] = {}
+            handles: dict[str, viser.SceneNodeHandle] = {}
             for body, (vertices, *_) in self._looks:
-                middles.setdefault(body, 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))
-            scene = self._server.scene
-            return [scene.add_label(f"{self._path}/{b}/label", b, position=p) for b, p in middles.items()]
+                # the label of a body is in the middle of its first mesh
+                if body not in handles:
+                    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+                    path = f"{self._path}/{body}/label"
+                    handles[body] = self._server.scene.add_label(path, body, position=middle)
+            return list(handles.values())
 
         self._toggle("labels", visible, make)
 
@@ -160,15 +176,20 @@ class RobotNodes:
             agrees: whether equations and mechanism agree; the lines are then green, otherwise red.
             exaggerated: factor by which the differences between `points` and `actual` are drawn larger.
         """
-        owner = {p.name: p.body for p in self._mechanism.points}
-        known = [n for n in points if n in owner and n in actual and np.isfinite(points[n]).all()]
-        points = {n: actual[n] + exaggerated * (points[n] - actual[n]) for n in known}
-        pairs = [(a, b) for a, b in combinations(known, 2) if owner[a] == owner[b]]
-        if not pairs:
+        owner = {point.name: point.body for point in self._mechanism.points}
+        drawn: dict[str, Array] = {}
+        for name, position in points.items():
+            if name in owner and name in actual and np.isfinite(position).all():
+                drawn[name] = actual[name] + exaggerated * (position - actual[name])
+        ends = []
+        for a, b in combinations(drawn, 2):
+            if owner[a] == owner[b]:
+                ends.append([drawn[a], drawn[b]])
+        if not ends:
             if self._equations is not None:
                 self._equations.visible = False
             return
-        segments = np.array([[points[a], points[b]] for a, b in pairs], np.float32)
+        segments = np.array(ends, np.float32)
         color = np.array(GREEN if agrees else RED, np.uint8)
         if self._equations is None or len(self._equations.points) != len(segments):
             self._equations = self._server.scene.add_line_segments(
@@ -186,14 +207,17 @@ class RobotNodes:
         None, the whole robot is shown. `poses` are the link poses T_base_body (4, 4).
         """
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
-            shown, faces = vertices, triangles
+            shown = vertices
+            faces = triangles
             if point is not None:
                 T = poses[body]
-                shown, faces = behind(vertices, triangles, T[:3, :3].T @ (point - T[:3, 3]), T[:3, :3].T @ normal)
+                R = T[:3, :3]
+                shown, faces = behind(vertices, triangles, R.T @ (point - T[:3, 3]), R.T @ normal)
             with self._server.atomic():
                 handle.visible = bool(len(faces))
                 if len(faces):
-                    handle.vertices, handle.faces = shown.astype(np.float32), faces
+                    handle.vertices = shown.astype(np.float32)
+                    handle.faces = faces
                     handle.side = "double" if point is not None else "front"
 
     def remove(self) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
+
 import numpy as np
 import viser
 
@@ -21,7 +24,15 @@ OUTSIDE = {
 
 def corners(box: Array) -> Array:
     """Return the corners (8, 3) of a box, given as (2, 3): lowest and highest corner."""
-    return np.array([[box[i, 0], box[j, 1], box[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    return np.array(list(itertools.product(*np.transpose(box))))
+
+
+def extent(boxes: Iterable[Array]) -> tuple[Array, Array, float]:
+    """Return lowest corner (3,), middle (3,) and diagonal of the box around boxes (2, 3)."""
+    points = np.concatenate([corners(box) for box in boxes])
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    return low, 0.5 * (low + high), float(np.linalg.norm(high - low))
 
 
 def furnish(server: viser.ViserServer, middle: Array, size: float, floor: float) -> viser.GridHandle:

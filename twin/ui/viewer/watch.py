@@ -22,7 +22,7 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.viewer.console import AWAY, hand_text, status
 from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
-from twin.ui.viewer.room import OUTSIDE, corners, furnish
+from twin.ui.viewer.room import OUTSIDE, extent, furnish
 
 OBJECTS = "objects"
 """Key of the poses of movable objects in a frame of a stream."""
@@ -79,45 +79,56 @@ class WatchFront(ViewerPage):
         """
         super().__init__(server, title, stopping)
         self.stream = stream
-        self._places = {p.name: p.T_world_base for p in (*loaded.scene.places, *loaded.scene.models)}
-        homes = {n: r.reference().home().link_poses for n, r in loaded.robots.items()}
-        self.nodes = {
-            n: RobotNodes(server, f"/{n}", r.mechanism, {b: self._places[n] @ T for b, T in homes[n].items()})
-            for n, r in loaded.robots.items()
-        }
+        scene = loaded.scene
+        self._places = {place.name: place.T_world_base for place in (*scene.places, *scene.models)}
+        self.nodes: dict[str, RobotNodes] = {}
+        boxes = []
+        for name, robot in loaded.robots.items():
+            home = robot.reference().home().link_poses
+            poses = {body: self._places[name] @ T for body, T in home.items()}
+            self.nodes[name] = RobotNodes(server, f"/{name}", robot.mechanism, poses)
+            boxes.append(self.nodes[name].box)
         # a server with machines also shows their models
-        self._models = {p.name: loaded.robots[p.name.removesuffix(MODEL)].mechanism for p in loaded.scene.models}
-        boxes = [n.box for n in self.nodes.values()]
-        if (props := loaded.props) is not None:
+        self._models = {}
+        for model in scene.models:
+            self._models[model.name] = loaded.robots[model.name.removesuffix(MODEL)].mechanism
+        props = loaded.props
+        if props is not None:
             drawn = RobotNodes(server, f"/{props.name}", props, ReferenceModel(props).home().link_poses)
             boxes.append(drawn.box)
             for body, handle in drawn.meshes:
                 handle.opacity = 0.3 if body == "patient" else None
-        known = {item.name: item for item in (*loaded.scene.objects, *clips_of(loaded.scene.tools))}
-        if strange := [*(set(stream.objects) - set(known)), *(set(stream.robots) - set(self._places))]:
-            raise TwinError(f"the server shows {', '.join(sorted(strange))}, which the scene's files here do not have")
-        self._objects = {n: object_nodes(server, known[n], np.eye(4)) for n in stream.objects}
+        known = {item.name: item for item in (*scene.objects, *clips_of(scene.tools))}
+        unknown = [*(set(stream.objects) - set(known)), *(set(stream.robots) - set(self._places))]
+        if unknown:
+            raise TwinError(f"the server shows {', '.join(sorted(unknown))}, which the scene's files here do not have")
+        self._objects = {name: object_nodes(server, known[name], np.eye(4)) for name in stream.objects}
         self._meshes: dict[str, viser.MeshHandle] = {}
-        found = np.concatenate([corners(b) for b in boxes])
-        low, high = found.min(axis=0), found.max(axis=0)
-        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        low, middle, size = extent(boxes)
         furnish(server, middle, size, min(0.0, float(low[2])))
-        away = next(iter(OUTSIDE.values()))
-        server.initial_camera.position, server.initial_camera.look_at = middle + AWAY * size * away, middle
+        server.initial_camera.position = middle + AWAY * size * OUTSIDE["overview"]
+        server.initial_camera.look_at = middle
         server.gui.set_panel_label(title)
         self._status = server.gui.add_html("")
 
     def frame(self, passed: float, wished: bool) -> None:
         """Show the newest frame and the state."""
-        if (shown := self.stream.take()) is not None:
-            self._draw(*shown)
+        frame = self.stream.take()
+        if frame is not None:
+            self._draw(*frame)
         reading = self.stream.reading
-        lines = [self.stream.problem] if self.stream.problem else []
+        lines = []
+        if self.stream.problem:
+            lines.append(self.stream.problem)
         if reading is not None:
-            lines += [status(reading)[1], *(hand_text(reading, hand)[1] for hand in reading["hands"])]
-            lines += [f"Tool of {h['robot']}: {h['tool']}" for h in reading["hands"].values() if "tool" in h]
-        said = "".join(f"<div style='padding:0 1em .4em'>{escape(line)}</div>" for line in lines)
-        self._status.content = said
+            lines.append(status(reading)[1])
+            tools = []
+            for hand, state in reading["hands"].items():
+                lines.append(hand_text(reading, hand)[1])
+                if "tool" in state:
+                    tools.append(f"Tool of {state['robot']}: {state['tool']}")
+            lines += tools
+        self._status.content = "".join(f"<div style='padding:0 1em .4em'>{escape(line)}</div>" for line in lines)
 
     def close(self) -> None:
         """End the connection, and release the port."""
@@ -130,8 +141,8 @@ class WatchFront(ViewerPage):
         for robot, poses in links.items():
             if robot == OBJECTS:
                 continue
-            T = self._places[robot]
-            placed = {n: T @ pose for n, pose in poses.items()}
+            T_world_base = self._places[robot]
+            placed = {name: T_world_base @ T for name, T in poses.items()}
             if robot in self._models and robot not in self.nodes:
                 self.nodes[robot] = RobotNodes(self.server, f"/{robot}", self._models[robot], placed, BLUE)
             self.nodes[robot].write(placed)
