@@ -479,7 +479,7 @@ def test_a_motion_is_planned_and_made_on_the_page(look):
     plan_here(front.console, "psm2")
     page.get_by_role("button", name="left hand").click()
     until(lambda: mode.phase == "aim" and mode.ready, "the target")
-    T = front._at["left"].copy()
+    T = front._T_arrows["left"].copy()
     T[:3, 3] += 0.004 * front.console.view[:3, 0]
     front.ask("left", lambda: front._move("left", "page 1", T, True))
     until(lambda: np.allclose(front.console.moved("left"), T, atol=1e-6), "the moved target")

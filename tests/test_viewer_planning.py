@@ -111,8 +111,8 @@ def aim(front, way):
     """Move the target of the left arm by a way in m in the World."""
     if front.console.planning.phase != "aim":
         press(front, "Target")
-        go_on(front, lambda: np.allclose(front._at["left"], front.console.moved("left"), atol=1e-9))
-    T = front._at["left"].copy()
+        go_on(front, lambda: np.allclose(front._T_arrows["left"], front.console.moved("left"), atol=1e-9))
+    T = front._T_arrows["left"].copy()
     T[:3, 3] += way
     front.ask("left", lambda: front._move("left", "page 1", T, True))
     go_on(front, lambda: np.allclose(front.console.moved("left"), T, atol=1e-6))
@@ -233,7 +233,7 @@ def test_what_is_refused_is_told(front, monkeypatch):
 @pytest.mark.slow
 def test_a_target_stays_when_the_arm_had_not_reached_its_goal(scene):
     with opened(scene) as front:
-        at = front._at["left"].copy()
+        at = front._T_arrows["left"].copy()
         at[2, 3] -= 0.5
         front.ask("left", lambda: front._move("left", "page 1", at, True))
         go_on(front, lambda: front.console.reading["hands"]["left"]["wall"])

@@ -118,19 +118,27 @@ class Front(ViewerPage):
         feed: Feed | None = None,
     ) -> None:
         super().__init__(server, title, stopping)
-        self.actors, self.hand = actors, actors[0]
-        self.local, self.terminal = local, terminal
+        self.actors = actors
+        self.hand = actors[0]
+        self.local = local
+        self.terminal = terminal
         self.clock = Clock()
-        self.feed, self._fields = feed, None if feed is None else FieldNodes(server, feed)
-        self.clock.duration = 0.0 if feed is None else feed.duration
-        self.nodes = {
-            a.name: RobotNodes(self.server, f"/{a.name}", a.desk.mechanism, a.desk.assembly.link_poses) for a in actors
-        }
+        self.feed = feed
+        self._fields: FieldNodes | None = None
+        self.clock.duration = 0.0
+        if feed is not None:
+            self._fields = FieldNodes(server, feed)
+            self.clock.duration = feed.duration
+        self.nodes: dict[str, RobotNodes] = {}
+        for a in actors:
+            poses = a.desk.assembly.link_poses
+            self.nodes[a.name] = RobotNodes(self.server, f"/{a.name}", a.desk.mechanism, poses)
         self.ghosts: dict[str, RobotNodes] = {}
         self.ghost_shown = False
         self.dragging = False
         self._plans: dict[str, Planner] = {}
-        self._looked, self._stale = self.now, True
+        self._reading_time = self.now
+        self._stale = True
         self.after_frame: list[Callable[[], object]] = []
         for a in actors:
             self.nodes[a.name].place(a.T_world_base, a.scale)
@@ -158,8 +166,9 @@ class Front(ViewerPage):
             act()
         if self.terminal is not None:
             self.terminal.poll()
-        if self.now - self._looked >= _READ and (self._stale or self.clock.playing):
-            self._looked, self._stale = self.now, False
+        if self.now - self._reading_time >= _READ and (self._stale or self.clock.playing):
+            self._reading_time = self.now
+            self._stale = False
             self.refresh()
 
     def close(self) -> None:
@@ -180,8 +189,10 @@ class Front(ViewerPage):
         """Show the present state of robots, deformables, trocars, shafts, the gizmo and the active robot's ghost."""
         for a in self.actors:
             self.nodes[a.name].write(a.desk.assembly.link_poses)
-        if self._fields is not None and (wrong := self._fields.show(self.clock.time)):
-            self.say(wrong, bad=True)
+        if self._fields is not None:
+            error = self._fields.show(self.clock.time)
+            if error:
+                self.say(error, bad=True)
         self.scenery.follow()
         if self.ghost_shown:
             self._draw_ghost()
@@ -194,8 +205,12 @@ class Front(ViewerPage):
             self._stale |= self._fields.follow(self._links_of, passed)
 
     def _links_of(self, robot: str) -> dict[str, Array]:
-        a = next(a for a in self.actors if a.name == robot)
+        a = self._actor(robot)
         return {name: a.T_world_base @ T for name, T in a.desk.assembly.link_poses.items()}
+
+    def _actor(self, name: str) -> ShownRobot:
+        actors = {a.name: a for a in self.actors}
+        return actors[name]
 
     def refresh(self) -> None:
         """Compute and show the readings of the active robot."""
@@ -220,7 +235,7 @@ class Front(ViewerPage):
     def take(self, name: str) -> None:
         """Make a robot the active one."""
         self.nodes[self.hand.name].equations({}, {}, True, 1.0)
-        self.hand = next(a for a in self.actors if a.name == name)
+        self.hand = self._actor(name)
         self.panels.rebuild()
         self._stale = True
 
@@ -256,10 +271,11 @@ class Front(ViewerPage):
         begin = self.now
 
         def wait() -> None:
-            came = min(
-                (c.camera._state.update_timestamp or np.inf for c in self.server.get_clients().values()), default=np.inf
-            )
-            if time.time() - came > _DRAWN or self.now - begin > _NOBODY:
+            first_picture = np.inf
+            for client in self.server.get_clients().values():
+                # a browser reports its camera with its first picture; until then the time is 0
+                first_picture = min(first_picture, client.camera._state.update_timestamp or np.inf)
+            if time.time() - first_picture > _DRAWN or self.now - begin > _NOBODY:
                 self.after_frame.remove(wait)
                 for a in self.actors:
                     if a.desk.robot.files is not None and a.desk.robot.files.protocols():
@@ -285,19 +301,23 @@ class Front(ViewerPage):
             if not planner.done:
                 continue
             self._plans.pop(name).close()
-            a = next(a for a in self.actors if a.name == name)
+            a = self._actor(name)
             if not isinstance(planner.answer, Playback):
                 self.panels.failed(a, str(planner.answer))
                 continue
-            a.playback, a.protocol = planner.answer, planner.protocol
+            a.playback = planner.answer
+            a.protocol = planner.protocol
             if a.desk.robot.files is not None:
                 protocol = a.desk.robot.protocol(a.protocol)
                 bound = a.desk.robot.bound(protocol)
                 if bound is not a.desk.robot:
                     a.desk.bind(bound)
                 a.desk.speak_of(protocol)
-            durations = [b.playback.duration for b in self.actors if b.playback is not None]
-            self.clock.duration = max([*durations, 0.0 if self.feed is None else self.feed.duration])
+            duration = 0.0 if self.feed is None else self.feed.duration
+            for other in self.actors:
+                if other.playback is not None:
+                    duration = max(duration, other.playback.duration)
+            self.clock.duration = duration
             self.panels.ready(a)
             self.scenery.protocol_changed()
             self.stand()
@@ -314,8 +334,10 @@ class Front(ViewerPage):
             if event.client is None:
                 return
             if event.phase == "start":
-                self.dragging, self.clock.playing = True, False
-            wxyz, position = np.array(event.target.wxyz), np.array(event.target.position)
+                self.dragging = True
+                self.clock.playing = False
+            wxyz = np.array(event.target.wxyz)
+            position = np.array(event.target.position)
             self.go_on("tool", lambda: self._tool_to(wxyz, position))
             if event.phase == "end":
                 self.dragging = False
@@ -330,7 +352,8 @@ class Front(ViewerPage):
         return self.hand.desk.move_tool(spatial.pose(u @ vt, node.to_base(position)))
 
     def _gizmo_to_tool(self) -> None:
-        node, T = self.nodes[self.hand.name], self.hand.desk.assembly.T_base_tool
+        node = self.nodes[self.hand.name]
+        T = self.hand.desk.assembly.T_base_tool
         self.gizmo.position = node.to_world(T[:3, 3])
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)) @ T[:3, :3]
         self.gizmo.wxyz = spatial.quat_from_matrix_wxyz(R)
@@ -347,12 +370,14 @@ class Front(ViewerPage):
 
         async def lead(event: viser.SceneNodeDragEvent) -> None:
             if event.phase == "start":
-                T = a.desk.assembly.link_poses[body]
-                held[body] = (spatial.inverse(T) @ np.append(node.to_base(np.array(event.start_position)), 1.0))[:3]
+                T_body_base = spatial.inverse(a.desk.assembly.link_poses[body])
+                p_base = node.to_base(np.array(event.start_position))
+                held[body] = (T_body_base @ np.append(p_base, 1.0))[:3]
                 self.clock.playing = False
                 self.ask("prepare", a.desk.solver.prepare)
             elif event.phase == "update" and body in held:
-                target, p = node.to_base(np.array(event.end_position)), held[body]
+                target = node.to_base(np.array(event.end_position))
+                p = held[body]
                 self.go_on("point", lambda: a.desk.move_point(body, p, target))
             elif event.phase == "end":
                 self.ask("settle", a.desk.let_go)

@@ -37,7 +37,9 @@ class PlanningPanel:
 
     def __init__(self, server: viser.ViserServer, console: LiveConsole, pens: Pens, on_click: Ask) -> None:
         """Add the controls; `on_click` connects a button to a request. A request is called with the client's name."""
-        self._server, self._console, self._pens = server, console, pens
+        self._server = server
+        self._console = console
+        self._pens = pens
         gui = server.gui
         with gui.add_folder("Plan a motion"):
             self._aim = gui.add_button_group(
@@ -68,7 +70,8 @@ class PlanningPanel:
         self._ghost: RobotNodes | None = None
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._preview: Preview | None = None
-        self._begun, self._parts = 0.0, 0
+        self._preview_began = 0.0
+        self._parts = 0
         self._red = False
         self._poses: Mapping[str, Array] = {}
         self._buttons("off")
@@ -84,7 +87,8 @@ class PlanningPanel:
 
     def _again(self, client: str) -> None:
         """Plan a motion to the target; in the phase "preview", let the hand move the target again."""
-        self._ask(client, "aim" if self._console.planning.phase == "preview" else "find")
+        step: PlanStep = "aim" if self._console.planning.phase == "preview" else "find"
+        self._ask(client, step)
 
     # -- display --------------------------------------------------------------------------------------
 
@@ -98,9 +102,11 @@ class PlanningPanel:
             self._pens.use(self._pens.client)
         self._buttons(mode.phase)
         if mode.preview is not self._preview:
-            self._preview, self._begun, self._parts = mode.preview, now, -1
+            self._preview = mode.preview
+            self._preview_began = now
+            self._parts = -1
             self._draw(mode.robot)
-        self._stand(mode.robot, plan_view.ghost(mode, now - self._begun))
+        self._stand(mode.robot, plan_view.ghost(mode, now - self._preview_began))
         self._paint(mode.phase == "aim" and bool(mode.blocked))
         for name, line in self._lines.items():
             visible = mode.phase == "preview" or (mode.phase == "run" and name == "tip")
@@ -110,20 +116,20 @@ class PlanningPanel:
 
     def _buttons(self, phase: str) -> None:
         """Show the buttons of a phase, and enable those that can be used."""
-        shown = [(self._aim, phase == "off"), *((b, phase != "off") for b in (self._find, self._accept, self._cancel))]
-        for control, on in shown:
-            if control.visible != on:
-                control.visible = on
-        for button, on in ((self._find, phase in ("aim", "preview")), (self._accept, phase == "preview")):
-            if button.disabled == on:
-                button.disabled = not on
-        labels = (
-            (self._find, "Change the target" if phase == "preview" else "Plan a motion"),
-            (self._cancel, "Stop the arm" if phase == "run" else "Cancel"),
-        )
-        for button, label in labels:
-            if button.label != label:
-                button.label = label
+        # a control is written only if it changes: each write is sent to all browsers
+        if self._aim.visible != (phase == "off"):
+            self._aim.visible = phase == "off"
+        for button in (self._find, self._accept, self._cancel):
+            if button.visible != (phase != "off"):
+                button.visible = phase != "off"
+        can_find = phase in ("aim", "preview")
+        if self._find.disabled == can_find:
+            self._find.disabled = not can_find
+        can_accept = phase == "preview"
+        if self._accept.disabled == can_accept:
+            self._accept.disabled = not can_accept
+        _relabel(self._find, "Change the target" if phase == "preview" else "Plan a motion")
+        _relabel(self._cancel, "Stop the arm" if phase == "run" else "Cancel")
 
     def _stand(self, robot: str, poses: Mapping[str, Array]) -> None:
         """Show the ghost of an arm at the link poses T_base_body; without poses, hide the ghost."""
@@ -135,14 +141,20 @@ class PlanningPanel:
             self._ghost.place(self._console.place(robot), 1.0)
             for _, handle in self._ghost.meshes:
                 handle.opacity = _OPACITY
-            self._arm, self._red, self._poses = robot, False, poses
+            self._arm = robot
+            self._red = False
+            self._poses = poses
         if self._ghost is None:
             return
         if self._ghost.root.visible != bool(poses):
             self._ghost.show(bool(poses))
-        if poses and any(not np.array_equal(poses[n], self._poses[n]) for n in self._ghost.bodies):
-            self._poses = poses
-            self._ghost.write(poses)
+        if not poses:
+            return
+        for name in self._ghost.bodies:
+            if not np.array_equal(poses[name], self._poses[name]):
+                self._poses = poses
+                self._ghost.write(poses)
+                break
 
     def _paint(self, blocked: bool) -> None:
         """Show the ghost in red if the target is not free, else in blue."""
@@ -160,34 +172,54 @@ class PlanningPanel:
         self._lines = {}
         if self._preview is None:
             return
-        found = self._preview.found
-        tip = found.Ts[np.unique(np.linspace(0, len(found.Ts) - 1, _POINTS).astype(int)), :3, 3]
-        T = self._console.place(robot)
-        segments = {"tip": np.stack([tip[:-1], tip[1:]], axis=1), "tree": found.tree}
-        for name, points in segments.items():
-            if len(points):
-                self._lines[name] = self._server.scene.add_line_segments(
-                    f"/plan_{name}",
-                    (points @ T[:3, :3].T + T[:3, 3]).astype(np.float32),
-                    GREEN if name == "tip" else _TREE,
-                    thickness=3.0 if name == "tip" else 1.0,
-                    thickness_units="screen",
-                )
+        motion = self._preview.found
+        rows = np.unique(np.linspace(0, len(motion.Ts) - 1, _POINTS).astype(int))
+        tip = motion.Ts[rows, :3, 3]
+        T_world_base = self._console.place(robot)
+        self._draw_line("tip", np.stack([tip[:-1], tip[1:]], axis=1), T_world_base, GREEN, 3.0)
+        self._draw_line("tree", motion.tree, T_world_base, _TREE, 1.0)
+
+    def _draw_line(
+        self, name: str, points: Array, T_world_base: Array, color: tuple[int, int, int], thickness: float
+    ) -> None:
+        """Draw line segments (k, 2, 3), in m in the base frame of the arm; `thickness` is in pixels."""
+        if not len(points):
+            return
+        self._lines[name] = self._server.scene.add_line_segments(
+            f"/plan_{name}",
+            (points @ T_world_base[:3, :3].T + T_world_base[:3, 3]).astype(np.float32),
+            color,
+            thickness=thickness,
+            thickness_units="screen",
+        )
 
     def _show_clearance(self) -> None:
         """Show the plot of the clearance, as soon as the first clearances are known."""
         preview = self._preview
-        parts = 0 if preview is None else len(preview.clear) + (preview.proven is not None)
+        parts = 0
+        visible = False
+        if preview is not None:
+            parts = len(preview.clear) + (preview.proven is not None)
+            visible = bool(preview.clear)
         if parts == self._parts:
             return
         self._parts = parts
-        shown = preview is not None and bool(preview.clear)
-        if self._plot.visible != shown:
-            self._plot.visible = shown
-        if preview is not None and shown:
-            t, distance = plan_view.curve(preview)
-            bound = 0.0 if preview.proven is None else preview.proven.proven
-            top = 1.1 * max(float(distance.max()), bound) / MM or 1.0
-            self._plot.scales = {"x": {"time": False}, "y": {"range": (0.0, top)}}
-            proven = np.full(len(t), np.nan if preview.proven is None else bound / MM)
-            self._plot.data = t, distance / MM, proven
+        if self._plot.visible != visible:
+            self._plot.visible = visible
+        if preview is None or not visible:
+            return
+        t, distance = plan_view.curve(preview)
+        largest = float(distance.max())
+        proven = np.full(len(t), np.nan)
+        if preview.proven is not None:
+            bound = preview.proven.proven
+            largest = max(largest, bound)
+            proven = np.full(len(t), bound / MM)
+        top = 1.1 * max(largest, 0.0) / MM or 1.0  # an empty range could not be drawn
+        self._plot.scales = {"x": {"time": False}, "y": {"range": (0.0, top)}}
+        self._plot.data = (t, distance / MM, proven)
+
+
+def _relabel(button: viser.GuiButtonHandle, label: str) -> None:
+    if button.label != label:
+        button.label = label

@@ -11,7 +11,10 @@ from twin.core.format import quantity
 from twin.core.units import DEG, MM
 from twin.ui.session.instruments import AGREE, EquationError, Limit, RobotReading
 
-_GOOD, _BAD, _WARN, _DIM = "#1f8a55", "#d62f2f", "#c77700", "#7d8896"
+_GOOD = "#1f8a55"
+_BAD = "#d62f2f"
+_WARN = "#c77700"
+_DIM = "#7d8896"
 
 
 def length(metres: float) -> str:
@@ -26,43 +29,41 @@ def length(metres: float) -> str:
 
 def amount(residual: EquationError) -> str:
     """Return a residual (a length or an angle) as text with a suitable unit."""
-    return angle(residual.size) if residual.is_angle else length(residual.size)
+    if residual.is_angle:
+        return angle(residual.size)
+    return length(residual.size)
 
 
 def angle(radians: float) -> str:
     """Return an angle in rad as text in degrees, with a suitable number of digits."""
     degrees = abs(radians) / DEG
-    return f"{degrees:.3f}°" if degrees >= 0.001 else f"{degrees:.1e}°"
+    if degrees >= 0.001:
+        return f"{degrees:.3f}°"
+    return f"{degrees:.1e}°"
 
 
 def table(reading: RobotReading, variants: str = "") -> str:
     """Return the panel with all readings as HTML; values beyond their limits are red."""
-    columns = f"{_GRID};grid-template-rows:repeat({(len(reading.coordinates) + 1) // 2},auto)"
-    rows = [f"<div style='{columns}'>{''.join(_number(*c) for c in reading.coordinates)}</div>"]
+    half = (len(reading.coordinates) + 1) // 2
+    numbers = "".join(_number(*coordinate) for coordinate in reading.coordinates)
+    rows = [f"<div style='{_GRID};grid-template-rows:repeat({half},auto)'>{numbers}</div>"]
     if variants:
         rows.append(_line("equations", variants))
     if reading.residual is not None:
-        what = reading.residual.what
-        state = "agree" if reading.agrees else "DISAGREE"
-        text, color = f"{state}: {escape(amount(reading.residual))} ({escape(what)})" if what else state, _GOOD
-        if not reading.agrees:
-            color = _BAD
-        elif not reading.comparable:
-            text, color = reading.scope, _WARN
+        text, color = _agreement(reading, reading.residual)
         rows.append(_line("formula ↔ mechanism", text, color))
-    rows.append(_line("loop gap", escape(length(reading.gap)), _GOOD if reading.gap < AGREE else _BAD))
-    for t in reading.trocars:
-        of = f", {escape(t.name)}" if len(reading.trocars) > 1 else ""
-        rows.append(_line(f"RCM error{of}", escape(length(t.error)), _GOOD if t.error < 0.1 * MM else _BAD))
-        if t.depth is not None:
-            rows.append(_line(f"insertion depth{of}", f"{t.depth / MM:.3f} mm"))
+    rows.append(_line("loop gap", escape(length(reading.gap)), _color_below(reading.gap, AGREE)))
+    for trocar in reading.trocars:
+        of = ""
+        if len(reading.trocars) > 1:
+            of = f", {escape(trocar.name)}"
+        rows.append(_line(f"RCM error{of}", escape(length(trocar.error)), _color_below(trocar.error, 0.1 * MM)))
+        if trocar.depth is not None:
+            rows.append(_line(f"insertion depth{of}", f"{trocar.depth / MM:.3f} mm"))
     if reading.condition is not None:
-        rows.append(_line("condition number", f"{reading.condition:.1f}", _WARN if reading.condition > 100 else ""))
-    for kind, name in (("type1", "type I"), ("type2", "type II")):
-        near = next((s for s in reading.singular if s[1] == kind), None)
-        if near is not None:
-            color = _BAD if near[2] <= 1 else _WARN if near[2] <= 2 else ""
-            rows.append(_line(f"to {name} singularity", f"{near[2]:.2f} × alarm ({escape(near[0])})", color))
+        color = _WARN if reading.condition > 100 else ""
+        rows.append(_line("condition number", f"{reading.condition:.1f}", color))
+    rows += _singularities(reading)
     if reading.branch:
         rows.append(_line("branch", escape(reading.branch)))
     rows += [_bar(limit) for limit in reading.limits]
@@ -70,6 +71,44 @@ def table(reading: RobotReading, variants: str = "") -> str:
         rows.append(f"<div style='color:{_BAD};padding-top:.5em' data-reason>{escape(reading.reason)}</div>")
     agrees = "yes" if reading.agrees else "no"
     return f"<div style='font-size:12px;line-height:1.5;padding:0 .8em' data-agrees='{agrees}'>{''.join(rows)}</div>"
+
+
+def _agreement(reading: RobotReading, residual: EquationError) -> tuple[str, str]:
+    """Return (HTML text, colour) on the agreement of equations and mechanism."""
+    if reading.agrees and not reading.comparable:
+        return reading.scope, _WARN
+    text = "DISAGREE"
+    color = _BAD
+    if reading.agrees:
+        text = "agree"
+        color = _GOOD
+    if residual.what:
+        text += f": {escape(amount(residual))} ({escape(residual.what)})"
+    return text, color
+
+
+def _color_below(value: float, limit: float) -> str:
+    """Return the colour of a value that must be below a limit; NaN is not below."""
+    if value < limit:
+        return _GOOD
+    return _BAD
+
+
+def _singularities(reading: RobotReading) -> list[str]:
+    """Return a line on the nearest singularity of each type; the measures are sorted, the nearest is first."""
+    lines = []
+    for kind, title in (("type1", "type I"), ("type2", "type II")):
+        for name, measure_kind, ratio in reading.singular:
+            if measure_kind != kind:
+                continue
+            color = ""
+            if ratio <= 1:
+                color = _BAD
+            elif ratio <= 2:
+                color = _WARN
+            lines.append(_line(f"to {title} singularity", f"{ratio:.2f} × alarm ({escape(name)})", color))
+            break
+    return lines
 
 
 _GRID = (
@@ -82,14 +121,18 @@ _GRID = (
 def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
     """Return the phases as an HTML bar with segments proportional to their durations; the segment `now` is filled."""
     total = spans[-1][2] or 1.0
-    cells = (
-        f"<span title='{escape(name)}: {t0:.2f} to {t1:.2f} s' style='flex:0 0 {100 * (t1 - t0) / total:.2f}%;"
-        f"overflow:hidden;text-overflow:ellipsis;white-space:nowrap;padding:1px 3px;box-sizing:border-box;"
-        f"border-left:1px solid #8886;"
-        f"{'background:#2b8be0;color:#fff' if name == now else 'background:#8882'}'>{escape(name)}</span>"
-        for name, t0, t1 in spans
-    )
-    return f"<div style='display:flex;font-size:11px;margin:0 .8em .5em'>{''.join(cells)}</div>"
+    cells = ""
+    for name, t0, t1 in spans:
+        share = 100 * (t1 - t0) / total
+        fill = "background:#8882"
+        if name == now:
+            fill = "background:#2b8be0;color:#fff"
+        cells += (
+            f"<span title='{escape(name)}: {t0:.2f} to {t1:.2f} s' style='flex:0 0 {share:.2f}%;"
+            f"overflow:hidden;text-overflow:ellipsis;white-space:nowrap;padding:1px 3px;box-sizing:border-box;"
+            f"border-left:1px solid #8886;{fill}'>{escape(name)}</span>"
+        )
+    return f"<div style='display:flex;font-size:11px;margin:0 .8em .5em'>{cells}</div>"
 
 
 def legend(names: Sequence[str], colors: Sequence[str]) -> str:
@@ -103,8 +146,9 @@ def legend(names: Sequence[str], colors: Sequence[str]) -> str:
 
 
 def _number(name: str, value: float, unit: str) -> str:
-    shown = f"{value:.3f}" if unit == "mm" else f"{value:.4f}"
-    return f"<span><span style='color:{_DIM}'>{escape(name)}</span> {shown.replace('-0.000', '0.000')} {unit}</span>"
+    digits = f"{value:.3f}" if unit == "mm" else f"{value:.4f}"
+    digits = digits.replace("-0.000", "0.000")  # a rounding error at zero would change its sign all the time
+    return f"<span><span style='color:{_DIM}'>{escape(name)}</span> {digits} {unit}</span>"
 
 
 def _line(name: str, text: str, color: str = "") -> str:
@@ -122,14 +166,19 @@ def _bar(limit: Limit) -> str:
     part = limit.part
     if part is None:
         return _line(escape(limit.joint), text)
-    near = min(part, 1 - part)
-    color = _BAD if near < 0.02 else _WARN if near < 0.1 else _GOOD
+    margin = min(part, 1 - part)
+    color = _GOOD
+    if margin < 0.02:
+        color = _BAD
+    elif margin < 0.1:
+        color = _WARN
+    left = 100 * np.clip(part, 0, 1)
     return (
         f"<div style='display:grid;grid-template-columns:3.2em 1fr 8.5em;gap:.5em;align-items:center'>"
         f"<span style='color:{_DIM}'>{escape(limit.joint)}</span>"
         f"<span title='{limit.low:g} .. {limit.high:g} {limit.unit}' style='position:relative;height:6px;"
         f"background:#8884;border-radius:3px'><span style='position:absolute;"
-        f"left:calc({100 * np.clip(part, 0, 1):.2f}% - 3px);top:-2px;width:6px;height:10px;border-radius:2px;"
+        f"left:calc({left:.2f}% - 3px);top:-2px;width:6px;height:10px;border-radius:2px;"
         f"background:{color}'></span></span>"
         f"<span style='text-align:right;font-variant-numeric:tabular-nums'>{text}</span></div>"
     )
