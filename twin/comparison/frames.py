@@ -10,6 +10,9 @@ from twin.comparison.fit import Problem, Unknowns, values_of
 from twin.core import spatial
 from twin.core.spatial import Array
 
+BASE = -1
+"""Index of no joint: a frame on the base."""
+
 
 @dataclass(frozen=True)
 class FrameGap:
@@ -17,7 +20,7 @@ class FrameGap:
 
     Attributes:
         name: name of the frame in the second side.
-        joint: index of the joint that carries it.
+        joint: index of the joint that carries it, or `BASE`.
         leaf: whether no further joint is on its bodies, as for a tool.
         T: (4, 4) T_second_first.
         T_base_second: (4, 4) the frame of the second side, at its drawn state.
@@ -40,7 +43,9 @@ def gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
     """Return the gaps of all frames and bodies with the same name in both sides, and of the tools if none is a leaf."""
     _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
     carrier = carriers(problem)
+    carrier[0] = BASE
     group_of_joint = {joint: problem.second.axes[joint].child for joint in range(problem.count)}
+    group_of_joint[BASE] = 0
     found = []
     for name, (group, T) in problem.first.frames.items():
         partner = problem.second.frames.get(name)
@@ -80,5 +85,5 @@ def _gap(
     group, T_first = first
     T_moved = motions[0, group] @ T_first
     T = spatial.inverse(second[1]) @ T_moved
-    leaf = not problem.below[joint]
+    leaf = joint != BASE and not problem.below[joint]
     return FrameGap(name, joint, leaf, T, second[1])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from twin.comparison.edits import with_edits
 from twin.comparison.fit import Problem, Solution
 from twin.comparison.items import Item, items
 from twin.comparison.matching import match
@@ -99,7 +100,7 @@ def compare_pair(first: Side, second: Side, tolerance: float) -> Pair:
     if not solutions:
         return Pair(first, second, "unexplained", (), (), None, None, problem, None)
     best = solutions[0]
-    found = items(problem, matching, best)
+    found = with_edits(problem, matching, best, items(problem, matching, best))
     if not found:
         kinematics = "agree"
     others = []

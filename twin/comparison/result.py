@@ -16,8 +16,8 @@ from twin.core.quantity import deg, mm
 from twin.core.result import Line, Part, Result, TextTable
 from twin.core.units import MM
 
-_SHOWN_EDITS = 4
-"""Number of edits that the text of an item shows."""
+_SHOWN_EDITS = 3
+"""Number of edits of each side that the text of an item shows."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +151,21 @@ def _verdict(pair: Pair) -> str:
 def _item_text(item: Item) -> Iterator[str]:
     for tie in item.ties:
         yield f"      or, equally well: {tie}"
-    for edit in item.edits[:_SHOWN_EDITS]:
-        yield f"      edit {edit.text()}"
+    for label, edits in _by_side(item.edits).items():
+        word = "edit"
+        for edit in edits[:_SHOWN_EDITS]:
+            yield f"      {word} {edit.text()}"
+            word = "  or"
+        if len(edits) > _SHOWN_EDITS:
+            yield f"      and {len(edits) - _SHOWN_EDITS} more in {label}"
+
+
+def _by_side(edits: Sequence[Edit]) -> dict[str, list[Edit]]:
+    """Return {label of a side: its edits}."""
+    found: dict[str, list[Edit]] = {}
+    for edit in edits:
+        found.setdefault(edit.side, []).append(edit)
+    return found
 
 
 def _suggestion(item: Item) -> str:
@@ -162,10 +175,12 @@ def _suggestion(item: Item) -> str:
 
 
 def _edit_texts(edits: Sequence[Edit]) -> list[str]:
-    if not edits:
-        return []
-    texts = [edit.text() for edit in edits[:_SHOWN_EDITS]]
-    return [f"Edit {'; or '.join(texts)}."]
+    """Return for each side a sentence with its edits; several edits of one side are alternatives."""
+    sentences = []
+    for chosen in _by_side(edits).values():
+        texts = [edit.text() for edit in chosen[:_SHOWN_EDITS]]
+        sentences.append(f"Edit {'; or '.join(texts)}.")
+    return sentences
 
 
 def _sentence(text: str) -> str:

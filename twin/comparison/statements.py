@@ -1,0 +1,343 @@
+"""The numbers of a URDF or MJCF that place joints, with file and line, and what another value would move.
+
+The file is read here by itself, without the reader that made the side.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+from xml.parsers import expat
+
+import numpy as np
+
+from twin.comparison.side import Axis, Side
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG
+
+Role = Literal["shift", "turn", "axis"]
+
+_INCLUDES = 8
+"""Depth of included files up to which they are read."""
+
+
+@dataclass
+class _Element:
+    """An element of an XML file with the lines of its attributes."""
+
+    tag: str
+    attributes: dict[str, str]
+    lines: dict[str, int]
+    file: str
+    children: list[_Element] = field(default_factory=list)
+
+    def find(self, tag: str) -> _Element | None:
+        for child in self.children:
+            if child.tag == tag:
+                return child
+        return None
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One attribute with numbers that place a joint or a link.
+
+    Attributes:
+        file, line: where it stands.
+        what: element and attribute, such as "joint 'a' origin xyz".
+        role: "shift" and "turn" place a link in its parent, "axis" is the direction of a joint.
+        values: its numbers.
+        kind: how a "turn" is written: "rpy", "euler:<sequence>", "quat"; else "".
+        unit: size of an angle in rad.
+        link: name of the link or body that it places, or on which the axis is.
+        joints, links: names of all joints and links that it moves.
+    """
+
+    file: str
+    line: int
+    what: str
+    role: Role
+    values: tuple[float, ...]
+    kind: str
+    unit: float
+    link: str
+    joints: frozenset[str]
+    links: frozenset[str]
+
+    def applied(self, side: Side, values: Sequence[float]) -> Side | None:
+        """Return the side with other numbers here; None without this link in the side, or for an axis of length 0."""
+        T_base_link = _frame(side, self.link)
+        if T_base_link is None:
+            return None
+        if self.role == "axis":
+            return self._turned(side, T_base_link, values)
+        step = self._step(values)
+        if step is None:
+            return None
+        W = T_base_link @ step @ spatial.inverse(T_base_link)
+        axes = [_moved_axis(axis, W) if plain(axis.name) in self.joints else axis for axis in side.axes]
+        frames = {}
+        for name, (group, T) in side.frames.items():
+            frames[name] = (group, W @ T if plain(name) in self.links else T)
+        return replace(side, axes=tuple(axes), frames=frames)
+
+    def _turned(self, side: Side, T_base_link: Array, values: Sequence[float]) -> Side | None:
+        length = float(np.linalg.norm(values))
+        if not length > 1e-9:
+            return None
+        direction = T_base_link[:3, :3] @ (np.asarray(values, float) / length)
+        axes = []
+        for axis in side.axes:
+            if plain(axis.name) in self.joints:
+                axis = replace(axis, direction=direction)
+            axes.append(axis)
+        return replace(side, axes=tuple(axes))
+
+    def _step(self, values: Sequence[float]) -> Array | None:
+        """Return the motion (4, 4) of the link in its own frame if the numbers change to `values`."""
+        if self.role == "turn":
+            old = self._rotation(self.values)
+            new = self._rotation(values)
+            if old is None or new is None:
+                return None
+            return spatial.pose(old.T @ new)
+        shift = np.asarray(values, float) - np.asarray(self.values, float)
+        return spatial.pose(p=shift)
+
+    def _rotation(self, values: Sequence[float]) -> Array | None:
+        if self.kind == "quat":
+            if not np.linalg.norm(values) > 1e-9:
+                return None
+            return spatial.matrix_from_quat_wxyz(values)
+        angles = np.asarray(values, float) * self.unit
+        if self.kind == "rpy":
+            return _product(angles[::-1], "zyx")
+        return _product(angles, self.kind.removeprefix("euler:"))
+
+
+def _product(angles: Array, sequence: str) -> Array:
+    """Return the product (3, 3) of rotations about axes: lower case about moving axes, upper case about fixed axes."""
+    R = np.eye(3)
+    for angle, letter in zip(angles, sequence, strict=True):
+        step = spatial.exp_so3(angle * np.eye(3)["xyz".index(letter.lower())])
+        R = R @ step if letter.islower() else step @ R
+    return R
+
+
+def _moved_axis(axis: Axis, W: Array) -> Axis:
+    point = W[:3, :3] @ axis.point + W[:3, 3]
+    return replace(axis, point=point, direction=W[:3, :3] @ axis.direction)
+
+
+def _frame(side: Side, link: str) -> Array | None:
+    for name, (_, T) in side.frames.items():
+        if plain(name) == link:
+            return T
+    return None
+
+
+def plain(name: str) -> str:
+    """Return a name without case, signs and spaces: readers change these to make identifiers."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def statements(path: Path | None) -> list[Statement]:
+    """Return the statements of a URDF or MJCF; [] for other files, and for files that cannot be read here."""
+    if path is None:
+        return []
+    readers = {".urdf": _urdf, ".xml": _mjcf, ".mjcf": _mjcf}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        return []
+    root = _parsed(path)
+    if root is None:
+        return []
+    if root.tag == "robot":
+        return _urdf(root, path)
+    if root.tag == "mujoco":
+        return _mjcf(root, path)
+    return []
+
+
+def _parsed(path: Path) -> _Element | None:
+    """Return the root element of an XML file with the lines of all attributes; None if it is no XML."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    top = _Element("", {}, {}, str(path))
+    stack = [top]
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        begin = parser.CurrentByteIndex
+        end = data.find(b">", begin)
+        text = data[begin : end if end > 0 else len(data)]
+        lines = {}
+        for name in attributes:
+            found = re.search(rb"\s" + re.escape(name.encode()) + rb"\s*=", text)
+            before = text[: found.end()] if found else b""
+            lines[name] = parser.CurrentLineNumber + before.count(b"\n")
+        element = _Element(tag, attributes, lines, str(path))
+        stack[-1].children.append(element)
+        stack.append(element)
+
+    def stop(tag: str) -> None:
+        stack.pop()
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = stop
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError:
+        return None
+    return top.children[0]
+
+
+def _numbers(text: str | None, count: int) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        values = tuple(float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        return None
+    if len(values) != count:
+        return None
+    return values
+
+
+# -- URDF ---------------------------------------------------------------------------------------------
+
+
+def _urdf(root: _Element, path: Path) -> list[Statement]:
+    joints = [element for element in root.children if element.tag == "joint"]
+    ends: dict[str, tuple[str, str]] = {}
+    below: dict[str, list[str]] = {}
+    for joint in joints:
+        parent = joint.find("parent")
+        child = joint.find("child")
+        if parent is None or child is None:
+            continue
+        name = joint.attributes.get("name", "")
+        ends[name] = (parent.attributes.get("link", ""), child.attributes.get("link", ""))
+        below.setdefault(ends[name][0], []).append(name)
+    found = []
+    for joint in joints:
+        name = joint.attributes.get("name", "")
+        if name not in ends:
+            continue
+        moved_joints, moved_links = _below(name, ends, below)
+        own = (plain(ends[name][1]), moved_joints, moved_links)
+        origin = joint.find("origin")
+        if origin is not None:
+            found += _attribute(origin, f"joint '{name}' origin", "xyz", "shift", "", 1.0, own)
+            found += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", "rpy", 1.0, own)
+        axis = joint.find("axis")
+        if axis is not None:
+            alone = (own[0], frozenset({plain(name)}), frozenset[str]())
+            found += _attribute(axis, f"joint '{name}' axis", "xyz", "axis", "", 1.0, alone)
+    return found
+
+
+def _below(
+    joint: str, ends: Mapping[str, tuple[str, str]], below: Mapping[str, Sequence[str]]
+) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the plain names of a joint and all joints below it, and of the links below it."""
+    joints = set()
+    links = set()
+    pending = [joint]
+    while pending:
+        name = pending.pop()
+        if plain(name) in joints:
+            continue
+        joints.add(plain(name))
+        child = ends[name][1]
+        links.add(plain(child))
+        pending += below.get(child, [])
+    return frozenset(joints), frozenset(links)
+
+
+def _attribute(
+    element: _Element,
+    what: str,
+    attribute: str,
+    role: Role,
+    kind: str,
+    unit: float,
+    moved: tuple[str, frozenset[str], frozenset[str]],
+) -> list[Statement]:
+    """Return the statement of one attribute as a list, or [] if the element does not have it."""
+    count = 4 if kind == "quat" else 3
+    values = _numbers(element.attributes.get(attribute), count)
+    if values is None:
+        return []
+    line = element.lines[attribute]
+    link, joints, links = moved
+    return [Statement(element.file, line, f"{what} {attribute}", role, values, kind, unit, link, joints, links)]
+
+
+# -- MJCF ---------------------------------------------------------------------------------------------
+
+
+def _mjcf(root: _Element, path: Path) -> list[Statement]:
+    _include(root, path, _INCLUDES)
+    unit = DEG
+    sequence = "xyz"
+    for compiler in root.children:
+        if compiler.tag == "compiler":
+            if compiler.attributes.get("angle") == "radian":
+                unit = 1.0
+            sequence = compiler.attributes.get("eulerseq", sequence)
+    found: list[Statement] = []
+    for world in root.children:
+        if world.tag == "worldbody":
+            for body in world.children:
+                if body.tag == "body":
+                    _body(body, f"euler:{sequence}", unit, found)
+    return found
+
+
+def _include(element: _Element, path: Path, depth: int) -> None:
+    """Replace each <include> by the children of the root of its file."""
+    children: list[_Element] = []
+    for child in element.children:
+        if child.tag == "include" and depth > 0:
+            included = _parsed(path.parent / child.attributes.get("file", ""))
+            if included is not None:
+                _include(included, path, depth - 1)
+                children += included.children
+            continue
+        _include(child, path, depth)
+        children.append(child)
+    element.children = children
+
+
+def _body(body: _Element, euler: str, unit: float, found: list[Statement]) -> tuple[set[str], set[str]]:
+    """Add the statements of a body and its children; return (joints, bodies) of all of them, as plain names."""
+    name = body.attributes.get("name", "")
+    joints: set[str] = set()
+    bodies = {plain(name)}
+    own_joints = [child for child in body.children if child.tag == "joint"]
+    for child in body.children:
+        if child.tag == "joint":
+            joints.add(plain(child.attributes.get("name", "")))
+        if child.tag == "body":
+            joints_below, bodies_below = _body(child, euler, unit, found)
+            joints |= joints_below
+            bodies |= bodies_below
+    if not name:
+        return joints, bodies
+    moved = (plain(name), frozenset(joints), frozenset(bodies))
+    found += _attribute(body, f"body '{name}'", "pos", "shift", "", 1.0, moved)
+    found += _attribute(body, f"body '{name}'", "quat", "turn", "quat", 1.0, moved)
+    found += _attribute(body, f"body '{name}'", "euler", "turn", euler, unit, moved)
+    for joint in own_joints:
+        label = joint.attributes.get("name", "")
+        alone = (plain(name), frozenset({plain(label)}), frozenset[str]())
+        found += _attribute(joint, f"joint '{label}'", "axis", "axis", "", 1.0, alone)
+    return joints, bodies
