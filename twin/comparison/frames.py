@@ -46,16 +46,18 @@ def gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
     carrier[0] = BASE
     group_of_joint = {joint: problem.second.axes[joint].child for joint in range(problem.count)}
     group_of_joint[BASE] = 0
+    # a tool that a reader has chosen is no statement of the file
+    guessed = {side.tool for side in (problem.first, problem.second) if side.guessed_tool}
     found = []
     for name, (group, T) in problem.first.frames.items():
         partner = problem.second.frames.get(name)
         joint = carrier.get(group)
         if partner is None or joint is None or group_of_joint[joint] != partner[0]:
             continue
-        if problem.first.guessed_tool and name == problem.first.tool:
+        if name in guessed:
             continue
         found.append(_gap(problem, motions, name, joint, (group, T), partner))
-    if not any(gap.leaf for gap in found):
+    if not guessed and not any(gap.leaf for gap in found):
         tool = _tools(problem, motions, carrier)
         if tool is not None:
             found.append(tool)

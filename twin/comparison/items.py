@@ -67,7 +67,6 @@ class Item:
         text: one sentence.
         shift: size of the shift in m.
         turn: size of the rotation in rad.
-        ties: texts of other explanations that fit as well.
         edits: edits, each of which removes the item.
     """
 
@@ -77,7 +76,6 @@ class Item:
     link: str = ""
     shift: float = 0.0
     turn: float = 0.0
-    ties: tuple[str, ...] = ()
     edits: tuple[Edit, ...] = field(default=())
 
     def with_edits(self, edits: Sequence[Edit]) -> Item:
@@ -93,7 +91,6 @@ class Item:
             "text": self.text,
             "shift_mm": self.shift / MM,
             "turn_deg": self.turn / DEG,
-            "ties": list(self.ties),
             "edits": [edit.as_dict() for edit in self.edits],
         }
 
@@ -138,37 +135,9 @@ def _base(problem: Problem, u: Unknowns) -> list[Item]:
     text = (
         f"the base frame of {problem.first.label} is moved by {placed(shift, turn)} in that of {problem.second.label}"
     )
-    ties = []
-    for i in problem.order:
-        axis = problem.axes[i]
-        if axis.parent != 0:
-            continue
-        angle = _about_line(u.base, problem.points[i], problem.directions[i], axis.kind, problem)
-        if angle is not None:
-            size = moved(abs(angle), axis.is_angle)
-            ties.append(f"the zero of joint '{problem.second.axes[i].name}' is moved by {size}")
     link = problem.second.groups[0].bodies[0]
     length = float(np.linalg.norm(shift))
-    return [Item("base frame", "", text, link, length, float(np.linalg.norm(turn)), tuple(ties))]
-
-
-def _about_line(motion: Array, point: Array, direction: Array, kind: str, problem: Problem) -> float | None:
-    """Return the displacement of a joint that is the motion (6,), rotation vector and shift; None if none is."""
-    turn = motion[:3]
-    shift = motion[3:]
-    if kind == "prismatic":
-        along = float(shift @ direction)
-        off = float(np.linalg.norm(shift - along * direction))
-        if np.linalg.norm(turn) < problem.angle_tolerance and off < problem.tolerance:
-            return along
-        return None
-    angle = float(turn @ direction)
-    if np.linalg.norm(turn - angle * direction) > problem.angle_tolerance:
-        return None
-    R = spatial.exp_so3(turn)
-    if np.linalg.norm(R @ point + shift - point) > problem.tolerance:
-        return None
-    return angle
+    return [Item("base frame", "", text, link, length, float(np.linalg.norm(turn)))]
 
 
 def _joints(problem: Problem, u: Unknowns) -> list[Item]:
@@ -209,19 +178,9 @@ def _tools(problem: Problem, u: Unknowns) -> list[Item]:
         text = (
             f"{noun} {names} of {problem.first.label} moved by {placed(shift, turn)} in that of {problem.second.label}"
         )
-        ties = []
-        # the line of the joint in the frame of the second side
-        T = spatial.inverse(gap.T_base_second)
-        point = T[:3, :3] @ problem.target_points[joint] + T[:3, 3]
-        direction = T[:3, :3] @ problem.target_directions[joint]
-        motion = np.concatenate([turn, shift])
-        displacement = _about_line(motion, point, direction, problem.kinds[joint], problem)
         name = problem.second.axes[joint].name
-        if displacement is not None:
-            size = moved(abs(displacement), problem.axes[joint].is_angle)
-            ties.append(f"the zero of joint '{name}' is moved by {size}")
         length = float(np.linalg.norm(shift))
-        found.append(Item("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn)), tuple(ties)))
+        found.append(Item("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn))))
     return found
 
 

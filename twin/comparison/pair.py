@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -12,7 +11,7 @@ from twin.comparison.items import Item, items
 from twin.comparison.matching import match
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.range import Worst, worst
-from twin.comparison.search import conventions, cost, deviations
+from twin.comparison.search import conventions, deviations
 from twin.comparison.side import Side
 from twin.core.json_types import JsonObject
 
@@ -103,17 +102,12 @@ def compare_pair(first: Side, second: Side, tolerance: float) -> Pair:
     found = with_edits(problem, matching, best, items(problem, matching, best))
     if not found:
         kinematics = "agree"
-    others = []
-    for other in tied(problem, solutions)[: _TIES + 1]:
+    others: list[tuple[str, ...]] = []
+    told = tuple(item.text for item in found)
+    for other in solutions[1:]:
         texts = tuple(item.text for item in items(problem, matching, other))
-        if other is not best and texts not in others:
+        if texts not in others and texts != told:
             others.append(texts)
     largest = worst(problem, best)
     properties = compare(problem, best)
     return Pair(first, second, kinematics, tuple(found), tuple(others[:_TIES]), properties, largest, problem, best)
-
-
-def tied(problem: Problem, solutions: Sequence[Solution]) -> list[Solution]:
-    """Return the solutions with as few conventions as the best."""
-    lowest = cost(problem, solutions[0])
-    return [solution for solution in solutions if cost(problem, solution) <= lowest + 1e-6]

@@ -122,7 +122,7 @@ def _pair_text(pair: Pair) -> Iterator[Part]:
         yield f"  ✖ {item.text}"
         yield from _item_text(item)
     for texts in pair.ties:
-        yield f"  or, as well: {'; '.join(texts) or 'no change'}"
+        yield f"  or, equally well: {'; '.join(texts)}"
     if pair.worst is not None and pair.differences:
         largest = pair.worst
         yield f"  largest difference of '{largest.frame}': {mm(largest.distance)} and {deg(largest.angle)}"
@@ -149,8 +149,6 @@ def _verdict(pair: Pair) -> str:
 
 
 def _item_text(item: Item) -> Iterator[str]:
-    for tie in item.ties:
-        yield f"      or, equally well: {tie}"
     for label, edits in _by_side(item.edits).items():
         word = "edit"
         for edit in edits[:_SHOWN_EDITS]:
@@ -169,9 +167,7 @@ def _by_side(edits: Sequence[Edit]) -> dict[str, list[Edit]]:
 
 
 def _suggestion(item: Item) -> str:
-    parts = [f"Or: {tie}." for tie in item.ties]
-    parts += _edit_texts(item.edits)
-    return " ".join(parts)
+    return " ".join(_edit_texts(item.edits))
 
 
 def _edit_texts(edits: Sequence[Edit]) -> list[str]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from twin.comparison.fit import Problem, Solution, Unknowns, size_of, values_of, with_values
 from twin.comparison.frames import gaps
+from twin.comparison.invariants import Local, local
 from twin.comparison.side import ONE_COORDINATE
 from twin.core.spatial import Array
 
@@ -17,14 +19,26 @@ _ALL_SIGNS = 8
 
 _FLIPS = 3
 
+_PAIR = 2
+"""Number of deviating joints up to which all sets are tried."""
+
 _DEVIATING = 6
 """Maximum number of deviating joints that are searched."""
 
 _INNER = 0.01
-"""Cost of a moved frame of an inner link: it decides only between solutions with as many conventions."""
+"""Cost of a moved frame of an inner link, and of limits that differ: it decides between as many conventions."""
 
-_SAME = 1e-6
-"""Difference of costs below which they are equal."""
+_LIMIT = 1e-4
+"""Difference of limits in rad or m up to which they are equal."""
+
+_NEEDED = 1e-9
+"""Size of a value, in m or rad, from which it is a change."""
+
+_STEPS = 6
+"""Gauss-Newton steps of an explanation with tool frames."""
+
+_STEP = 1e-7
+"""Step of the unknowns in m and rad for derivatives by differences."""
 
 
 def sign_sets(problem: Problem, most: int) -> Iterator[tuple[int, Array]]:
@@ -79,6 +93,7 @@ def cost(problem: Problem, solution: Solution) -> float:
             moved_tools.add(gap.joint)
         else:
             changed += _INNER
+    changed += _INNER * _wrong_limits(problem, u)
     return changed + len(moved_tools)
 
 
@@ -96,11 +111,22 @@ def moved_zeros(problem: Problem, u: Unknowns) -> list[int]:
 
 
 def zero_of(problem: Problem, u: Unknowns, i: int) -> float:
-    """Return by how much the zero of a joint differs in m or rad; an angle is in -pi..pi."""
+    """Return by how much the zero of a joint differs in m or rad.
+
+    Of angles that differ by full turns, that with the nearest limits of both sides; without limits, in -pi..pi.
+    """
     shift = float(u.zeros[i])
-    if problem.axes[i].is_angle:
-        shift = float(np.arctan2(np.sin(shift), np.cos(shift)))
-    return shift
+    axis = problem.axes[i]
+    if not axis.is_angle:
+        return shift
+    shift = float(np.arctan2(np.sin(shift), np.cos(shift)))
+    limits = axis.limits
+    target = problem.second.axes[i].limits
+    if limits is None or target is None or not np.isfinite([*limits, *target]).all():
+        return shift
+    middle = u.signs[i] * (0.5 * sum(limits) - shift)
+    turns = round((0.5 * sum(target) - middle) / (2 * np.pi))
+    return shift - float(u.signs[i]) * turns * 2 * np.pi
 
 
 def base_moved(problem: Problem, u: Unknowns) -> bool:
@@ -110,27 +136,116 @@ def base_moved(problem: Problem, u: Unknowns) -> bool:
     return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
+def _variants(problem: Problem, solution: Solution) -> list[Solution]:
+    """Return other explanations of moved base and tool frames: the free values also fit the tools, or a zero moves.
+
+    The zero of the first joint cannot be told from the base frame, nor that of the last joint from the tool frame,
+    except by the limits of the joint and by the frames of links.
+    """
+    u = solution.unknowns
+    values = values_of(u)
+    needed = [int(k) for k in np.flatnonzero(np.abs(values) > _NEEDED)]
+    tool_moved = any(gap.leaf and gap.differs(problem) for gap in gaps(problem, u))
+    if base_moved(problem, u):
+        needed = sorted({*needed, *range(6)})
+    starts: list[tuple[Unknowns, list[int]]] = []
+    if tool_moved:
+        starts.append((u, needed))
+        for i in problem.signed:
+            columns = sorted({*needed, 6 + i})
+            # a zero that is wrong by half a turn is no start for small steps
+            half_turn = np.pi if problem.axes[i].is_angle else 0.0
+            for by in (0.0, half_turn):
+                starts.append((replace(u, zeros=_shifted(u.zeros, i, by)), columns))
+    if base_moved(problem, u):
+        fixed = with_values(u, np.concatenate([np.zeros(6), values[6:]]))
+        others = [k for k in needed if k >= 6]
+        for i in problem.signed:
+            starts.append((fixed, sorted({*others, 6 + i})))
+    found = []
+    for start, columns in starts:
+        candidate = _with_tools(problem, start, columns)
+        if problem.holds(candidate.gap):
+            found.append(candidate)
+    return found
+
+
+def _shifted(zeros: Array, joint: int, by: float) -> Array:
+    shifted = zeros.copy()
+    shifted[joint] += by
+    return shifted
+
+
+def _with_tools(problem: Problem, u: Unknowns, columns: Sequence[int]) -> Solution:
+    """Return the unknowns after Gauss-Newton steps of some values on lines and tool frames together."""
+    r = _residual_with_tools(problem, u)
+    for _ in range(_STEPS):
+        if not len(columns) or np.abs(r).max() < 1e-12:
+            break
+        values = values_of(u)
+        derivatives = []
+        for k in columns:
+            moved = values.copy()
+            moved[k] += _STEP
+            derivatives.append((_residual_with_tools(problem, with_values(u, moved)) - r) / _STEP)
+        step = np.linalg.lstsq(np.array(derivatives).T, -r, rcond=1e-9)[0]
+        values[columns] += step
+        u = with_values(u, values)
+        r = _residual_with_tools(problem, u)
+    return Solution(u, problem.gap(u))
+
+
+def _residual_with_tools(problem: Problem, u: Unknowns) -> Array:
+    parts = [problem.residuals(u.signs, values_of(u)[None], u.deviating)[0]]
+    for gap in gaps(problem, u):
+        if gap.leaf:
+            parts.append((gap.T - np.eye(4))[:3].ravel())
+    return np.concatenate(parts)
+
+
+def _wrong_limits(problem: Problem, u: Unknowns) -> int:
+    """Return the number of joints whose limits differ after the conventions."""
+    wrong = 0
+    for i, axis in enumerate(problem.axes):
+        limits = axis.limits
+        target = problem.second.axes[i].limits
+        if limits is None or target is None or axis.kind not in ONE_COORDINATE:
+            continue
+        ends = sorted(float(u.signs[i] * (value - zero_of(problem, u, i))) for value in limits)
+        if max(abs(ends[0] - target[0]), abs(ends[1] - target[1])) > _LIMIT:
+            wrong += 1
+    return wrong
+
+
 def conventions(problem: Problem) -> list[Solution]:
     """Return the solutions without deviating joints that change the fewest conventions; [] if there are none."""
+    known = local(problem)
+    if known.different:
+        return []
     most = len(problem.signed)
     if most > _ALL_SIGNS:
         most = _FLIPS
-    best: list[Solution] = []
+    found: list[Solution] = []
     lowest = np.inf
     for flips, signs in sign_sets(problem, most):
         if flips > lowest:
             break
-        found = problem.solve(signs)
-        if not problem.holds(found.gap):
+        if not known.allows(signs, ()):
             continue
-        found = sparse(problem, found)
-        changed = cost(problem, found)
-        if changed < lowest - _SAME:
-            best = [found]
-            lowest = changed
-        elif changed <= lowest + _SAME:
-            best.append(found)
-    return best
+        fitted = problem.solve(signs)
+        if not problem.holds(fitted.gap):
+            continue
+        fitted = sparse(problem, fitted)
+        found += [fitted, *_variants(problem, fitted)]
+        lowest = min(cost(problem, solution) for solution in found)
+    return cheapest(problem, found)
+
+
+def cheapest(problem: Problem, solutions: Sequence[Solution]) -> list[Solution]:
+    """Return the solutions with the fewest changes, those with most link frames and limits equal first."""
+    costs = [cost(problem, solution) for solution in solutions]
+    order = np.argsort(costs, kind="stable")
+    return [solutions[k] for k in order if int(costs[k]) == int(min(costs))]
 
 
 def deviations(problem: Problem) -> list[Solution]:
@@ -138,26 +253,34 @@ def deviations(problem: Problem) -> list[Solution]:
 
     The result is empty if no `_DEVIATING` joints explain the difference.
     """
-    for size, most_flips in ((1, 2), (2, 1)):
-        hits = _deviating_sets(problem, size, most_flips)
+    known = local(problem)
+    least = max(len(known.different), 1)
+    for size in range(least, max(least, _PAIR) + 1):
+        hits = _deviating_sets(problem, known, size)
         if hits:
             return hits
-    return _greedy(problem)
+    return _greedy(problem, known)
 
 
-def _deviating_sets(problem: Problem, size: int, most_flips: int) -> list[Solution]:
+def _deviating_sets(problem: Problem, known: Local, size: int) -> list[Solution]:
+    """Return the solutions with `size` deviating joints, which contain those that the pairs of lines demand."""
     hits: list[Solution] = []
     level = 0
-    for flips, signs in sign_sets(problem, most_flips):
+    others = [i for i in range(problem.count) if i not in known.different]
+    for flips, signs in sign_sets(problem, _FLIPS):
         if hits and flips > level:
             break
         level = flips
-        for deviating in combinations(range(problem.count), size):
+        for more in combinations(others, size - len(known.different)):
+            deviating = tuple(sorted((*known.different, *more)))
+            if not known.allows(signs, deviating):
+                continue
             found = problem.solve(signs, deviating)
             if problem.holds(found.gap):
-                hits.append(sparse(problem, found))
-    hits.sort(key=lambda solution: (cost(problem, solution), _size_of_deviation(solution)))
-    return hits
+                fitted = sparse(problem, found)
+                hits += [fitted, *_variants(problem, fitted)]
+    hits.sort(key=_size_of_deviation)
+    return cheapest(problem, hits)
 
 
 def _size_of_deviation(solution: Solution) -> float:
@@ -167,10 +290,14 @@ def _size_of_deviation(solution: Solution) -> float:
     return float(np.count_nonzero(np.abs(deviations) > 1e-9))
 
 
-def _greedy(problem: Problem) -> list[Solution]:
+def _greedy(problem: Problem, known: Local) -> list[Solution]:
     """Return one solution whose deviating joints are added one by one, each that lowers the gap most."""
-    chosen: tuple[int, ...] = ()
+    chosen = tuple(sorted(known.different))
     signs = np.ones(problem.count)
+    for _, candidate in sign_sets(problem, _FLIPS):
+        if known.allows(candidate, chosen):
+            signs = candidate
+            break
     for _ in range(min(_DEVIATING, problem.count)):
         best: Solution | None = None
         for joint in range(problem.count):
@@ -182,5 +309,6 @@ def _greedy(problem: Problem) -> list[Solution]:
         assert best is not None
         chosen = best.unknowns.deviating
         if problem.holds(best.gap):
-            return [sparse(problem, best)]
+            fitted = sparse(problem, best)
+            return cheapest(problem, [fitted, *_variants(problem, fitted)])
     return []
