@@ -68,7 +68,7 @@ class Statement:
     joints: frozenset[str]
     links: frozenset[str]
 
-    def applied(self, side: Side, values: Sequence[float]) -> Side | None:
+    def applied(self, side: Side, values: Sequence[float] | Array) -> Side | None:
         """Return the side with other numbers here; None without this link in the side, or for an axis of length 0."""
         T_base_link = _frame(side, self.link)
         if T_base_link is None:
@@ -85,7 +85,7 @@ class Statement:
             frames[name] = (group, W @ T if plain(name) in self.links else T)
         return replace(side, axes=tuple(axes), frames=frames)
 
-    def _turned(self, side: Side, T_base_link: Array, values: Sequence[float]) -> Side | None:
+    def _turned(self, side: Side, T_base_link: Array, values: Sequence[float] | Array) -> Side | None:
         length = float(np.linalg.norm(values))
         if not length > 1e-9:
             return None
@@ -97,7 +97,7 @@ class Statement:
             axes.append(axis)
         return replace(side, axes=tuple(axes))
 
-    def _step(self, values: Sequence[float]) -> Array | None:
+    def _step(self, values: Sequence[float] | Array) -> Array | None:
         """Return the motion (4, 4) of the link in its own frame if the numbers change to `values`."""
         if self.role == "turn":
             old = self._rotation(self.values)
@@ -108,7 +108,7 @@ class Statement:
         shift = np.asarray(values, float) - np.asarray(self.values, float)
         return spatial.pose(p=shift)
 
-    def _rotation(self, values: Sequence[float]) -> Array | None:
+    def _rotation(self, values: Sequence[float] | Array) -> Array | None:
         if self.kind == "quat":
             if not np.linalg.norm(values) > 1e-9:
                 return None
