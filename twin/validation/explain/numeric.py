@@ -313,7 +313,7 @@ def _is_leaf(f: types.FunctionType) -> bool:
 
 
 def _key(args: tuple[Any, ...]) -> tuple[Any, ...] | None:
-    """Return a key that is equal only for equal arguments; None if an argument is long, or neither number nor matrix."""
+    """Return a key, equal only for equal arguments; None if an argument is long, or neither number nor matrix."""
     out: list[Any] = [_UNGUARDED.get()]
     for x in args:
         a = x.a if isinstance(x, Matrix) else x
