@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ _HALVINGS = 4
 """Maximum number of times that a step is halved."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Cut:
     """A largest scalar expression of a statement.
 
@@ -47,12 +48,12 @@ class Cut:
     value: Array = field(default_factory=lambda: np.zeros(0))
     several: bool = False
 
-    @property
+    @cached_property
     def function(self) -> tuple[Path, str]:
         """File and function of the expression."""
         return self.site.source.path, self.site.source.name
 
-    @property
+    @cached_property
     def place(self) -> tuple[Path, int, int]:
         """File, first byte and end of the expression."""
         return (self.site.source.path, *self.site.source.span(self.node))
@@ -112,7 +113,7 @@ class Batch:
                 out[i] = found[n]
         return out
 
-    @property
+    @cached_property
     def residuals(self) -> dict[Key, Array]:
         """Residuals (k, entries) of the rows at the poses, without edits."""
         return {p.key: r for p, r in self.copies(1).residuals.items()}

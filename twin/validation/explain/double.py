@@ -40,9 +40,12 @@ _MULTIPLES = (0.0, -2.0, -1.0, 1.0, -0.5, -0.75, 3.0)
 _FEW = 4
 """Number of poses at which such shifts are tried."""
 
-_CHOICES = len(_MULTIPLES) + len(_FULL_TURNS)
+_NAMES = 8
+"""Number of names of the same function whose values an expression may have instead."""
 
-_PAIRS = 12
+_CHOICES = len(_MULTIPLES) + len(_FULL_TURNS) + _NAMES
+
+_PAIRS = 8
 """Number of pairs of expressions for which such shifts are tried by one evaluation."""
 
 _POSE = 12
@@ -79,6 +82,8 @@ class Double:
         self.unsure: list[tuple[Path, int, int]] = []
         """Places of expressions whose values may differ from call to call, so that one value of them proves nothing."""
         self._cuts: list[Cut] | None = None
+        self._first_shifts: dict[Cut, Array] = {}
+        self._arguments: dict[tuple[Path, str], list[Array]] = {}
 
     @property
     def judge(self) -> Judge:
@@ -149,13 +154,19 @@ class Double:
                 for second in search.edits(site.source, site.statement):
                     yield first, second
 
-    def outside(self, edit: Edit, deadline: Deadline) -> bool:
-        """Return whether an edit is in no scalar expression, so that only `beside` finds a pair with it."""
-        for cut in self.cuts(self.failing, deadline):
-            path, start, end = cut.place
-            if start <= edit.start and edit.end <= end and edit.path == path:
-                return False
-        return True
+    def outside(self, edits: Sequence[Edit], deadline: Deadline) -> tuple[list[Edit], list[Edit]]:
+        """Return (edits in no scalar expression, so that only `beside` finds a pair with them; the other edits)."""
+        places = [cut.place for cut in self.cuts(self.failing, deadline)]
+        outside: list[Edit] = []
+        inside: list[Edit] = []
+        for edit in edits:
+            where = outside
+            for path, start, end in places:
+                if start <= edit.start and edit.end <= end and edit.path == path:
+                    where = inside
+                    break
+            where.append(edit)
+        return outside, inside
 
     def refuted(self, rows: Sequence[Key], deadline: Deadline) -> list[tuple[Path, int, int]]:
         """Return the places of expressions with no value of which one of the wrong rows `rows` agrees.
@@ -342,7 +353,7 @@ class Double:
             for (a, b), guess in zip(part, self._guess(part, rows), strict=True):
                 if guess is not None:
                     i, j = divmod(guess, _CHOICES)
-                    out[a, b] = np.stack([_shifts(a.value)[i], _shifts(b.value)[j]], axis=1)
+                    out[a, b] = np.stack([self._shifts(a)[i], self._shifts(b)[j]], axis=1)
         return out
 
     def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[Key]) -> list[int | None]:
@@ -358,7 +369,7 @@ class Double:
                 shape = (1, _CHOICES, few)
                 if axis == 0:
                     shape = (_CHOICES, 1, few)
-                every = _shifts(cut.value[places]).reshape(shape)
+                every = self._shifts(cut)[:, places].reshape(shape)
                 mixed = np.broadcast_to(every, (_CHOICES, _CHOICES, few))
                 shift.shift[n * each : (n + 1) * each, 0] = mixed.ravel()
         after = self._residuals(list(shifts), list(shifts.values()), (), grid)
@@ -376,6 +387,37 @@ class Double:
             near = best != 0 and bool(left[best] <= _NEAR * size)
             out.append(best if near else None)
         return out
+
+    def _shifts(self, cut: Cut) -> Array:
+        """Return the shifts (choices, k) of an expression that are tried first; the first one is zero."""
+        if cut not in self._first_shifts:
+            shifts = [multiple * cut.value for multiple in _MULTIPLES]
+            for turn in _FULL_TURNS:
+                shifts.append(np.full_like(cut.value, turn * np.pi))
+            for value in self._scalars(cut)[:_NAMES]:
+                shifts.append(value - cut.value)
+            while len(shifts) < _CHOICES:
+                shifts.append(np.zeros_like(cut.value))
+            self._first_shifts[cut] = np.array(shifts)
+        return self._first_shifts[cut]
+
+    def _scalars(self, cut: Cut) -> list[Array]:
+        """Return the values (k,) of the scalar arguments of an expression's function, those that vary first."""
+        if cut.function not in self._arguments:
+            shift = Shift(self.judge.truth.k)
+            self._residuals((cut,), [shift])
+            varying: list[Array] = []
+            constant: list[Array] = []
+            for name in cut.site.source.arguments:
+                value = shift.scope.get(name)
+                x = value.x if isinstance(value, Scalar) else value
+                if not isinstance(x, int | float | np.ndarray) or np.shape(x) not in ((), (self.judge.truth.k,)):
+                    continue
+                values = np.broadcast_to(np.asarray(x, float), (self.judge.truth.k,))
+                where = varying if np.ptp(values) > 0 else constant
+                where.append(values)
+            self._arguments[cut.function] = varying + constant
+        return self._arguments[cut.function]
 
     @cached_property
     def _at_few(self) -> tuple[NDArray[np.intp], Judge]:
@@ -440,13 +482,6 @@ def _together(pairs: Sequence[tuple[Cut, Cut]]) -> Iterator[list[tuple[Cut, Cut]
         if len(part) == _PAIRS:
             yield by_function.pop(pair[0].function)
     yield from by_function.values()
-
-
-def _shifts(values: Array) -> Array:
-    """Return the shifts (choices, k) of an expression with `values` (k,) that are tried first."""
-    multiples = [m * values for m in _MULTIPLES]
-    turns = [np.full_like(values, turn * np.pi) for turn in _FULL_TURNS]
-    return np.array(multiples + turns)
 
 
 def _may_be_scalar(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:

@@ -70,11 +70,13 @@ class Expression:
         self._scope = dict(shift.scope)
         self._k = len(shift.shift)
         self._span = site.source.span(node)
+        self._size = _size(shift.value[:, 0])
+        self._sizes: dict[ast.expr, float] = {}
 
     def one(self, wanted: Array) -> Iterator[Edit]:
         """Yield single edits after which the expression has the values `wanted` (k,)."""
         singles, values = self._singles
-        for i in self._equal(values, wanted):
+        for i in self._equal(values, wanted, self._size):
             yield singles[i]
 
     def composed(self, wanted: Array) -> Iterator[Edit]:
@@ -118,7 +120,7 @@ class Expression:
                 needed = self._needed(part, (first,), wanted) if len(inside) else None
                 if needed is None:
                     continue
-                for j in inside[self._equal(self._edited(part, singles, inside), needed)]:
+                for j in inside[self._equal(self._edited(part, singles, inside), needed, self._size_of(part))]:
                     pair = (min(i, int(j)), max(i, int(j)))
                     if pair not in seen:
                         seen.add(pair)
@@ -230,14 +232,23 @@ class Expression:
     def _tables(self) -> dict[ast.expr, Array]:
         return {}
 
-    def _equal(self, values: Array, wanted: Array) -> NDArray[np.intp]:
-        """Return the indices of the rows of `values` (n, k) that are equal to `wanted` (k,), or by full turns."""
+    def _size_of(self, part: ast.expr) -> float:
+        """Return the largest absolute value of a part before edits."""
+        if part not in self._sizes:
+            self._sizes[part] = _size(self._value((), self._span_of(part)))
+        return self._sizes[part]
+
+    def _equal(self, values: Array, wanted: Array, size: float) -> NDArray[np.intp]:
+        """Return the indices of the rows of `values` (n, k) that are equal to `wanted` (k,), or by full turns.
+
+        `size` is the size of the values before: a value that must be zero is found up to rounding of this size.
+        """
         if not len(values):
             return np.zeros(0, np.intp)
         off = values[:, self.known] - wanted[self.known]
         turns = np.round(off[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
         off = off - 2 * np.pi * np.nan_to_num(turns)
-        limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), 1e-9)
+        limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), size, 1e-9)
         return np.flatnonzero(np.abs(off).max(axis=1) <= limit)
 
     def _value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
@@ -266,6 +277,14 @@ class Expression:
             if isinstance(value, Scalar):
                 return type(value)(hole)
         return hole
+
+
+def _size(values: Array | None) -> float:
+    """Return the largest absolute value; zero without values."""
+    if values is None:
+        return 0.0
+    finite = np.abs(values[np.isfinite(values)])
+    return float(finite.max(initial=0.0))
 
 
 @lru_cache(maxsize=8192)

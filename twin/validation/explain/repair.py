@@ -73,7 +73,13 @@ _MOST_EXACT = 60
 _WHOLE = 12
 """Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
 
-_DOUBLE_PART = 0.7
+_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.3, 0.5, 1.0)
+"""Maximum parts of the remaining time for the kinds of such pairs, in the order of `_double`."""
+
+_FIRST_PART = 0.6
+"""Maximum part of this time for the equation whose rows have most entries; then of the rest for the next one."""
+
+_DOUBLE_PART = 0.85
 """Maximum part of the time for pairs of edits that is used for pairs from required values of expressions."""
 
 _REFUTE_PART = 0.25
@@ -750,19 +756,31 @@ class Search:
             for double in self._doubles:
                 searches.append((double, rows))
         known = [c.edits[0] for c in shared]
+        parts: dict[int, tuple[list[Edit], list[Edit]]] = {}
+
+        def parted(double: Double) -> tuple[list[Edit], list[Edit]]:
+            if id(double) not in parts:
+                parts[id(double)] = double.outside(firsts, until)
+            return parts[id(double)]
+
         stages: list[Callable[[Double, Sequence[Key], Deadline], Iterator[tuple[Edit, Edit]]]] = [
             lambda double, rows, end: double.beside(known, rows, end, composed=True),
             lambda double, rows, end: double.required(known, rows, end),
             lambda double, rows, end: double.in_one(rows, end),
             lambda double, rows, end: double.in_two(rows, end),
-            lambda double, rows, end: double.beside([e for e in firsts if double.outside(e, end)], rows, end),
-            lambda double, rows, end: double.beside([e for e in firsts if not double.outside(e, end)], rows, end),
+            lambda double, rows, end: double.beside(parted(double)[0], rows, end),
+            lambda double, rows, end: double.beside(parted(double)[1], rows, end),
             lambda double, rows, end: double.required(firsts, rows, end),
         ]
-        for n, stage in enumerate(stages):
+        for share, stage in zip(_DOUBLE_SHARES, stages, strict=True):
+            of_stage = until.within(share * until.left)
             for m, (double, rows) in enumerate(searches):
-                remaining = (len(stages) - n) * len(searches) - m
-                end = until.within(2 * until.left / (remaining + 1))
+                if until.passed:
+                    break
+                part = _FIRST_PART
+                if m == len(searches) - 1:
+                    part = 1.0
+                end = of_stage.within(part * of_stage.left)
                 for first, second in stage(double, rows, end):
                     candidate = self._pair(double, first, second)
                     if candidate is not None:
@@ -787,7 +805,16 @@ class Search:
         out = []
         for step, sites in self._sites():
             out.append(Double(coarse, full, step, sites, self.failing))
-        return out
+        # Rows with several entries reject nearly all wrong expressions, so that they are tried first.
+        return sorted(out, key=self._entries, reverse=True)
+
+    def _entries(self, double: Double) -> int:
+        """Return the largest number of entries of a failing row of an equation."""
+        entries = 0
+        for key in self.failing:
+            if key[0] == double.step.equation.name:
+                entries = max(entries, self.raw[key].shape[1])
+        return entries
 
     def _sites(self) -> list[tuple[Step, list[Site]]]:
         """Return, for each equation on which rows depend, its statements and those of the functions that it calls."""
