@@ -15,13 +15,13 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.chain import ChainStep, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.context import Context, played
-from twin.exchange.audit.meshes import check_mesh, joined
+from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.motion import Content, FileClip, LinkShape
 from twin.exchange.audit.physics import WORLD
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.mjcf.audit.physics import BALL, FREE, HINGE, SLIDE, compiled_physics
-from twin.exchange.formats.urdf.audit import assumed_masses, named_mesh, numbers, parse_xml, partly_shown
+from twin.exchange.formats.urdf.audit import assumed_masses, named_mesh, numbers, parse_xml, partly_shown, placed_shape
 
 LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at the joint values of a track, in m or (rotation of a weld) in rad."""
@@ -50,9 +50,12 @@ class Mjcf:
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.data = mujoco.MjData(self.model)
         m = self.model
-        self.bodies = {m.body(i).name: i for i in range(m.nbody) if m.body(i).name and (i or _holds(root))}
+        self.bodies: dict[str, int] = {}
+        for i in range(0 if _holds(root) else 1, m.nbody):
+            if m.body(i).name:
+                self.bodies[m.body(i).name] = i
         mujoco.mj_kinematics(m, self.data)
-        self.content.rest = {n: self._pose(i) for n, i in self.bodies.items()}
+        self.content.rest = {name: self._pose(i) for name, i in self.bodies.items()}
         self.content.facts = {
             "units": "m (MuJoCo)",
             "up_axis": "Z" if m.opt.gravity[2] < 0 else "?",
@@ -70,56 +73,72 @@ class Mjcf:
 
     def play(self, clip: FileClip) -> FileClip:
         """Return the clip of poses T_world_link (k, 4, 4) that MuJoCo computes from a track; report open loops."""
-        m, d = self.model, self.data
+        m = self.model
+        d = self.data
         count = len(clip.times)
         qpos = np.tile(m.qpos0, (count, 1))
         for body in range(1, m.nbody):
             self._set(body, clip, qpos)
         number = {WORLD: 0, **self.bodies}  # a base named world is MuJoCo's own fixed body
-        names = [n for n in number if n in clip.links]
-        place, turn = np.zeros((count, m.nbody, 3)), np.zeros((count, m.nbody, 4))
-        worst, where, when = 0.0, "", ""
+        place = np.zeros((count, m.nbody, 3))
+        turn = np.zeros((count, m.nbody, 4))
+        worst = 0.0
+        where = ""
+        when = ""
         for k in range(count):
             d.qpos[:] = qpos[k]
             mujoco.mj_fwdPosition(m, d)
-            place[k], turn[k] = d.xpos, d.xquat
+            place[k] = d.xpos
+            turn[k] = d.xquat
             gap, equality = _gap(m, d)
             if gap > worst:
-                worst, where, when = gap, equality, f"t = {clip.times[k]:.4g} s"
+                worst = gap
+                where = equality
+                when = f"t = {clip.times[k]:.4g} s"
         if m.neq:
             self._ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst, "m", LOOP_TOL, where=where, when=when)
         if worst > LOOP_TOL:
             text = f"clip '{clip.name}': equality '{where}' is open by {quantity(worst, 'm')}."
             self._ledger.wrong("mjcf.loop", text, where, size=um(worst, LOOP_TOL), when=when)
         T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
-        return FileClip(clip.name, clip.times, {n: T[:, number[n]] for n in names})
+        links = {name: T[:, i] for name, i in number.items() if name in clip.links}
+        return FileClip(clip.name, clip.times, links)
 
     def _set(self, body: int, clip: FileClip, qpos: Array) -> None:
         """Set the coordinates of one body's joints at all keys, from the track's joint values or link poses."""
         m = self.model
-        joints = range(m.body_jntadr[body], m.body_jntadr[body] + m.body_jntnum[body]) if m.body_jntnum[body] else ()
+        first = m.body_jntadr[body]
+        joints = range(first, first + m.body_jntnum[body])
         if not joints:
             return
-        if m.jnt_type[joints[0]] == FREE:  # every pose of the body is a pose of the joint
+        if m.jnt_type[first] == FREE:  # every pose of the body is a pose of the joint
             goal = self._goal(body, clip)
             if goal is not None:
-                at = m.jnt_qposadr[joints[0]]
+                at = m.jnt_qposadr[first]
                 qpos[:, at : at + 3] = goal[:, :3, 3]
                 qpos[:, at + 3 : at + 7] = poses.quaternion(goal[:, :3, :3])[:, [3, 0, 1, 2]]
             return
-        links, given, owners = map(list, zip(*self._chain(body, joints, clip), strict=True))
-        if any(g is None and link.kind != "fixed" for g, link in zip(given, links, strict=True)):
+        steps: list[ChainStep] = []
+        given: list[Array | None] = []
+        owners: list[int] = []
+        unknown = False
+        for step, values, owner in self._chain(body, joints, clip):
+            steps.append(step)
+            given.append(values)
+            owners.append(owner)
+            unknown |= values is None and step.kind != "fixed"
+        if unknown:
             goal = self._goal(body, clip)
             if goal is None:
                 return
-            given = fit(links, given, goal)
+            given = fit(steps, given, goal)
         for j in joints:
             at = m.jnt_qposadr[j]
-            values = [g for g, o in zip(given, owners, strict=True) if o == j and g is not None]
+            values = [q for q, owner in zip(given, owners, strict=True) if owner == j and q is not None]
             if m.jnt_type[j] == BALL:
-                R = poses.about([1, 0, 0], values[0]) @ poses.about([0, 1, 0], values[1])
-                q = poses.quaternion(R @ poses.about([0, 0, 1], values[2]))
-                qpos[:, at : at + 4] = q[:, [3, 0, 1, 2]]
+                about_x, about_y, about_z = values
+                R = poses.about([1, 0, 0], about_x) @ poses.about([0, 1, 0], about_y) @ poses.about([0, 0, 1], about_z)
+                qpos[:, at : at + 4] = poses.quaternion(R)[:, [3, 0, 1, 2]]
             else:
                 qpos[:, at] = values[0] + m.qpos0[at]
 
@@ -130,25 +149,32 @@ class Mjcf:
         step without a joint.
         """
         m = self.model
-        yield ChainStep(poses.pose(poses.rotation(m.body_quat[body][[1, 2, 3, 0]]), m.body_pos[body])), None, -1
+        R_parent_body = poses.rotation(m.body_quat[body][[1, 2, 3, 0]])
+        yield ChainStep(poses.pose(R_parent_body, m.body_pos[body])), None, -1
         for j in joints:
-            there, axis = poses.pose(None, m.jnt_pos[j]), m.jnt_axis[j].copy()
-            known = clip.joints.get(m.joint(j).name)
+            anchor = poses.pose(None, m.jnt_pos[j])
             if m.jnt_type[j] == BALL:
-                for i in range(3):
-                    yield ChainStep(there if not i else np.eye(4), "turn", np.eye(3)[i]), None, j
+                x, y, z = np.eye(3)
+                yield ChainStep(anchor, "turn", x), None, j
+                yield ChainStep(np.eye(4), "turn", y), None, j
+                yield ChainStep(np.eye(4), "turn", z), None, j
             elif m.jnt_type[j] in (HINGE, SLIDE):
-                value = None if known is None else known - m.qpos0[m.jnt_qposadr[j]]
-                yield ChainStep(there, "turn" if m.jnt_type[j] == HINGE else "slide", axis), value, j
-            yield ChainStep(poses.inverse(there)), None, -1
+                kind = "turn" if m.jnt_type[j] == HINGE else "slide"
+                values = clip.joints.get(m.joint(j).name)
+                if values is not None:
+                    values = values - m.qpos0[m.jnt_qposadr[j]]  # MuJoCo's poses are those at `ref`
+                yield ChainStep(anchor, kind, m.jnt_axis[j].copy()), values, j
+            yield ChainStep(poses.inverse(anchor)), None, -1
 
     def _goal(self, body: int, clip: FileClip) -> Array | None:
         """Return T_parent_body (k, 4, 4) from the track: poses of `body` or of a body welded to it; None if unknown."""
         upper = self._known(self.model.body_parentid[body], clip)
-        here = self._known(body, clip)
-        if here is None:
-            here = self._welded(body, clip)
-        return None if upper is None or here is None else poses.inverse(upper) @ here
+        T_world_body = self._known(body, clip)
+        if T_world_body is None:
+            T_world_body = self._welded(body, clip)
+        if upper is None or T_world_body is None:
+            return None
+        return poses.inverse(upper) @ T_world_body
 
     def _known(self, body: int, clip: FileClip) -> Array | None:
         if body == 0:
@@ -160,15 +186,17 @@ class Mjcf:
         for e in range(m.neq):
             if m.eq_type[e] != mujoco.mjtEq.mjEQ_WELD or m.eq_objtype[e] != mujoco.mjtObj.mjOBJ_SITE:
                 continue
-            sites = [int(m.eq_obj1id[e]), int(m.eq_obj2id[e])]
-            for mine, its in (sites, sites[::-1]):
-                other = self._known(int(m.site_bodyid[its]), clip)
-                if m.site_bodyid[mine] == body and other is not None:
-                    T_mine, T_its = (
-                        poses.pose(poses.rotation(m.site_quat[s][[1, 2, 3, 0]]), m.site_pos[s]) for s in (mine, its)
-                    )
-                    return other @ T_its @ poses.inverse(T_mine)
+            first = int(m.eq_obj1id[e])
+            second = int(m.eq_obj2id[e])
+            for own, other in ((first, second), (second, first)):
+                T_world_other = self._known(int(m.site_bodyid[other]), clip)
+                if m.site_bodyid[own] == body and T_world_other is not None:
+                    return T_world_other @ self._site(other) @ poses.inverse(self._site(own))
         return None
+
+    def _site(self, site: int) -> Array:
+        """Return T_body_site (4, 4)."""
+        return poses.pose(poses.rotation(self.model.site_quat[site][[1, 2, 3, 0]]), self.model.site_pos[site])
 
     def check_limits(self, name: str, low: Mapping[str, float], high: Mapping[str, float]) -> None:
         """Compare the joint ranges of the file with the joint limits in a track.
@@ -180,11 +208,18 @@ class Mjcf:
             joint = m.joint(j).name
             if joint not in low or abs(low[joint]) > 1e29:
                 continue
-            got = m.jnt_range[j] if m.jnt_limited[j] else np.array([-np.inf, np.inf])
-            off = float(np.max(np.abs(got - [low[joint], high[joint]])))
-            if not off <= LIMIT_TOL * max(1.0, *(abs(v) for v in (low[joint], high[joint]) if abs(v) < 1e29)):
+            lower = -np.inf
+            upper = np.inf
+            if m.jnt_limited[j]:
+                lower, upper = m.jnt_range[j].tolist()
+            off = float(np.max(np.abs([lower - low[joint], upper - high[joint]])))
+            scale = 1.0
+            for limit in (low[joint], high[joint]):
+                if abs(limit) < 1e29:  # larger ones mean "no limit"
+                    scale = max(scale, abs(limit))
+            if not off <= LIMIT_TOL * scale:
                 text = (
-                    f"joint '{joint}' has range {got[0]:g} .. {got[1]:g}; in {name} it is {low[joint]:g} .. "
+                    f"joint '{joint}' has range {lower:g} .. {upper:g}; in {name} it is {low[joint]:g} .. "
                     f"{high[joint]:g}."
                 )
                 self._ledger.wrong("mjcf.limits", text, joint, size=off)
@@ -201,16 +236,17 @@ def _gap(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[float, str]:
 
 def _holds(root: ET.Element) -> bool:
     """Return whether the world is the base of the robot: True if a joint connects a top-level body to the world."""
-    return any(b.find("joint") is not None for world in root.iter("worldbody") for b in world.findall("body"))
+    return any(world.find("body/joint") is not None for world in root.iter("worldbody"))
 
 
 def _partly_read(m: mujoco.MjModel) -> frozenset[str]:
     """Return the names of bodies without a shape that collides, or with a shape that is not a mesh and is not read."""
     out = set()
     for body in range(m.nbody):
-        shapes = range(m.body_geomadr[body], m.body_geomadr[body] + m.body_geomnum[body])
-        collides = any(m.geom_contype[g] or m.geom_conaffinity[g] for g in shapes)
-        meshes = all(m.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH for g in shapes)
+        first = m.body_geomadr[body]
+        end = first + m.body_geomnum[body]
+        collides = m.geom_contype[first:end].any() or m.geom_conaffinity[first:end].any()
+        meshes = (m.geom_type[first:end] == mujoco.mjtGeom.mjGEOM_MESH).all()
         if not collides or not meshes:
             out.add(m.body(body).name)
     return frozenset(out)
@@ -226,55 +262,73 @@ def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
         if m.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH or mesh < 0 or key in seen:
             continue
         seen.add(key)
-        at, faces = int(m.mesh_vertadr[mesh]), int(m.mesh_faceadr[mesh])
-        vertices = m.mesh_vert[at : at + m.mesh_vertnum[mesh]].astype(float)
-        area = surface_area(vertices, m.mesh_face[faces : faces + m.mesh_facenum[mesh]])
-        rgba = m.mat_rgba[m.geom_matid[g]] if m.geom_matid[g] >= 0 else m.geom_rgba[g]
-        out.add(m.body(key[0]).name, (*linear(rgba[:3]).tolist(), float(rgba[3])), area)
+        vertex = int(m.mesh_vertadr[mesh])
+        face = int(m.mesh_faceadr[mesh])
+        vertices = m.mesh_vert[vertex : vertex + m.mesh_vertnum[mesh]].astype(float)
+        area = surface_area(vertices, m.mesh_face[face : face + m.mesh_facenum[mesh]])
+        rgba = m.geom_rgba[g]
+        if m.geom_matid[g] >= 0:  # the colour of a material hides that of the shape
+            rgba = m.mat_rgba[m.geom_matid[g]]
+        red, green, blue = linear(rgba[:3]).tolist()
+        out.add(m.body(key[0]).name, (red, green, blue, float(rgba[3])), area)
     return out.shares()
 
 
 def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape]:
     compiler = root.find("compiler")
-    folder = "" if compiler is None else compiler.get("meshdir", compiler.get("assetdir", ""))
-    assets = {}
+    folder = ""
+    if compiler is not None:
+        folder = compiler.get("meshdir", compiler.get("assetdir", ""))
+    assets: dict[str | None, tuple[str, Array]] = {}
     for mesh in root.findall("asset/mesh"):
         file = mesh.get("file", "")
         name = mesh.get("name") or Path(file).stem
-        assets[name] = (f"{folder}/{file}" if folder else file, numbers(mesh.get("scale"), 3, (1, 1, 1)))
+        if folder:
+            file = f"{folder}/{file}"
+        assets[name] = (file, numbers(mesh.get("scale"), 3, (1, 1, 1)))
     checked: dict[str, tuple[Array, Array] | None] = {}
-    out = {}
+    shapes: dict[str, LinkShape] = {}
     for body in (*root.iter("worldbody"), *root.iter("body")):
-        parts, seen = [], set()
+        parts: list[LinkShape] = []
+        seen = set()
         for geom in body.findall("geom"):
             place = (geom.get("mesh"), geom.get("pos"), geom.get("quat"))
             if place in seen:  # the same mesh is used for display and collision
                 continue
             seen.add(place)
-            if geom.get("mesh") not in assets or not set(geom.keys()).isdisjoint(
-                {"euler", "axisangle", "xyaxes", "zaxis"}
-            ):
+            if geom.get("mesh") not in assets or not _ROTATIONS.isdisjoint(geom.keys()):
                 continue
             file, scale = assets[geom.get("mesh")]
-            got = named_mesh(path, file, scale, checked, ledger, "mjcf")
-            if got is not None:
-                q = numbers(geom.get("quat"), 4, (1, 0, 0, 0))[[1, 2, 3, 0]]
-                T = poses.pose(poses.rotation(q), numbers(geom.get("pos"), 3, (0, 0, 0)))
-                parts.append(check_mesh(Ledger(""), "", got[0] @ T[:3, :3].T + T[:3, 3], got[1], None, "mjcf"))
-        shape = joined(p for p in parts if p is not None)
+            solid = named_mesh(path, file, scale, checked, ledger, "mjcf")
+            if solid is None:
+                continue
+            q_wxyz = numbers(geom.get("quat"), 4, (1, 0, 0, 0))
+            T = poses.pose(poses.rotation(q_wxyz[[1, 2, 3, 0]]), numbers(geom.get("pos"), 3, (0, 0, 0)))
+            part = placed_shape(solid, T, "mjcf")
+            if part is not None:
+                parts.append(part)
+        shape = joined(parts)
         name = "world" if body.tag == "worldbody" else body.get("name", "")
         if shape is not None and name:
-            out[name] = shape
-    return out
+            shapes[name] = shape
+    return shapes
+
+
+_ROTATIONS = {"euler", "axisangle", "xyaxes", "zaxis"}
+"""Attributes for a rotation that twin does not write, and that depend on other attributes; such shapes are not read."""
 
 
 def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
     """Report faults of actuators and keyframes."""
-    names = {m.joint(j).name: j for j in range(m.njnt) if m.joint(j).name}
+    names: dict[str, int] = {}
+    for j in range(m.njnt):
+        if m.joint(j).name:
+            names[m.joint(j).name] = j
     for a in range(m.nu):
-        name, j = m.actuator(a).name, int(m.actuator_trnid[a, 0])
         if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
+        name = m.actuator(a).name
+        j = int(m.actuator_trnid[a, 0])
         if names.get(name, j) != j:
             text = f"actuator '{name}' drives joint '{m.joint(j).name}', not the joint of the same name."
             advice = "let the actuator drive the joint of the same name, or rename the actuator"
@@ -293,7 +347,8 @@ def _check_servo(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:
     The control is the coordinate, or the displacement of the coordinate from `ref`.
     """
     name = m.actuator(a).name
-    gain, stiffness = float(m.actuator_gainprm[a, 0]), -float(m.actuator_biasprm[a, 1])
+    gain = float(m.actuator_gainprm[a, 0])
+    stiffness = -float(m.actuator_biasprm[a, 1])
     affine = int(m.actuator_biastype[a]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
     if not affine or stiffness <= 0:  # a motor, or a drive of the speed
         return
@@ -325,15 +380,19 @@ def _check_servo(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:
 
 def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:
     """Report equality constraints whose solver parameters differ from those of most others in the file."""
-    rows = [(*m.eq_solref[e].tolist(), *m.eq_solimp[e].tolist()) for e in range(m.neq)]
-    common = Counter(rows).most_common(1)
+    rows: list[tuple[float, ...]] = []
+    for e in range(m.neq):
+        rows.append((*m.eq_solref[e].tolist(), *m.eq_solimp[e].tolist()))
+    if not rows:
+        return
+    common, _ = Counter(rows).most_common(1)[0]
     for e, row in enumerate(rows):
-        if row != common[0][0]:
+        if row != common:
             name = m.equality(e).name
             text = (
                 f"equality '{name}' has solref {row[0]:g} {row[1]:g} and solimp {row[2]:g} {row[3]:g}, most others "
-                f"have {common[0][0][0]:g} {common[0][0][1]:g} and {common[0][0][2]:g} {common[0][0][3]:g}: its loop "
-                "opens by another amount under load."
+                f"have {common[0]:g} {common[1]:g} and {common[2]:g} {common[3]:g}: its loop opens by another amount "
+                "under load."
             )
             ledger.wrong("mjcf.softness", text, name, suggestion="give all loops the same solref and solimp")
 
@@ -399,18 +458,22 @@ def _holding(m: mujoco.MjModel, d: mujoco.MjData) -> Array:
         for k in range(int(d.moment_rownnz[a])):
             at = int(d.moment_rowadr[a]) + k
             columns[int(d.moment_colind[at]), a] = d.actuator_moment.ravel()[at]
-    held = [k for k in range(d.nefc) if d.efc_type[k] == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+    held = np.flatnonzero(d.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
     loops = np.zeros((m.nv, len(held)))
     for i, k in enumerate(held):
-        row, force = np.zeros(m.nv), np.zeros(d.nefc)
+        row = np.zeros(m.nv)
+        force = np.zeros(d.nefc)
         force[k] = 1.0
         mujoco.mj_mulJacTVec(m, d, row, force)
         loops[:, i] = row
-    return np.linalg.lstsq(np.hstack([columns, loops]), d.qfrc_bias - d.qfrc_passive, rcond=None)[0][: m.nu]
+    gravity = d.qfrc_bias - d.qfrc_passive
+    forces, *_ = np.linalg.lstsq(np.hstack([columns, loops]), gravity, rcond=None)
+    return forces[: m.nu]
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content:
     """Return the content of an MJCF file with its poses along the tracks, and report its faults."""
     admit(path)
-    ledger.tool, ledger.version = "mujoco", mujoco.__version__
+    ledger.tool = "mujoco"
+    ledger.version = mujoco.__version__
     return played(Mjcf(path, ledger), path, ledger, context)

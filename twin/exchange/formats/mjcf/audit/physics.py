@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 
 import mujoco
@@ -51,7 +51,8 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
     gravity = np.zeros(3) if m.opt.disableflags & _NO_GRAVITY else np.array(m.opt.gravity)
     out = FilePhysics(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(m))
     out.floats = {name: float(m.body_gravcomp[i]) for name, i in bodies.items()}
-    out.motors, out.all_motors = _motors(m), True
+    out.motors = _motors(m)
+    out.all_motors = True
     names = [m.body(i).name for i in range(m.nbody)]
     for name, i in bodies.items():
         if i and (m.body_mass[i] or m.body_weldid[i]):  # a body fixed to the world needs no mass: 0 means "not stated"
@@ -60,33 +61,62 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
             out.masses[name] = FileMass(float(m.body_mass[i]), m.body_ipos[i].copy(), inertia)
     drives = _drives(m, out.motors)
     for i in range(1, m.nbody):
-        T = _pose(m.body_pos[i], m.body_quat[i])
-        own = range(m.body_jntadr[i], m.body_jntadr[i] + m.body_jntnum[i]) if m.body_jntnum[i] else range(0)
-        motions = tuple(line.seen(T) for j in own for line in _motions(m, j))
-        single = [drives[j] for j in own] if len(own) == 1 else []
-        known = [drives[j] for j in own if drives[j].driven]
-        if len(own) == 1 and m.jnt_type[own[0]] in (HINGE, SLIDE):  # a body is placed at `ref`, not at zero
-            T = motions[0].moved(-float(m.qpos0[m.jnt_qposadr[own[0]]])) @ T
-        parent = names[m.body_parentid[i]]
-        drive = single[0] if single else known[0] if len(known) == 1 else FileDrive()
-        out.joints.append(FileJoint(_named(m.joint(j).name for j in own), parent, names[i], T, motions, drive))
-    held = [n for n, i in bodies.items() if i == 0 or (m.body_parentid[i] == 0 and not m.body_jntnum[i])]
+        out.joints.append(_joint(m, i, names, drives))
+    held: set[str] = set()
+    for name, i in bodies.items():
+        if i == 0 or (m.body_parentid[i] == 0 and not m.body_jntnum[i]):
+            held.add(name)
     out.held = frozenset(held)
     out.joints += _ties(m, names)
-    tying = {int(i) for e in range(m.neq) if _by_sites(m, e) for i in (m.eq_obj1id[e], m.eq_obj2id[e])}
-    for s in (s for s in range(m.nsite) if s not in tying):
-        site = m.site(s)
-        T = _pose(m.site_pos[s], m.site_quat[s])
-        body = names[m.site_bodyid[s]]
-        if site.name.startswith(POINT):
-            out.points[site.name.removeprefix(POINT)] = FileFrame(body, poses.pose(None, T[:3, 3]))
-            out.marks |= {"point"}
-            continue
-        out.frames[site.name.removeprefix(MARK)] = FileFrame(body, T)
-        if site.name.startswith(MARK):
-            out.marks |= {"frame"}
+    _read_sites(m, names, out)
     out.opening = _opening(m)
     return out
+
+
+def _joint(m: mujoco.MjModel, body: int, names: list[str], drives: list[FileDrive]) -> FileJoint:
+    """Return the joint between a body and its parent; a body may have several joints of MuJoCo, or none."""
+    T = _pose(m.body_pos[body], m.body_quat[body])
+    first = m.body_jntadr[body]
+    own = range(first, first + m.body_jntnum[body])
+    labels: list[str] = []
+    motions: list[JointLine] = []
+    driven: list[FileDrive] = []
+    for j in own:
+        labels.append(m.joint(j).name)
+        if drives[j].driven:
+            driven.append(drives[j])
+        for line in _motions(m, j):
+            motions.append(line.seen(T))
+    if len(own) == 1 and m.jnt_type[first] in (HINGE, SLIDE):  # a body is placed at `ref`, not at zero
+        T = motions[0].moved(-float(m.qpos0[m.jnt_qposadr[first]])) @ T
+    drive = FileDrive()
+    if len(own) == 1:
+        drive = drives[first]
+    elif len(driven) == 1:
+        drive = driven[0]
+    parent = names[m.body_parentid[body]]
+    return FileJoint(_named(labels), parent, names[body], T, tuple(motions), drive)
+
+
+def _read_sites(m: mujoco.MjModel, names: list[str], out: FilePhysics) -> None:
+    """Add the named frames and points of the sites to `out`; sites that equality constraints join are neither."""
+    tying: set[int] = set()
+    for e in range(m.neq):
+        if _by_sites(m, e):
+            tying.update((int(m.eq_obj1id[e]), int(m.eq_obj2id[e])))
+    for s in range(m.nsite):
+        if s in tying:
+            continue
+        label = m.site(s).name
+        T = _pose(m.site_pos[s], m.site_quat[s])
+        body = names[m.site_bodyid[s]]
+        if label.startswith(POINT):
+            out.points[label.removeprefix(POINT)] = FileFrame(body, poses.pose(None, T[:3, 3]))
+            out.marks |= {"point"}
+            continue
+        out.frames[label.removeprefix(MARK)] = FileFrame(body, T)
+        if label.startswith(MARK):
+            out.marks |= {"frame"}
 
 
 def _opening(m: mujoco.MjModel) -> float | None:
@@ -106,9 +136,12 @@ def _opening(m: mujoco.MjModel) -> float | None:
             if not m.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE:
                 time = max(time, 2 * m.opt.timestep)
             stiffness = 1 / (width * time * ratio) ** 2 if ratio > 0 else np.inf
-        else:
+        else:  # negative parameters are stiffness and damping themselves
             stiffness = -time / width**2
-        openings.append(9.81 * (1 - start) / (start**2 * stiffness) if stiffness else np.inf)
+        opening = np.inf
+        if stiffness:
+            opening = 9.81 * (1 - start) / (start**2 * stiffness)
+        openings.append(opening)
     return max(openings, default=None)
 
 
@@ -130,77 +163,118 @@ def _pose(p: Array, wxyz: Array) -> Array:
 
 
 def _motions(m: mujoco.MjModel, j: int) -> list[JointLine]:
-    point, axis = m.jnt_pos[j].copy(), m.jnt_axis[j].copy()
-    if m.jnt_type[j] in (SLIDE, HINGE):
-        return [JointLine("slide" if m.jnt_type[j] == SLIDE else "turn", point, axis)]
-    kinds = ("turn",) if m.jnt_type[j] == BALL else ("slide", "turn")
-    return [JointLine(kind, point, d) for kind in kinds for d in np.eye(3)]
+    point = m.jnt_pos[j].copy()
+    axis = m.jnt_axis[j].copy()
+    if m.jnt_type[j] == SLIDE:
+        return [JointLine("slide", point, axis)]
+    if m.jnt_type[j] == HINGE:
+        return [JointLine("turn", point, axis)]
+    turns = [JointLine("turn", point, direction) for direction in np.eye(3)]
+    if m.jnt_type[j] == BALL:
+        return turns
+    slides = [JointLine("slide", point, direction) for direction in np.eye(3)]
+    return slides + turns
 
 
-def _texts(m: mujoco.MjModel) -> Iterator[tuple[str, str]]:
+def _texts(m: mujoco.MjModel) -> dict[str, str]:
+    """Return {name: content} of the <text> elements, which state the kinds of the motors."""
+    texts: dict[str, str] = {}
     for i in range(m.ntext):
         start = int(m.text_adr[i])
-        data = bytes(m.text_data[start : start + int(m.text_size[i])]).split(b"\0")[0]
-        yield mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_TEXT, i) or "", data.decode("utf-8", "replace")
+        end = start + int(m.text_size[i])
+        content, _, _ = bytes(m.text_data[start:end]).partition(b"\0")  # MuJoCo ends texts with a zero byte
+        name = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_TEXT, i) or ""
+        texts[name] = content.decode("utf-8", "replace")
+    return texts
+
+
+def _wraps(m: mujoco.MjModel, tendon: int) -> range:
+    """Return the numbers of the parts of a tendon."""
+    first = m.tendon_adr[tendon]
+    return range(first, first + m.tendon_num[tendon])
+
+
+def _ratios(m: mujoco.MjModel, tendon: int, gear: float) -> dict[str, float]:
+    """Return {joint: gear times coefficient} of a fixed tendon; {} for a spatial tendon."""
+    ratios: dict[str, float] = {}
+    for w in _wraps(m, tendon):
+        if int(m.wrap_type[w]) != int(mujoco.mjtWrap.mjWRAP_JOINT):
+            return {}
+        ratios[m.joint(int(m.wrap_objid[w])).name] = gear * float(m.wrap_prm[w])
+    return ratios
 
 
 def _motors(m: mujoco.MjModel) -> dict[str, FileMotor]:
     """Return {name: motor} for the actuators that pull fixed tendons. Actuator length = gear times tendon length."""
-    out = {}
-    kinds = dict(_texts(m))
+    out: dict[str, FileMotor] = {}
+    kinds = _texts(m)
     for a in range(m.nu):
         if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
             continue
-        t, gear, name = int(m.actuator_trnid[a, 0]), float(m.actuator_gear[a, 0]), m.actuator(a).name
-        wraps = range(m.tendon_adr[t], m.tendon_adr[t] + m.tendon_num[t])
-        if not gear or any(int(m.wrap_type[w]) != int(mujoco.mjtWrap.mjWRAP_JOINT) for w in wraps):
+        t = int(m.actuator_trnid[a, 0])
+        gear = float(m.actuator_gear[a, 0])
+        ratios = _ratios(m, t, gear)
+        if not gear or not ratios:
             continue
-        ends = sorted(float(v) * gear for v in m.tendon_range[t]) if m.tendon_limited[t] else (-np.inf, np.inf)
+        low, high = -np.inf, np.inf
+        if m.tendon_limited[t]:
+            low, high = sorted(float(length) * gear for length in m.tendon_range[t])
         servo = int(m.actuator_biastype[a]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
-        stiffness, damping = (-float(m.actuator_biasprm[a, k]) * servo for k in (1, 2))
+        effort = np.inf
+        if m.actuator_forcelimited[a]:
+            effort = float(np.abs(m.actuator_forcerange[a]).max())
+        name = m.actuator(a).name
         out[name] = FileMotor(
-            {m.joint(int(m.wrap_objid[w])).name: gear * float(m.wrap_prm[w]) for w in wraps},
+            ratios,
             kinds.get(name),
-            (ends[0], ends[1]),
-            float(np.abs(m.actuator_forcerange[a]).max()) if m.actuator_forcelimited[a] else np.inf,
+            (low, high),
+            effort,
             None,
             float(m.tendon_armature[t]) / gear**2,
-            stiffness,
-            damping,
+            -float(m.actuator_biasprm[a, 1]) * servo,
+            -float(m.actuator_biasprm[a, 2]) * servo,
         )
     return out
 
 
 def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
     """Return the drive of each joint, from its actuator and its range."""
-    acting = {
-        int(m.actuator_trnid[a, 0]): a
-        for a in range(m.nu)
-        if int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT) and not m.opt.disableflags & _NO_DRIVES
-    }
-    out = []
+    acting: dict[int, int] = {}  # joint -> actuator
+    if not m.opt.disableflags & _NO_DRIVES:
+        for a in range(m.nu):
+            if int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT):
+                acting[int(m.actuator_trnid[a, 0])] = a
+    out: list[FileDrive] = []
     for j in range(m.njnt):
-        limited = m.jnt_limited[j] and not m.opt.disableflags & _NO_LIMITS
-        limits = tuple(map(float, m.jnt_range[j])) if limited else (-np.inf, np.inf)
-        a = acting.get(j)
-        dof = m.jnt_dofadr[j]
-        own = (m.jnt_stiffness[j], m.dof_damping[dof], m.dof_frictionloss[dof], m.dof_armature[dof])
-        stiff, damped, dry, heavy = (float(np.max(v)) for v in own)  # stiffness and damping may be polynomials
-        passive = (stiff, damped, dry, heavy)
         if m.jnt_type[j] not in (SLIDE, HINGE):
             out.append(FileDrive())
             continue
+        limits = (-np.inf, np.inf)
+        if m.jnt_limited[j] and not m.opt.disableflags & _NO_LIMITS:
+            low, high = map(float, m.jnt_range[j])
+            limits = (low, high)
+        dof = m.jnt_dofadr[j]
+        # np.max, because stiffness and damping may be polynomials
+        passive = (
+            float(np.max(m.jnt_stiffness[j])),
+            float(np.max(m.dof_damping[dof])),
+            float(np.max(m.dof_frictionloss[dof])),
+            float(np.max(m.dof_armature[dof])),
+        )
+        a = acting.get(j)
         if a is None:
             gains = felt(motors, m.joint(j).name)
             stiffness, damping = gains or (None, None)
-            drive = FileDrive((limits[0], limits[1]), gains is not None, stiffness, damping)
+            drive = FileDrive(limits, gains is not None, stiffness, damping)
             out.append(replace(drive, passive=passive, breaks=np.inf))
             continue
         gear = float(m.actuator_gear[a, 0])
-        stiffness, damping = (-float(m.actuator_biasprm[a, k]) * gear**2 for k in (1, 2))
-        bounds = m.actuator_forcerange[a] if m.actuator_forcelimited[a] else None
-        effort = None if bounds is None else float(max(abs(bounds[0]), abs(bounds[1])) * abs(gear))
-        drive = FileDrive((limits[0], limits[1]), True, stiffness, damping, effort)
+        stiffness = -float(m.actuator_biasprm[a, 1]) * gear**2
+        damping = -float(m.actuator_biasprm[a, 2]) * gear**2
+        effort = None
+        if m.actuator_forcelimited[a]:
+            effort = float(np.abs(m.actuator_forcerange[a]).max() * abs(gear))
+        drive = FileDrive(limits, True, stiffness, damping, effort)
         out.append(replace(drive, passive=passive, law="force", breaks=np.inf))  # MuJoCo has no other law
     return out
 
@@ -212,15 +286,19 @@ def _ties(m: mujoco.MjModel, names: list[str]) -> list[FileJoint]:
         kind = int(m.eq_type[e])
         if kind not in (_CONNECT, _WELD) or not _holds(m, e):
             continue
-        one, two = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+        a = int(m.eq_obj1id[e])
+        b = int(m.eq_obj2id[e])
         if _by_sites(m, e):
-            ends = [(int(m.site_bodyid[s]), _pose(m.site_pos[s], m.site_quat[s])) for s in (one, two)]
+            T_a = _pose(m.site_pos[a], m.site_quat[a])
+            T_b = _pose(m.site_pos[b], m.site_quat[b])
+            a = int(m.site_bodyid[a])
+            b = int(m.site_bodyid[b])
         elif kind == _CONNECT:
-            ends = [(b, poses.pose(None, m.eq_data[e, 3 * k : 3 * k + 3])) for k, b in enumerate((one, two))]
+            T_a = poses.pose(None, m.eq_data[e, 0:3])
+            T_b = poses.pose(None, m.eq_data[e, 3:6])
         else:  # the anchor is a point of the second body; the relative pose is T_first_second
-            relative = _pose(m.eq_data[e, 3:6], m.eq_data[e, 6:10])
-            ends = [(one, relative), (two, np.eye(4))]
-        (a, T_a), (b, T_b) = ends
+            T_a = _pose(m.eq_data[e, 3:6], m.eq_data[e, 6:10])
+            T_b = np.eye(4)
         name = m.equality(e).name
         if kind == _CONNECT:
             out.append(FileJoint(_named([name]), names[a], names[b], tied=((T_a[:3, 3], T_b[:3, 3]),)))
@@ -235,12 +313,14 @@ def _couplings(m: mujoco.MjModel) -> dict[str, tuple[dict[str, float], float]]:
         if not _holds(m, e):
             continue
         if int(m.eq_type[e]) == _TENDON and m.eq_obj2id[e] < 0:
-            t = int(m.eq_obj1id[e])
-            rows = range(m.tendon_adr[t], m.tendon_adr[t] + m.tendon_num[t])
-            ratios = {m.joint(int(m.wrap_objid[w])).name: float(m.wrap_prm[w]) for w in rows}
-            out[m.equality(e).name] = (ratios, float(m.eq_data[e, 0] + m.tendon_length0[t]))
+            tendon = int(m.eq_obj1id[e])
+            ratios: dict[str, float] = {}
+            for w in _wraps(m, tendon):
+                ratios[m.joint(int(m.wrap_objid[w])).name] = float(m.wrap_prm[w])
+            out[m.equality(e).name] = (ratios, float(m.eq_data[e, 0] + m.tendon_length0[tendon]))
         elif int(m.eq_type[e]) == _COUPLE and m.eq_obj2id[e] >= 0:
-            one, two = (m.joint(int(i)) for i in (m.eq_obj1id[e], m.eq_obj2id[e]))
+            one = m.joint(int(m.eq_obj1id[e]))
+            two = m.joint(int(m.eq_obj2id[e]))
             total = m.eq_data[e, 0] + one.qpos0[0] - m.eq_data[e, 1] * two.qpos0[0]
             out[m.equality(e).name] = ({one.name: 1.0, two.name: -float(m.eq_data[e, 1])}, float(total))
     return out
