@@ -16,6 +16,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.kinematics import Kinematics
 from twin.model.console import CameraTable, ConsoleTable
+from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
 from twin.model.task import ConsoleTask, goal_of
@@ -45,7 +46,8 @@ TICK = 1e-3
 HANDS = ("right", "left")
 """Names of the hands; the device of the pedals is named `pedals`."""
 
-PEDALS, FULCRUM = "pedals", "pedals.fulcrum"
+PEDALS = "pedals"
+FULCRUM = "pedals.fulcrum"
 
 ORGANS = 16e-3
 """Time in s between two steps of the organs in a World shown live; with shorter steps, it lags behind real time."""
@@ -58,19 +60,19 @@ def start(place: Place, mechanism: Mechanism) -> Array:
         TwinError: a joint of `place` is not in the robot, or its value is outside the limits.
     """
     active = mechanism.active
-    names = [j.name for j in active]
+    names = [joint.name for joint in active]
     q = np.array(mechanism.posture("home"), float)
     for name, shown in place.start.items():
         if name not in names:
             raise TwinError(f"{place.name}: start: {unknown('active joint', name, names)}")
-        joint = active[names.index(name)]
+        k = names.index(name)
+        joint = active[k]
         text, unit = display_unit(joint.is_angle)
         low, high = joint.limits or (-np.inf, np.inf)
         if not low <= shown * unit <= high:
-            raise TwinError(
-                f"{place.name}: start: {name} is {shown:g} {text}, outside {low / unit:g} .. {high / unit:g} {text}"
-            )
-        q[names.index(name)] = shown * unit
+            allowed = f"{low / unit:g} .. {high / unit:g} {text}"
+            raise TwinError(f"{place.name}: start: {name} is {shown:g} {text}, outside {allowed}")
+        q[k] = shown * unit
     return q
 
 
@@ -103,48 +105,61 @@ def world(
             body is not in the props; or a robot or an organ of the procedure is missing.
         WorldError: a link is inside an organ at the start.
     """
-    scene, members, places = setup.scene, setup.members, setup.places
-    table, led = console_of(scene), led_by(scene)
-    q = {p.name: start(p, members[p.name].mechanism) for p in led}
-    limits = {p.name: JointLimits.of(members[p.name].mechanism) for p in led}
+    scene = setup.scene
+    members = setup.members
+    table = console_of(scene)
+    q: dict[str, Array] = {}
+    limits: dict[str, JointLimits] = {}
+    robots = []
+    for place in led_by(scene):
+        member = members[place.name]
+        q[place.name] = start(place, member.mechanism)
+        limits[place.name] = JointLimits.of(member.mechanism)
+        robots.append(Placed(place.name, member.mechanism, place.T_world_base, member.links))
     camera = _camera(setup, q, dt)
-    view = camera.camera
-    controllers: list[Block] = [Pedals(PEDALS, planned=(planned := _planned(device))), camera]
+    planned = _planned(device)
+    controllers: list[Block] = [Pedals(PEDALS, planned=planned), camera]
     for hand in HANDS:
-        arms = [
-            FollowingArm(n, members[n].kin, places[n].T_world_base, pivot(table, places[n], members[n].kin, q[n]))
-            for n in getattr(table, hand)
-        ]
-        at = [q[a.robot] for a in arms]
-        controllers.append(HandToPose(hand, PEDALS, arms, at, np.eye(4), view=view, dt=dt, plans=bool(planned)))
+        arms = _following(setup, hand, q)
+        at = [q[arm.robot] for arm in arms]
+        follower = HandToPose(hand, PEDALS, arms, at, np.eye(4), view=camera.camera, dt=dt, plans=bool(planned))
+        controllers.append(follower)
         controllers += _jaws(hand, arms, limits, q, dt)
     machines = machine_scene.Machined(scene, parts or {})
-    controllers += machines.controllers(PEDALS, {n: m.kin for n, m in members.items()}, dt)
-    simulated = {n: x for n, x in q.items() if n not in machines.parts}
-    for name, x in simulated.items():
-        kin, port = members[name].kin, port_in_base(places[name])
-        guided = name in table.through
-        controllers.append(
-            ThroughPort(name, kin, x, limits[name], port) if guided else PoseToJoints(name, kin, x, limits[name])
-        )
-    plants: list[Block] = [Kinematic(n, x, limits[n]) for n, x in simulated.items()]
+    controllers += machines.controllers(PEDALS, {name: member.kin for name, member in members.items()}, dt)
+    plants: list[Block] = []
+    for name, x in q.items():
+        if name in machines.parts:
+            continue  # a machine moves itself
+        kin = members[name].kin
+        port = port_in_base(setup.places[name])
+        if name in table.through:
+            controllers.append(ThroughPort(name, kin, x, limits[name], port))
+        else:
+            controllers.append(PoseToJoints(name, kin, x, limits[name]))
+        plants.append(Kinematic(name, x, limits[name]))
     plants += machines.plants(q)
-    robots = [Placed(p.name, members[p.name].mechanism, p.T_world_base, members[p.name].links) for p in led]
     robots += machines.models(members)
     if setup.objects or setup.felt:
-        plants.append(contact_scene.contact(setup, [*hands_of(scene)], q))
-    operated = None
+        plants.append(contact_scene.contact(setup, list(hands_of(scene)), q))
+    deformables: Sequence[Deformable] = ()
+    objects = setup.objects
     if setup.procedure is not None:
         operated, grips = _operated(setup, q)
         controllers += grips
         plants.append(operated.plant)
+        deformables = operated.deformables
+        objects = operated.objects
     if setup.haptics is not None:
         controllers.append(HapticSwitch(PEDALS, setup.haptics))
-        plants += machines.cues(HANDS) if parts else _forces(setup, limits, dt)
+        if parts:
+            plants += machines.cues(HANDS)
+        else:
+            plants += _forces(setup, limits, dt)
     return World(
         robots=robots,
-        deformables=() if operated is None else operated.deformables,
-        objects=setup.objects if operated is None else operated.objects,
+        deformables=deformables,
+        objects=objects,
         devices=[device, *blocks.blocks(setup, "devices")],
         controllers=[*controllers, *blocks.blocks(setup, "controllers")],
         plants=[*plants, *blocks.blocks(setup, "plants"), *watch],
@@ -152,6 +167,17 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _following(setup: Setup, hand: str, q: Mapping[str, Array]) -> list[FollowingArm]:
+    """Return the arms that a hand can move, with joint values q (n,) of each robot at the start."""
+    table = console_of(setup.scene)
+    arms = []
+    for name in getattr(table, hand):
+        kin = setup.members[name].kin
+        place = setup.places[name]
+        arms.append(FollowingArm(name, kin, place.T_world_base, pivot(table, place, kin, q[name])))
+    return arms
 
 
 def _planned(device: Block) -> list[str]:
@@ -164,17 +190,24 @@ def _jaws(
 ) -> Iterator[Block]:
     """Yield a block for each arm that has a jaw: a hand moves the jaw, the first auxiliary joint of the arm."""
     for arm in arms:
-        for k in np.flatnonzero(arm.kin.auxiliary)[:1]:
-            low, high = float(limits[arm.robot].lower[k]), float(limits[arm.robot].upper[k])
-            yield GripToJaw(hand, arm.robot, Jaw(max(low, 0.0), high, float(q[arm.robot][k]), dt))
+        auxiliary = np.flatnonzero(arm.kin.auxiliary)
+        if not len(auxiliary):
+            continue
+        k = auxiliary[0]
+        own = limits[arm.robot]
+        low = max(float(own.lower[k]), 0.0)
+        yield GripToJaw(hand, arm.robot, Jaw(low, float(own.upper[k]), float(q[arm.robot][k]), dt))
 
 
 def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.OperatingField, list[Block]]:
     """Return the operating field of a procedure, and for each robot with a tool, the block that closes its jaws."""
-    procedure, hands = operating_scene.procedure_of(setup.scene, setup.task), hands_of(setup.scene)
-    if without := [n for n in procedure.start if n not in hands]:
+    procedure = operating_scene.procedure_of(setup.scene, setup.task)
+    hands = hands_of(setup.scene)
+    without = [name for name in procedure.start if name not in hands]
+    if without:
         raise TwinError(f"{setup.label}: no hand of [console] moves {', '.join(without)}")
-    return operating_scene.field(setup, q, ORGANS), [GripToTool(hands[n], n) for n in procedure.start]
+    field = operating_scene.field(setup, q, ORGANS)
+    return field, [GripToTool(hands[name], name) for name in procedure.start]
 
 
 def console_of(scene: Scene) -> ConsoleTable:
@@ -194,7 +227,12 @@ def hands_of(scene: Scene) -> dict[str, str]:
     Raises:
         TwinError: the scene has no console.
     """
-    return {n: hand for hand in HANDS for n in getattr(console_of(scene), hand)}
+    table = console_of(scene)
+    hands = {}
+    for hand in HANDS:
+        for name in getattr(table, hand):
+            hands[name] = hand
+    return hands
 
 
 def port_in_base(place: Place) -> Array:
@@ -211,21 +249,31 @@ def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Instr
     if place.name not in table.instrument_mm:
         return None
     port = port_in_base(place)
-    way = kin.forward(q)[:3, 3] - port
-    if (depth := float(np.linalg.norm(way))) < MM:
-        raise TwinError(
-            f"{place.name}: start: the tip is {depth / MM:.3g} mm from its port; it must be beyond the port"
-        )
-    return InstrumentPivot(port, way / depth, table.instrument_mm[place.name] * MM, place.name in table.through)
+    inwards = kin.forward(q)[:3, 3] - port
+    depth = float(np.linalg.norm(inwards))
+    if depth < MM:
+        beyond = f"the tip is {depth / MM:.3g} mm from its port; it must be beyond the port"
+        raise TwinError(f"{place.name}: start: {beyond}")
+    length = table.instrument_mm[place.name] * MM
+    return InstrumentPivot(port, inwards / depth, length, place.name in table.through)
 
 
 def drag(table: ConsoleTable) -> Drag:
     """Return the parameters of the camera motion of a console."""
-    if (r := table.camera_range) is None:
+    ranges = table.camera_range
+    if ranges is None:
         return Drag()
-    units, ranges = (DEG, DEG, MM, DEG), (r.pan_deg, r.tilt_deg, r.depth_mm, r.roll_deg)
-    low, high = np.array([np.array(v) * u for v, u in zip(ranges, units, strict=True)]).T.tolist()
-    return Drag(lower=tuple(low), upper=tuple(high))
+    lower = []
+    upper = []
+    for (low, high), unit in (
+        (ranges.pan_deg, DEG),
+        (ranges.tilt_deg, DEG),
+        (ranges.depth_mm, MM),
+        (ranges.roll_deg, DEG),
+    ):
+        lower.append(low * unit)
+        upper.append(high * unit)
+    return Drag(lower=tuple(lower), upper=tuple(upper))
 
 
 def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask | None = None) -> dict[str, float]:
@@ -236,19 +284,28 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask |
     the tool at the start of the task. A scene without instruments in ports has no `pedals.fulcrum`, and a scene without
     tools has no `<robot>.tool`.
     """
-    table = console_of(scene)
-    out = {FULCRUM: float(FULCRUMS.index(fulcrum))} if table.instrument_mm else {}
-    out |= {f"{n}.tool": float(k % len(scene.tools)) for k, n in enumerate(hands_of(scene)) if scene.tools}
+    values: dict[str, float] = {}
+    if console_of(scene).instrument_mm:
+        values[FULCRUM] = float(FULCRUMS.index(fulcrum))
+    tools = list(scene.tools)
+    if tools:
+        for k, name in enumerate(hands_of(scene)):
+            values[f"{name}.tool"] = float(k % len(tools))
+    if scene.trainer is not None:
+        values |= machine_scene.SETTINGS
     procedure = goal_of(task, ProcedureTable)
-    first = {} if procedure is None else procedure.start
-    out |= machine_scene.SETTINGS if scene.trainer is not None else {}
-    return out | {f"{n}.tool": float([*scene.tools].index(tool)) for n, tool in first.items()}
+    if procedure is not None:
+        for name, tool in procedure.start.items():
+            values[f"{name}.tool"] = float(tools.index(tool))
+    return values
 
 
 def led_by(scene: Scene) -> list[Place]:
     """Return the robots that a scene's console moves: the right hand's, then the left hand's, then the camera's."""
-    table, places = console_of(scene), {p.name: p for p in scene.places}
-    return [places[n] for n in (*table.right, *table.left, scene.cameras[table.camera].robot)]
+    table = console_of(scene)
+    places = {place.name: place for place in scene.places}
+    camera = scene.cameras[table.camera].robot
+    return [places[name] for name in (*table.right, *table.left, camera)]
 
 
 def identity(setup: Setup, dt: float = TICK) -> str:
@@ -257,7 +314,9 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     The duration `dt` of a tick in s is included if it is not `TICK`. The equations and the version of the program are
     not included. Numbers are rounded to 1e-9, so that the hash does not depend on the processor.
     """
-    plain, scene, task = operating_scene.plain, setup.scene, setup.task
+    plain = operating_scene.plain
+    scene = setup.scene
+    task = setup.task
     table = console_of(scene)
     about: list[Any] = [scene.name, table.model_dump(include={"right", "left", "camera"})]
     if table.through or table.instrument_mm or table.camera_range or scene.tools:
@@ -267,17 +326,23 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     about.append([camera.robot, camera.frame, plain(camera.in_frame)])
     for place in led_by(scene):
         mechanism = setup.members[place.name].mechanism
+        names = []
+        speeds = []
+        for joint in mechanism.active:
+            names.append(joint.name)
+            speeds.append(plain(joint.max_speed or 0.0))
         about.append([place.name, place.robot, plain(place.T_world_base), plain(start(place, mechanism))])
-        about.append([plain(next(iter(place.p_world_ports.values()))), [j.name for j in mechanism.active]])
-        about.append([plain(np.nan_to_num(mechanism.limits)), [plain(j.max_speed or 0.0) for j in mechanism.active]])
-        about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
+        about.append([plain(operating_scene.port_of(place)), names])
+        about.append([plain(np.nan_to_num(mechanism.limits)), speeds])
+        about.append([[frame.name, frame.body, plain(frame.T_body_frame)] for frame in mechanism.frames])
     if scene.trainer is not None:
         about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
     if setup.haptics is not None:
         about.append([plain(x) for x in astuple(surface(scene))])
-    if (setup.felt or (task is not None and task.kind.grasps)) and scene.contact is not None:
+    grasps = task is not None and task.kind.grasps
+    if (setup.felt or grasps) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))
-    if task is not None and task.kind.grasps and scene.contact is not None:
+    if grasps and scene.contact is not None:
         for item in scene.objects:
             shape = [item.name, item.shape, plain(item.size), plain(item.mass)]
             about.append([*shape, plain(item.friction), plain(item.T_world_object)])
@@ -293,33 +358,40 @@ def identity(setup: Setup, dt: float = TICK) -> str:
 
 def _forces(setup: Setup, limits: Mapping[str, JointLimits], dt: float) -> list[Block]:
     """Return the blocks that compute the forces on both hands."""
-    scene, members, places = setup.scene, setup.members, setup.places
-    table, names = console_of(scene), [*hands_of(scene)]  # in the order of the grippers in contact
-    camera, objects = scene.cameras[table.camera].robot, [o.name for o in setup.objects]
+    scene = setup.scene
+    table = console_of(scene)
+    names = list(hands_of(scene))  # in the order of the grippers in contact
+    camera = scene.cameras[table.camera].robot
+    objects = [item.name for item in setup.objects]
     sources = (PLANES,) if setup.felt else ()
-    out: list[Block] = []
+    force = surface(scene)
+    hands: list[Block] = []
     for hand in HANDS:
-        arms = [
-            FeltArm(n, members[n].kin, limits[n], places[n].T_world_base, names.index(n)) for n in getattr(table, hand)
-        ]
-        out.append(
-            HapticHand(hand, PEDALS, camera, arms, sources=sources, objects=objects, surface=surface(scene), dt=dt)
-        )
-    return out
+        arms = []
+        for name in getattr(table, hand):
+            kin = setup.members[name].kin
+            T_world_base = setup.places[name].T_world_base
+            arms.append(FeltArm(name, kin, limits[name], T_world_base, names.index(name)))
+        hands.append(HapticHand(hand, PEDALS, camera, arms, sources=sources, objects=objects, surface=force, dt=dt))
+    return hands
 
 
 def surface(scene: Scene) -> ForceParameters:
     """Return the parameters of the forces on the hands in a scene."""
-    if (h := scene.haptics) is None:
+    table = scene.haptics
+    if table is None:
         return ForceParameters()
-    return ForceParameters(h.stiffness_n_m, h.damping_ns_m, h.largest_n, h.device_damping_ns_m)
+    return ForceParameters(table.stiffness_n_m, table.damping_ns_m, table.largest_n, table.device_damping_ns_m)
 
 
 def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
-    scene, table = setup.scene, console_of(setup.scene)
+    scene = setup.scene
+    table = console_of(scene)
     camera = scene.cameras[table.camera]
-    place, member = setup.places[camera.robot], setup.members[camera.robot]
-    tool, frame = (member.mechanism.frame(n) for n in (member.mechanism.tool, camera.frame))
+    place = setup.places[camera.robot]
+    member = setup.members[camera.robot]
+    tool = member.mechanism.frame(member.mechanism.tool)
+    frame = member.mechanism.frame(camera.frame)
     if tool.body != frame.body:
         raise TwinError(
             f"{scene.file}: camera '{table.camera}' is on {frame.body}; a console can move only a camera on "
@@ -329,7 +401,7 @@ def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
     T_world_view = place.T_world_base @ member.kin.forward(q[place.name]) @ T_tool_view
     right = T_world_view[:2, 0]
     R_world_centre = spatial.rotation_z(np.arctan2(right[1], right[0]))
-    T_world_centre = spatial.pose(R_world_centre, next(iter(place.p_world_ports.values())))
+    T_world_centre = spatial.pose(R_world_centre, operating_scene.port_of(place))
     law = Dragging(looking(spatial.inverse(T_world_centre) @ T_world_view), dt, drag(table))
     T_view_tool = spatial.inverse(T_tool_view)
     return HandsToCamera(
@@ -339,7 +411,8 @@ def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
 
 def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
     """Return the pose (4, 4) of the picture's frame in the tool frame of its robot; both frames are on one body."""
-    tool, frame = (mechanism.frame(n) for n in (mechanism.tool, camera.frame))
+    tool = mechanism.frame(mechanism.tool)
+    frame = mechanism.frame(camera.frame)
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
 
 

@@ -65,10 +65,14 @@ def contact(setup: Setup, instruments: Sequence[str], q: Mapping[str, Array]) ->
         TwinError: the scene has no section [contact], or a solid body is not in the props.
         WorldError: an object overlaps something at the start.
     """
-    scene, task = setup.scene, setup.task
-    table, members, places = _table(scene), setup.members, setup.places
+    scene = setup.scene
+    task = setup.task
+    table = _table(scene)
     effort = table.jaw_effort_n_mm * MM
-    grippers = [Gripper(n, members[n].mechanism, members[n].kin, places[n].T_world_base, effort) for n in instruments]
+    grippers = []
+    for name in instruments:
+        member = setup.members[name]
+        grippers.append(Gripper(name, member.mechanism, member.kin, setup.places[name].T_world_base, effort))
     solids = _solids(scene, setup.props)
     rubbed = []
     if task is not None and goal_of(task, GuideTable) is not None:
@@ -111,13 +115,18 @@ def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCour
             f"is not known. Draw the wire as two or more parts whose names begin with '{guide.wire}', first the "
             "one with the free end"
         )
-    axes = [_axis(solid, part) for solid, part in wire]
-    ends = [(middle - (half - radius) * axis, middle + (half - radius) * axis) for middle, axis, half, radius in axes]
-    line = [*ends[0]]
-    if min(_far(line[0], p) for p in ends[1]) < min(_far(line[1], p) for p in ends[1]):
+    ends = []
+    for solid, part in wire:
+        middle, axis, half, radius = _axis(solid, part)
+        to_end = (half - radius) * axis
+        ends.append((middle - to_end, middle + to_end))
+    # the free end of the first part is the one that is farther from the second part
+    line = list(ends[0])
+    if _nearest(line[0], ends[1]) < _nearest(line[1], ends[1]):
         line.reverse()
-    for pair in ends[1:]:
-        line.append(max(pair, key=lambda p: _far(p, line[-1])))
+    for first, second in ends[1:]:
+        farther = second if _far(second, line[-1]) > _far(first, line[-1]) else first
+        line.append(farther)
     bodies = {solid.name: solid for solid in solids}
     if guide.dome not in bodies:
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('solid body', guide.dome, bodies)}")
@@ -129,39 +138,65 @@ def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCour
 
 
 def _peg(scene: Scene, solids: Sequence[Solid], task: ConsoleTask, name: str) -> Peg:
-    parts = {part.name: (solid, part) for solid in solids for part in solid.parts}
+    parts = _parts(solids)
     if name not in parts:
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('peg', name, parts)}")
     solid, part = parts[name]
-    middle, axis, half, radius = _axis(solid, part)
-    ends = [middle - half * axis, middle + half * axis]
-    if not (others := [_box(x, solid) for x in solid.parts if x is not part]):
+    others = [_box(other, solid) for other in solid.parts if other is not part]
+    if not others:
         raise TwinError(
             f"{scene.file.name}: task '{task.name}': '{name}' is the only part of its body: its free end is not known. "
             "Draw the peg and the board under it as parts of one body"
         )
-    ends.sort(key=lambda end: min(float(np.linalg.norm(np.clip(end, *box) - end)) for box in others))
-    return Peg(name, ends[1], ends[0], radius)
+    middle, axis, half, radius = _axis(solid, part)
+    foot = middle - half * axis
+    end = middle + half * axis
+    if _from_boxes(end, others) < _from_boxes(foot, others):
+        foot, end = end, foot
+    return Peg(name, end, foot, radius)
+
+
+def _from_boxes(p: Array, boxes: Sequence[tuple[Array, Array]]) -> float:
+    """Return the smallest distance in m of a point (3,) from boxes, each with its lower and upper corner (3,)."""
+    distances = []
+    for lower, upper in boxes:
+        distances.append(_far(np.clip(p, lower, upper), p))
+    return min(distances)
+
+
+def _parts(solids: Sequence[Solid]) -> dict[str, tuple[Solid, Mesh]]:
+    """Return {name: (solid, part)} of all parts."""
+    parts = {}
+    for solid in solids:
+        for part in solid.parts:
+            parts[part.name] = (solid, part)
+    return parts
 
 
 def _wire(solids: Sequence[Solid], scene: Scene, task: ConsoleTask) -> list[tuple[Solid, Mesh]]:
     """Return the parts of the wire of a task, from the free end."""
     prefix = required_goal(task, GuideTable).wire
-    parts = {part.name: (solid, part) for solid in solids for part in solid.parts}
-    if not (found := [parts[name] for name in parts if name.startswith(prefix)]):
+    parts = _parts(solids)
+    found = [place for name, place in parts.items() if name.startswith(prefix)]
+    if not found:
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('wire', prefix, parts)}")
     return found
 
 
 def _axis(solid: Solid, part: Mesh) -> tuple[Array, Array, float, float]:
     """Return middle (3,), direction (3,), half the length, and radius of a long part in the World, in m."""
-    p = part.vertices @ solid.T_world_body[:3, :3].T + solid.T_world_body[:3, 3]
-    middle = (p.min(axis=0) + p.max(axis=0)) / 2
+    p = _vertices(part, solid)
+    centre = (p.min(axis=0) + p.max(axis=0)) / 2
     axis = np.linalg.svd(p - p.mean(axis=0), full_matrices=False)[2][0]
-    along = (p - middle) @ axis
-    radius = float(np.linalg.norm(p - middle - np.outer(along, axis), axis=1).max())
-    middle, half = middle + axis * (along.max() + along.min()) / 2, float(along.max() - along.min()) / 2
+    along = (p - centre) @ axis
+    radius = float(np.linalg.norm(p - centre - np.outer(along, axis), axis=1).max())
+    middle = centre + axis * (along.max() + along.min()) / 2
+    half = float(along.max() - along.min()) / 2
     return middle, axis, half, radius
+
+
+def _nearest(p: Array, ends: Sequence[Array]) -> float:
+    return min(_far(p, end) for end in ends)
 
 
 def _far(a: Array, b: Array) -> float:
@@ -176,15 +211,24 @@ def _table(scene: Scene) -> ContactTable:
 
 def _solids(scene: Scene, props: Mechanism | None) -> list[Solid]:
     table = _table(scene)
-    bodies = {} if props is None else {b.name: b for b in props.bodies}
+    bodies = {}
+    poses: Mapping[str, Array] = {}
+    if props is not None:
+        bodies = {body.name: body for body in props.bodies}
     for name in table.solid:
         if name not in bodies:
             raise TwinError(f"{scene.file.name}: contact: {unknown('props body', name, bodies)}")
-    poses = {} if props is None else ReferenceModel(props).home().link_poses
+    if props is not None:
+        poses = ReferenceModel(props).home().link_poses
     return [Solid(name, bodies[name].meshes, table.friction, poses[name]) for name in table.solid]
+
+
+def _vertices(part: Mesh, solid: Solid) -> Array:
+    """Return the vertices (k, 3) of a part of a solid in the World."""
+    return part.vertices @ solid.T_world_body[:3, :3].T + solid.T_world_body[:3, 3]
 
 
 def _box(part: Mesh, solid: Solid) -> tuple[Array, Array]:
     """Return the lower and the upper corner (3,) of the box around a part in the World."""
-    p = part.vertices @ solid.T_world_body[:3, :3].T + solid.T_world_body[:3, 3]
+    p = _vertices(part, solid)
     return p.min(axis=0), p.max(axis=0)

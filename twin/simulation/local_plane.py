@@ -19,8 +19,11 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-COUNT, WIDTH = 4, 10
-"""Number of planes of a robot in one signal; number of values of a plane."""
+COUNT = 4
+"""Number of planes of a robot in one signal."""
+
+WIDTH = 10
+"""Number of values of a plane."""
 
 SIZE = COUNT * WIDTH
 """Number of values in a signal with the planes of a robot."""
@@ -56,7 +59,8 @@ class LocalPlane:
             normal: (3,) unit vector out of the surface, in the World.
             depth: depth of the point in the surface in m.
         """
-        R, p = T_world_tool[:3, :3], T_world_tool[:3, 3]
+        R = T_world_tool[:3, :3]
+        p = T_world_tool[:3, 3]
         return cls(normal, normal, R.T @ (point - p), float(normal @ point) + depth)
 
     @classmethod
@@ -69,7 +73,8 @@ class LocalPlane:
 
     def depth(self, T_world_tool: Array) -> float:
         """Return the depth in m at a pose (4, 4) of the tool; negative outside."""
-        R, p = T_world_tool[:3, :3], T_world_tool[:3, 3]
+        R = T_world_tool[:3, :3]
+        p = T_world_tool[:3, 3]
         return float(self.offset - self.lever @ p - self.normal @ R @ self.arm)
 
 
@@ -80,11 +85,15 @@ def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
     out of the planes selected before. Thus similar planes on one side of the tool do not fill all rows.
     """
     out = np.zeros((COUNT, WIDTH))
-    depths, normals = np.array([plane.depth(T_world_tool) for plane in planes]), np.array([p.normal for p in planes])
+    depths = np.array([plane.depth(T_world_tool) for plane in planes])
+    normals = np.array([plane.normal for plane in planes])
     for row in out[: len(planes)]:
         k = int(np.argmax(depths))
         plane = planes[k]
-        row[:3], row[3:6], row[6:9], row[9] = plane.lever, plane.normal, plane.arm, plane.offset
+        row[:3] = plane.lever
+        row[3:6] = plane.normal
+        row[6:9] = plane.arm
+        row[9] = plane.offset
         depths -= normals @ plane.normal * max(depths[k], 0.0)
-        depths[k] = -np.inf
+        depths[k] = -np.inf  # selected only once
     return out.ravel()
