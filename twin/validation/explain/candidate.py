@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.judge import Judge, evaluate
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
@@ -39,7 +39,7 @@ class Candidate:
 
     step: Step
     edits: list[Edit]
-    extra: dict[str, Any]
+    extra: dict[str, Value]
     scores: dict[Key, float]
     broken: bool
     changed: dict[Key, Array] = field(default_factory=dict, repr=False)
@@ -62,11 +62,18 @@ class Candidate:
     @property
     def rank(self) -> tuple[int, int, int, int]:
         """Sort key for candidates that fix the same rows; the best candidate has the smallest key."""
-        kinds = [_ORDER.index(e.kind) if e.kind in _ORDER else len(_ORDER) for e in self.edits]
-        new_argument = sum(e.define is not None and not e.define[1] for e in self.edits)
-        length = sum(abs(len(e.new) - len(e.old)) + len(e.new) + len(e.old) for e in self.edits)
-        foreign = sum(e.function != self.step.source.name for e in self.edits)
-        return (len(self.edits), foreign, new_argument, max(kinds) * 1000 + length)
+        length = 0
+        new_arguments = 0
+        foreign = 0
+        last_kind = 0
+        for edit in self.edits:
+            length += abs(len(edit.new) - len(edit.old)) + len(edit.new) + len(edit.old)
+            new_arguments += edit.define is not None and not edit.define[1]
+            foreign += edit.function != self.step.source.name
+            kind = _ORDER.index(edit.kind) if edit.kind in _ORDER else len(_ORDER)
+            last_kind = max(last_kind, kind)
+        # The kind counts more than the length of any edit.
+        return (len(self.edits), foreign, new_arguments, last_kind * 1000 + length)
 
 
 @dataclass
@@ -96,22 +103,24 @@ class Found:
     seconds: float = 0.0
 
 
-def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Any] | None:
+def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Value] | None:
     """Return {name: value} of the new names that the edits define; None if a value cannot be computed."""
-    out: dict[str, Any] = {}
-    for e in change:
-        if e.define and e.define[1]:
-            env = dict(judge.step(step.equation.name).before[e.statement])
-            try:
-                with np.errstate(all="ignore"):
-                    out[e.define[0]] = eval(e.define[1], env)
-            except Exception:
-                return None
-    return out
+    values: dict[str, Value] = {}
+    for edit in change:
+        if not edit.define or not edit.define[1]:
+            continue
+        name, expression = edit.define
+        scope = dict(judge.step(step.equation.name).before[edit.statement])
+        try:
+            with np.errstate(all="ignore"):
+                values[name] = eval(expression, scope)
+        except Exception:
+            return None
+    return values
 
 
 def residuals(
-    judge: Judge, equation: str, change: Sequence[Edit], extra: dict[str, Any] | None = None
+    judge: Judge, equation: str, change: Sequence[Edit], extra: dict[str, Value] | None = None
 ) -> dict[Key, Array] | None:
     """Return the residuals of the rows that edits of an equation change; None if the edits cannot be evaluated.
 
@@ -122,8 +131,13 @@ def residuals(
         return {p.key: r for p, r in judge.residuals.items()}
     try:
         step = judge.step(equation)
-        extra = aliases(judge, step, change) if extra is None else extra
-        found = None if extra is None else evaluate(judge, step, list(change), extra)
+        if extra is None:
+            extra = aliases(judge, step, change)
+        if extra is None:
+            return None
+        found = evaluate(judge, step, list(change), extra)
     except (StopIteration, KinematicsError, IndexError):
         return None
-    return {p.key: r for p, r in found.items()} if found else None
+    if not found:
+        return None
+    return {p.key: r for p, r in found.items()}

@@ -3,53 +3,75 @@
 from __future__ import annotations
 
 import ast
+from typing import TypeGuard
 
-from twin.validation.explain.source import Edit, Source, Statement, apply
+from twin.validation.explain.source import Edit, Source, Statement
 
 
 def canonical(source: Source, statement: Statement, change: list[Edit]) -> str:
     """Return the edited statement with the operands of sums and products in a fixed order."""
-    text = apply(source.data, [e for e in change if e.statement == statement.index], statement.start, statement.end)
-    text = text[len("return") :].strip() if statement.returns else text
-    tree = ast.parse(text)
-    return "; ".join(_sorted(n) for n in tree.body)
+    own = [e for e in change if e.statement == statement.index]
+    text = source.edited(statement, own)
+    if statement.returns:
+        text = text.removeprefix("return").strip()
+    return "; ".join(_sorted(n) for n in ast.parse(text).body)
+
+
+def _is_sum(node: ast.AST) -> TypeGuard[ast.BinOp]:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+
+
+def _is_product(node: ast.AST) -> TypeGuard[ast.BinOp]:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div)
+
+
+def _is_minus(node: ast.AST) -> TypeGuard[ast.UnaryOp]:
+    return isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
 
 
 def _sorted(node: ast.AST) -> str:
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-        return "(" + " ".join(sorted(_sum(node, "+"))) + ")"
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
+    if _is_sum(node) or _is_minus(node):
+        return f"({' '.join(sorted(_sum(node, '+')))})"
+    if _is_product(node):
         sign, factors = _product(node)
-        return f"[{sign}" + " ".join(sorted(factors)) + "]"
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return "(" + " ".join(sorted(_sum(node, "+"))) + ")"
+        return f"[{sign}{' '.join(sorted(factors))}]"
     if isinstance(node, ast.Name):
         return node.id
     if isinstance(node, ast.Constant):
         return repr(node.value)
-    parts = [_sorted(c) for c in ast.iter_child_nodes(node) if not isinstance(c, ast.expr_context)]
-    extra = getattr(node, "attr", "")
-    return f"{type(node).__name__}{extra}({', '.join(parts)})"
+    parts: list[str] = []
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.expr_context):  # whether a name is read or assigned does not matter
+            parts.append(_sorted(child))
+    attribute = getattr(node, "attr", "")
+    return f"{type(node).__name__}{attribute}({', '.join(parts)})"
 
 
 def _sum(node: ast.AST, sign: str) -> list[str]:
-    other = "-" if sign == "+" else "+"
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-        return _sum(node.left, sign) + _sum(node.right, sign if isinstance(node.op, ast.Add) else other)
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return _sum(node.operand, other)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
+    """Return the terms of a sum, each with its sign."""
+    opposite = "-" if sign == "+" else "+"
+    if _is_sum(node):
+        right = sign if isinstance(node.op, ast.Add) else opposite
+        return _sum(node.left, sign) + _sum(node.right, right)
+    if _is_minus(node):
+        return _sum(node.operand, opposite)
+    if _is_product(node):
         minus, factors = _product(node)
-        return [(other if minus else sign) + " ".join(sorted(factors))]
+        if minus:
+            sign = opposite
+        return [sign + " ".join(sorted(factors))]
     return [sign + _sorted(node)]
 
 
 def _product(node: ast.AST, divided: bool = False) -> tuple[str, list[str]]:
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
-        s1, left = _product(node.left, divided)
-        s2, right = _product(node.right, divided != isinstance(node.op, ast.Div))
-        return ("-" if (s1 == "-") != (s2 == "-") else ""), left + right
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        s, factors = _product(node.operand, divided)
-        return ("" if s else "-"), factors
-    return "", [("/" if divided else "*") + _sorted(node)]
+    """Return ("-" or "", factors of a product, each with "*" or "/" before it)."""
+    if _is_product(node):
+        left_sign, left = _product(node.left, divided)
+        right_sign, right = _product(node.right, divided != isinstance(node.op, ast.Div))
+        sign = "-" if left_sign != right_sign else ""
+        return sign, left + right
+    if _is_minus(node):
+        sign, factors = _product(node.operand, divided)
+        return ("" if sign else "-"), factors
+    operator = "/" if divided else "*"
+    return "", [operator + _sorted(node)]

@@ -27,12 +27,12 @@ class Coverage:
 
 def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[Judged]:
     """Return the results of checking reach, singularity measures and aspects with the mechanism."""
-    formula, run = judge.formula, judge.truth.run
+    formula = judge.formula
+    run = judge.truth.run
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return []
-    kin = compile_formula(
-        formula, judge.variants, parameters, model.mechanism.extra_joints(j.name for j in formula.joints)
-    )
+    extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
+    kin = compile_formula(formula, judge.variants, parameters, extra_joints)
     turns = {j.name: j.is_angle for j in model.mechanism.joints}
     error = judge.tolerance.length
     return Boundary(model, Margins(kin, turns, tuple(run.points), error), run.x, error).judge()
@@ -41,20 +41,27 @@ def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | 
 def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
     """Return the coverage of all rows; `judged` are the results of `margins`."""
     done = {(p.equation, p.symbol) for p in judge.residuals}
-    unjudged = {(r.equation, r.symbol): r for r in judged if r.status == "not judged"}  # in at least one of its uses
-    told = {(r.equation, r.symbol) for r in judged} - set(unjudged)
-    done |= passed(judge, done | told) | told
+    unjudged: dict[tuple[str, str], Judged] = {}  # in at least one of its uses
+    margin_rows: set[tuple[str, str]] = set()
+    for result in judged:
+        row = (result.equation, result.symbol)
+        margin_rows.add(row)
+        if result.status == "not judged":
+            unjudged[row] = result
+    margin_rows -= unjudged.keys()
+    done |= passed(judge, done | margin_rows) | margin_rows
     steps: dict[str, Step] = {s.equation.name: s for s in judge.steps}
-    total, left = 0, []
+    total = 0
+    left: list[str] = []
     for equation in judge.formula.equations:
         for symbol in dict.fromkeys(equation.outputs):
             total += 1
-            k = (equation.name, symbol)
-            if k in done:
+            row = (equation.name, symbol)
+            if row in done:
                 continue
             step = steps.get(equation.name)
-            if k in unjudged:
-                why = f"{unjudged[k].name}: {unjudged[k].why}"
+            if row in unjudged:
+                why = f"{unjudged[row].name}: {unjudged[row].why}"
             elif step is None:
                 why = "the source of the equation cannot be split into rows"
             elif step.missing:

@@ -11,7 +11,8 @@ from twin.validation.explain.judge import Judge, evaluate, worst
 from twin.validation.explain.rows import Key
 from twin.validation.explain.truth import gather, sample
 
-_STATES, _SEED = 12, 101
+_STATES = 12
+_SEED = 101  # other states than those of the search
 
 _ROUNDING = 10
 """Largest residual of a correct repair at new states, in units of the tolerance; wrong repairs have far larger ones."""
@@ -25,14 +26,21 @@ def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list
     fresh = _fresh(judge, model)
     if fresh is None or not any(f.cures for f in found):
         return found, lost
-    here = {p.key for p in fresh.failing()}
-    out, gone = [], list(lost)
-    for f in found:
-        cures = [kept for way in f.cures if (kept := [c for c in way if _holds(fresh, c, f.rows, here)])]
-        if f.cures and not cures:
-            gone += [k for k in f.rows if k not in gone]
-        out.append(replace(f, cures=cures))
-    return out, gone
+    failing = {p.key for p in fresh.failing()}
+    kept: list[Found] = []
+    unexplained = list(lost)
+    for result in found:
+        cures: list[list[Candidate]] = []
+        for readings in result.cures:
+            holding = [c for c in readings if _holds(fresh, c, result.rows, failing)]
+            if holding:
+                cures.append(holding)
+        if result.cures and not cures:
+            for row in result.rows:
+                if row not in unexplained:
+                    unexplained.append(row)
+        kept.append(replace(result, cures=cures))
+    return kept, unexplained
 
 
 def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
@@ -43,17 +51,18 @@ def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
         return None
     values = {p.name: float(judge.truth.symbols[p.name]) for p in judge.formula.parameters}
     fresh = judge.on(gather(judge.formula, run, model, values))
-    off = {p.key for p in judge.failing()}
-    return fresh if {p.key for p in fresh.failing()} <= off else None
+    failing = {p.key for p in judge.failing()}
+    return fresh if {p.key for p in fresh.failing()} <= failing else None
 
 
-def _holds(fresh: Judge, c: Candidate, rows: list[Key], off: set[Key]) -> bool:
+def _holds(fresh: Judge, c: Candidate, rows: list[Key], failing: set[Key]) -> bool:
     """Return whether the rows agree at the new states after a candidate's edits."""
     if c.extra:  # names defined by the edits have values only at the states of the search
         return True
-    step = fresh.step(c.step.equation.name)
-    residuals = evaluate(fresh, step, c.edits)
+    residuals = evaluate(fresh, fresh.step(c.step.equation.name), c.edits)
     if residuals is None:
         return False
-    mine = {p.key: worst(r) for p, r in residuals.items()}
-    return all(mine.get(k, 0.0) <= _ROUNDING for k in rows if k in off)
+    for place, residual in residuals.items():
+        if place.key in rows and place.key in failing and worst(residual) > _ROUNDING:
+            return False
+    return True

@@ -9,8 +9,7 @@ tried. Offsets of lengths are computed by least squares.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 
 import numpy as np
@@ -38,40 +37,51 @@ def offsets(judge: Judge) -> Iterator[Convention]:
             continue
         found = _search(judge, place)
         if found is not None:
-            yield Convention("offset", f"{place.symbol} of {place.equation} {found[0]}", (place.name,), found[1])
+            text, after = found
+            yield Convention("offset", f"{place.symbol} of {place.equation} {text}", (place.name,), after)
 
 
 def _search(judge: Judge, place: Place) -> tuple[str, float] | None:
+    """Return (text on the offsets, worst residual) of the first offsets with which the pose agrees, fewest first."""
     joints = [j for j in judge.formula.joints if j.name in judge.truth.symbols]
     angles = [j.name for j in joints[1:-1] if j.kind == "revolute"]
     slides = [j.name for j in joints if j.kind == "prismatic"]
     true = judge.truth.symbols[place.symbol].a
-    tried = 0
+    for tried, moved in enumerate(_turned(angles)):
+        if tried == _TRIALS:
+            return None
+        T = _said(judge, place, moved)
+        if T is None:
+            return None
+        ends = _ends(T[:, :3, :3], true[:, :3, :3])
+        if ends is None:
+            continue
+        found = _placed(judge, place, moved, slides, T, *ends)
+        if found is not None:
+            return found
+    return None
+
+
+def _turned(angles: Sequence[str]) -> Iterator[dict[str, float]]:
+    """Yield offsets in rad by name: quarter turns of no angle, of each angle, and of several angles."""
     for count in range(_MOST + 1):
         for chosen in combinations(angles, count):
             for turns in product(_QUARTERS, repeat=count):
-                tried += 1
-                if tried > _TRIALS:
-                    return None
-                moved = dict(zip(chosen, turns, strict=True))
-                T = _said(judge, place, moved)
-                if T is None:
-                    return None
-                ends = _ends(T[:, :3, :3], true[:, :3, :3])
-                found = None if ends is None else _placed(judge, place, moved, slides, T, *ends)
-                if found is not None:
-                    return found
-    return None
+                yield dict(zip(chosen, turns, strict=True))
 
 
 def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
     """Return the formula's pose (k, 4, 4) with the joint offsets `moved`; None if the pose has no value."""
-    truth = judge.truth
-    symbols = {**truth.symbols, **{n: truth.symbols[n] + v for n, v in moved.items()}}
-    other = judge.on(replace(truth, symbols=symbols), {s.equation.name for s in judge.steps if s.stage == "forward"})
-    at = next((p for p in other.residuals if p.key == place.key), None)
-    T = None if at is None else said_pose(other, at)
-    return T if T is not None and np.isfinite(T).all() else None
+    symbols = dict(judge.truth.symbols)
+    for name, offset in moved.items():
+        symbols[name] = symbols[name] + offset
+    forward = {s.equation.name for s in judge.steps if s.stage == "forward"}
+    other = judge.on(judge.truth.with_parameters(symbols), forward)
+    for same in other.residuals:
+        if same.key == place.key:
+            T = said_pose(other, same)
+            return T if np.isfinite(T).all() else None
+    return None
 
 
 def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
@@ -80,13 +90,17 @@ def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
     base^T R - F tool = 0 is linear in the unknowns base and tool; the solution must be unique up to a factor.
     """
     eye = np.eye(3)
-    A = np.stack([np.hstack([np.kron(eye, r.T), -np.kron(f, eye)]) for f, r in zip(F, R, strict=True)])
-    size, V = np.linalg.eigh(np.einsum("kij,kil->jl", A, A) / len(A))
-    if size[0] > _ALIKE or size[1] < 1e3 * _ALIKE:
+    blocks: list[Array] = []
+    for f, r in zip(F, R, strict=True):
+        blocks.append(np.hstack([np.kron(eye, r.T), -np.kron(f, eye)]))
+    A = np.stack(blocks)
+    squares, V = np.linalg.eigh(np.einsum("kij,kil->jl", A, A) / len(A))
+    if squares[0] > _ALIKE or squares[1] < 1e3 * _ALIKE:
         return None
-    X, Y = V[:9, 0].reshape(3, 3), V[9:, 0].reshape(3, 3)
-    scale = np.cbrt(np.linalg.det(X))
-    return (X / scale).T, Y / scale
+    base_T = V[:9, 0].reshape(3, 3)
+    tool = V[9:, 0].reshape(3, 3)
+    scale = np.cbrt(np.linalg.det(base_T))  # the eigenvector has any length; a rotation has determinant 1
+    return (base_T / scale).T, tool / scale
 
 
 def _placed(
@@ -95,42 +109,60 @@ def _placed(
     """Return (text on the offsets, worst residual) if, with the rotations, the positions also agree; otherwise None."""
     true = judge.truth.symbols[place.symbol].a
     want = true[:, :3, 3] @ base - T[:, :3, 3]
-    along = []
+    slopes: list[Array] = []  # change of the position (k, 3) with the value of each sliding joint
     for name in slides:
         there = _said(judge, place, {**moved, name: 0.1})
         if there is None:
             return None
-        along.append((there[:, :3, 3] - T[:, :3, 3]) / 0.1)
-    columns = np.stack(along, axis=2) if along else np.zeros((*want.shape, 0))
+        slopes.append((there[:, :3, 3] - T[:, :3, 3]) / 0.1)
+    columns = np.zeros((*want.shape, 0))
+    if slopes:
+        columns = np.stack(slopes, axis=2)
     fixed = np.concatenate([columns, T[:, :3, :3], np.broadcast_to(np.eye(3), T[:, :3, :3].shape)], axis=2)
+    # Offsets of the joints alone first, then also shifts of tool and base.
     for A, count in ((columns, len(slides)), (fixed, len(slides) + 6)):
         flat = A.reshape(want.size, count)
         x = np.linalg.lstsq(flat, want.ravel(), rcond=None)[0]
-        left = float(np.abs(flat @ x - want.ravel()).max(initial=0.0)) / judge.tolerance.length
-        shifts = {n: v for n, v in zip(slides, x, strict=False) if abs(v) > judge.tolerance.length}
-        if left <= 1 and (moved or shifts):
-            return _text(moved, shifts, base, tool, x[len(slides) :]), left
+        after = float(np.abs(flat @ x - want.ravel()).max(initial=0.0)) / judge.tolerance.length
+        shifts: dict[str, float] = {}
+        for name, shift in zip(slides, x, strict=False):
+            if abs(shift) > judge.tolerance.length:
+                shifts[name] = shift
+        if after <= 1 and (moved or shifts):
+            return _text(moved, shifts, base, tool, x[len(slides) :]), after
     return None
 
 
 def _text(moved: dict[str, float], shifts: dict[str, float], base: Array, tool: Array, ends: Array) -> str:
-    parts = [f"{n} {'-' if v < 0 else '+'} {abs(np.degrees(v)):g}°" for n, v in moved.items()]
-    parts += [f"{n} {'-' if v < 0 else '+'} {abs(v) / MM:.6g} mm" for n, v in shifts.items()]
+    parts: list[str] = []
+    for name, turn in moved.items():
+        parts.append(f"{name} {_sign(turn)} {abs(np.degrees(turn)):g}°")
+    for name, shift in shifts.items():
+        parts.append(f"{name} {_sign(shift)} {abs(shift) / MM:.6g} mm")
     text = f"agrees with the mechanism's pose with {', '.join(parts)}"
     if not np.allclose(base, np.eye(3)):
         text += f"; base axes {axes_text(base)}"
     if not np.allclose(tool, np.eye(3)):
         text += f"; tool axes {axes_text(tool.T)}"
-    for what, p in zip(("tool", "base"), ends.reshape(-1, 3), strict=False):
+    for end, p in zip(("tool", "base"), ends.reshape(-1, 3), strict=False):
         if np.abs(p).max() > 1e-9:
-            text += f"; {what} moved by ({', '.join(f'{v / MM:.6g}' for v in p)}) mm"
+            shift_mm = ", ".join(f"{v:.6g}" for v in p / MM)
+            text += f"; {end} moved by ({shift_mm}) mm"
     return text
+
+
+def _sign(x: float) -> str:
+    return "-" if x < 0 else "+"
 
 
 def axes_text(P: Array) -> str:
     """Return a rotation as text: "x = -y, ..." for quarter turns, otherwise its angle."""
     if np.abs(np.abs(P).max(axis=1) - 1).max() < 1e-6:
-        rows = [(int(np.argmax(np.abs(r))), r) for r in P]
-        return ", ".join(f"{a} = {'-' if r[i] < 0 else ''}{'xyz'[i]}" for a, (i, r) in zip("xyz", rows, strict=True))
+        parts: list[str] = []
+        for axis, row in zip("xyz", P, strict=True):
+            i = int(np.argmax(np.abs(row)))
+            minus = "-" if row[i] < 0 else ""
+            parts.append(f"{axis} = {minus}{'xyz'[i]}")
+        return ", ".join(parts)
     angle = np.degrees(np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)))
     return f"turned by {angle:.4f}°"

@@ -6,13 +6,13 @@ The code runs unchanged: each scalar is an object that holds the values at all s
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from twin.core.spatial import Array
 from twin.formula.rows import PlainRows, entries
-from twin.formula.scalar import METHODS, Scalar
+from twin.formula.scalar import METHODS, Scalar, Value
 from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.source import Source
 
@@ -24,57 +24,78 @@ class Samples(Scalar):
     functions = {**{n: getattr(np, n) for n in METHODS}, "if_else": np.where}  # noqa: RUF012
 
 
-def enter(x: Any) -> Any:
+def enter(x: Value) -> Value:
     """Convert a value of the judge to the form that a plain function uses: a number, object or array of objects."""
-    if isinstance(x, Matrix):
-        _, rows, columns = x.a.shape
-        out = np.array([[Samples(x.a[:, i, j]) for j in range(columns)] for i in range(rows)], dtype=object)
-        return out[:, 0] if columns == 1 else out
     if isinstance(x, np.ndarray):
         return Samples(x)
-    return x
+    if not isinstance(x, Matrix):
+        return x
+    rows, columns = x.shape
+    objects = np.full((rows, columns), None, dtype=object)
+    for i in range(rows):
+        for j in range(columns):
+            objects[i, j] = Samples(x.a[:, i, j])
+    return objects[:, 0] if columns == 1 else objects
 
 
-def leave(x: Any) -> Any:
+def leave(x: Value) -> Value:
     """Convert a value of a plain function to the form that the judge uses: a number, array (k,) or matrix."""
     if isinstance(x, Samples):
         return np.asarray(x.x, float)
     if isinstance(x, np.ndarray) and x.ndim in (1, 2):
-        a = x.reshape(len(x), -1)
-        parts = np.broadcast_arrays(*(np.asarray(v.x if isinstance(v, Scalar) else v, float) for v in a.ravel()))
-        return Matrix(np.stack(parts, axis=-1).reshape(-1, *a.shape))
+        table = x.reshape(len(x), -1)
+        values: list[Array] = []
+        for entry in table.ravel():
+            number = entry.x if isinstance(entry, Scalar) else entry
+            values.append(np.asarray(number, float))
+        entries_last = np.stack(np.broadcast_arrays(*values), axis=-1)
+        return Matrix(entries_last.reshape(-1, *table.shape))
     return x
 
 
-def inside(row: PlainRows | None, x: Any) -> Any:
+def inside(row: PlainRows | None, x: Value) -> Value:
     """Convert a value from the form of the judge to the form of the plain function `row`; unchanged without `row`."""
     return x if row is None or row.casadi else enter(x)
 
 
-def outside(row: PlainRows | None, x: Any) -> Any:
+def outside(row: PlainRows | None, x: Value) -> Value:
     """Convert a value from the form of the plain function `row` to the form of the judge; unchanged without `row`."""
     return x if row is None or row.casadi else leave(x)
 
 
-def arguments(row: PlainRows, symbols: Mapping[str, Any]) -> dict[str, Any]:
+def arguments(row: PlainRows, symbols: Mapping[str, Value]) -> dict[str, Value]:
     """Return the arguments of a plain function, from the values of the symbols."""
     if row.casadi:
-        return row.arguments(symbols, lambda x: x, lambda *q: Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None]))
-    return row.arguments(symbols, enter, lambda *q: np.array([enter(x) for x in q], dtype=object))
+        return row.arguments(symbols, lambda x: x, _joint_vector)
+    return row.arguments(symbols, enter, _joint_objects)
 
 
-def parts(row: PlainRows, value: Any) -> list[Any]:
+def _joint_vector(*q: Value) -> Matrix:
+    return Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None])
+
+
+def _joint_objects(*q: Value) -> Value:
+    return np.array([enter(x) for x in q], dtype=object)
+
+
+def parts(row: PlainRows, value: Value) -> list[Value]:
     """Split the result of a plain function into one value per output."""
     if row.casadi:
-        return row.spread(value, lambda x: [x[i] for i in range(x.numel())] if isinstance(x, Matrix) else None)
+        return row.spread(value, _matrix_entries)
     return [leave(v) for v in row.spread(value, entries)]
+
+
+def _matrix_entries(x: Value) -> list[Value] | None:
+    if not isinstance(x, Matrix):
+        return None
+    return [x[i] for i in range(x.numel())]
 
 
 _FILLED = frozenset((list, dict, np.ndarray))
 """Types of values that a statement may change in place."""
 
 
-def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
+def copied(scope: Mapping[str, Value]) -> dict[str, Value]:
     """Return a scope with copies of its lists, dicts and object arrays, because statements may change them."""
     own = dict(scope)
     for n, x in scope.items():
@@ -86,12 +107,19 @@ def copied(scope: Mapping[str, Any]) -> dict[str, Any]:
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
     """Return the outputs that the function returns as a variable of the same name, assigned exactly once."""
     returned = getattr(source.statements[-1].node, "value", None)
+    pairs: Iterable[tuple[object, ast.expr | None]] = ()
     if isinstance(returned, ast.Dict):
-        pairs = [
-            (k.value, v) for k, v in zip(returned.keys, returned.values, strict=True) if isinstance(k, ast.Constant)
-        ]
+        keys = [getattr(key, "value", None) for key in returned.keys]
+        pairs = zip(keys, returned.values, strict=True)
     else:
         elements = getattr(returned, "elts", [returned])
-        pairs = list(zip(outputs, elements, strict=False)) if len(elements) == len(outputs) else []
-    writes = [w for s in source.statements for w in s.writes]
-    return {v.id for n, v in pairs if isinstance(v, ast.Name) and v.id == n and writes.count(v.id) == 1}
+        if len(elements) == len(outputs):
+            pairs = zip(outputs, elements, strict=True)
+    writes: list[str] = []
+    for statement in source.statements:
+        writes += statement.writes
+    names: set[str] = set()
+    for output, element in pairs:
+        if isinstance(element, ast.Name) and element.id == output and writes.count(element.id) == 1:
+            names.add(element.id)
+    return names

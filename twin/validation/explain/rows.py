@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import CodeType
-from typing import Any
 
 from twin.formula.contract import Equation, Stage
 from twin.formula.rows import PlainRows
+from twin.formula.scalar import Value
 from twin.validation.explain.source import Source
 
 
@@ -62,20 +62,20 @@ class Step:
     variant: str
     source: Source
     codes: list[CodeType]
-    scope: dict[str, Any]
+    scope: dict[str, Value]
     inputs: tuple[str, ...]
     required: tuple[str, ...]
     missing: str = ""
     stuck: bool = False
-    before: list[dict[str, Any]] = field(default_factory=list)
-    computed: dict[str, Any] = field(default_factory=dict)
-    gave: dict[str, Any] = field(default_factory=dict)
+    before: list[dict[str, Value]] = field(default_factory=list)
+    computed: dict[str, Value] = field(default_factory=dict)
+    gave: dict[str, Value] = field(default_factory=dict)
     known: frozenset[str] = frozenset()
     held: frozenset[str] = frozenset()
     plain: PlainRows | None = None
     lines: tuple[int, ...] = ()
     places: dict[tuple[int, int, str], Place] = field(default_factory=dict)
-    free: dict[str, Any] = field(default_factory=dict)
+    free: dict[str, Value] = field(default_factory=dict)
 
     def place(self, statement: int, position: int, symbol: str, line: int) -> Place:
         """Return the `Place` of a row of this equation; `position` is the position of `symbol` in the statement."""
@@ -95,4 +95,4 @@ class Helper:
     """A plain function that rows call: source text and numeric version of the function."""
 
     source: Source
-    function: Callable[..., Any]
+    function: Callable[..., Value]

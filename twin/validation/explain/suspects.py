@@ -18,24 +18,41 @@ def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
 
 def shared(judge: Judge, places: Sequence[Place]) -> bool:
     """Return whether all given rows use a common statement or function, so that one fault could explain them all."""
-    every = [suspects(judge, place) for place in places]
-    statements = [{(equation, i) for equation, indices in s.items() for i in indices} for s in every]
-    called = [{h.source.name for equation in s for h in judge.helpers(judge.step(equation))} for s in every]
-    return bool(set.intersection(*statements) or set.intersection(*called)) if every else False
+    statements: list[set[tuple[str, int]]] = []
+    called: list[set[str]] = []
+    for place in places:
+        indices_of = suspects(judge, place)
+        used: set[tuple[str, int]] = set()
+        functions: set[str] = set()
+        for equation, indices in indices_of.items():
+            used.update((equation, i) for i in indices)
+            functions.update(h.source.name for h in judge.helpers(judge.step(equation)))
+        statements.append(used)
+        called.append(functions)
+    if not places:
+        return False
+    return bool(set.intersection(*statements)) or bool(set.intersection(*called))
 
 
 def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
     """Return the outputs (equation, symbol) of other equations that `rows` use, so that they are judged indirectly."""
     seen: set[str] = set()
+    steps = {s.equation.name: s for s in judge.steps}
     for equation, symbol in sorted(rows):
-        step = next((s for s in judge.steps if s.equation.name == equation), None)
+        step = steps.get(equation)
         if step is None or symbol not in step.equation.outputs or not step.source.statements:
             continue
-        for place in [p for p in judge.residuals if (p.equation, p.symbol) == (equation, symbol)]:
-            _trace(judge, step, place.statement, place.position, {}, seen)
+        for place in judge.residuals:
+            if place.equation == equation and place.symbol == symbol:
+                _trace(judge, step, place.statement, place.position, {}, seen)
         last = step.source.statements[-1]
         _trace(judge, step, last.index, step.equation.outputs.index(symbol), {}, seen)
-    return {(s.equation.name, n) for s in judge.steps for n in s.equation.outputs if n in seen}
+    outputs: set[tuple[str, str]] = set()
+    for step in judge.steps:
+        for name in step.equation.outputs:
+            if name in seen:
+                outputs.add((step.equation.name, name))
+    return outputs
 
 
 def available(judge: Judge, step: Step) -> set[str]:
@@ -46,27 +63,33 @@ def available(judge: Judge, step: Step) -> set[str]:
     elif step.stage == "forward":
         names |= {j.name for j in judge.formula.joints}
     else:  # all symbols of the mechanism, except outputs of this equation and of later equations
-        later = judge.steps[judge.steps.index(step) :]
-        names |= set(judge.truth.symbols) - {n for s in later for n in s.equation.outputs}
+        symbols = set(judge.truth.symbols)
+        for later in judge.steps[judge.steps.index(step) :]:
+            symbols.difference_update(later.equation.outputs)
+        names |= symbols
     return names | set(step.computed) | set(step.inputs)
 
 
 def _trace(judge: Judge, step: Step, index: int, position: int, out: dict[str, set[int]], seen: set[str]) -> None:
-    mine = out.setdefault(step.equation.name, set())
+    """Add to `out` the statements on which the value at a position of a statement depends; `seen`: symbols done."""
+    found = out.setdefault(step.equation.name, set())
     statements = step.source.statements
-    s = statements[index]
-    mine.add(index)
-    wanted = s.reads_at(position) if s.returns else set(s.reads)
+    statement = statements[index]
+    found.add(index)
+    wanted = set(statement.reads)
+    if statement.returns:
+        wanted = statement.reads_at(position)
     for i in range(index - 1, -1, -1):
-        if wanted & set(statements[i].writes):
-            hit = wanted & set(statements[i].writes)
-            if hit <= step.held:
-                wanted -= hit
-                continue
-            mine.add(i)
-            wanted |= statements[i].reads
-            if not set(statements[i].reads) & hit:
-                wanted -= hit
+        written = wanted & set(statements[i].writes)
+        if not written:
+            continue
+        if written <= step.held:  # compared there, and then replaced by the mechanism's values
+            wanted -= written
+            continue
+        found.add(i)
+        wanted |= statements[i].reads
+        if not statements[i].reads & written:  # a statement that also reads the variable keeps a part of its value
+            wanted -= written
     for name in wanted:
         if name in judge.truth.kinds or name not in step.inputs:
             continue

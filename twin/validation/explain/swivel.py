@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.validation.explain.rows import Place
@@ -27,8 +26,10 @@ def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array
 
     def residuals(angle: Array) -> Array:
         found = rows(angle)
-        flat = [r.reshape(states, -1) for _, r in sorted(found.items(), key=lambda x: (x[0].statement, x[0].position))]
-        return np.hstack(flat) if flat else np.zeros((states, 0))
+        if not found:
+            return np.zeros((states, 0))
+        places = sorted(found, key=lambda place: (place.statement, place.position))
+        return np.hstack([found[place].reshape(states, -1) for place in places])
 
     def cost(r: Array) -> Array:
         return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)
@@ -36,21 +37,25 @@ def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array
     best = np.zeros(states)
     r = residuals(best)
     least = cost(r)
+
+    def keep_better(angle: Array) -> bool:
+        """Take over the angles with which the cost is smaller; return whether there are any."""
+        nonlocal best, least, r
+        tried = residuals(angle)
+        costs = cost(tried)
+        better = costs < least
+        best = np.where(better, angle, best)
+        least = np.where(better, costs, least)
+        if tried.shape == r.shape:
+            r = np.where(better[:, None], tried, r)
+        return bool(better.any())
+
     for angle in np.linspace(-np.pi, np.pi, _GRID, endpoint=False):
-        tried = residuals(np.full(states, angle))
-        better = cost(tried) < least
-        best, least, r = np.where(better, angle, best), np.where(better, cost(tried), least), _mixed(better, tried, r)
+        keep_better(np.full(states, angle))
     for _ in range(_REFINE):
         slope = (residuals(best + _STEP) - r) / _STEP
         step = -np.sum(slope * r, axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
-        ahead = best + np.clip(np.nan_to_num(step), -0.5, 0.5)
-        tried = residuals(ahead)
-        better = cost(tried) < least
-        if not better.any():
+        # A long step would leave the valley of the best angle of the grid.
+        if not keep_better(best + np.clip(np.nan_to_num(step), -0.5, 0.5)):
             break
-        best, least, r = np.where(better, ahead, best), np.where(better, cost(tried), least), _mixed(better, tried, r)
     return best
-
-
-def _mixed(rows: NDArray[np.bool_], a: Array, b: Array) -> Array:
-    return np.where(rows[:, None], a, b) if a.shape == b.shape else b

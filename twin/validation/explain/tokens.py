@@ -26,15 +26,14 @@ def span(node: ast.AST, starts: list[int]) -> tuple[int, int]:
 def tokens_of(text: str) -> list[tuple[int, str, int, int]]:
     """Return (kind, text, start, end) of each token of an expression."""
     lines = line_starts(text)
-    out: list[tuple[int, str, int, int]] = []
-    kinds = (tokenize.NAME, tokenize.NUMBER, tokenize.OP)
+    tokens: list[tuple[int, str, int, int]] = []
+    # A text that ends too early has an error only at its end; the tokens before it are kept.
     with contextlib.suppress(tokenize.TokenError, IndentationError):
-        out.extend(
-            (t.type, t.string, lines[t.start[0] - 1] + t.start[1], lines[t.end[0] - 1] + t.end[1])
-            for t in tokenize.generate_tokens(io.StringIO(text).readline)
-            if t.type in kinds
-        )
-    return out
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type in (tokenize.NAME, tokenize.NUMBER, tokenize.OP):
+                (first_line, first), (last_line, last) = token.start, token.end
+                tokens.append((token.type, token.string, lines[first_line - 1] + first, lines[last_line - 1] + last))
+    return tokens
 
 
 def shape(text: str) -> str:

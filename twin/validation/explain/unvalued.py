@@ -6,6 +6,7 @@ import numpy as np
 
 from twin.core.findings import Finding, error
 from twin.formula.contract import unread
+from twin.formula.scalar import Value
 from twin.validation.explain.judge import Judge, worst
 
 
@@ -16,37 +17,44 @@ def unvalued(judge: Judge) -> list[Finding]:
     substituted for the symbol, and the resulting rows are compared with the mechanism.
     """
     formula, truth = judge.formula, judge.truth
-    given = {n for e in formula.equations for n in e.outputs} | set(truth.symbols)
-    waiting = [p for p in formula.parameters if p.name in unread(formula, judge.variants)]
+    given = set(truth.symbols)
+    for equation in formula.equations:
+        given.update(equation.outputs)
+    unused_names = unread(formula, judge.variants)
+    unused = [p for p in formula.parameters if p.name in unused_names]
     readers: dict[str, list[str]] = {}
     for step in judge.steps:
         for name in step.required:
             if name not in given:
                 readers.setdefault(name, []).append(step.equation.name)
-    out = []
+    findings: list[Finding] = []
     for name, equations in readers.items():
         where = ", ".join(equations)
-        fits = [p for p in waiting if _holds(judge, name, p.name, equations)]
-        if fits:
-            p = fits[0]
-            way = (
+        fitting = [p for p in unused if _holds(judge, name, p.name, equations)]
+        if fitting:
+            p = fitting[0]
+            suggestion = (
                 f"replace {name} by {p.name} = {p.shown:g} {p.unit}: then every row of {where} that uses "
                 f"{p.name} agrees"
             )
-        elif waiting:
-            names = ", ".join(p.name for p in waiting)
-            way = f"give {name} a value, or replace it by a parameter that is not used: {names}"
+        elif unused:
+            names = ", ".join(p.name for p in unused)
+            suggestion = f"give {name} a value, or replace it by a parameter that is not used: {names}"
         else:
-            way = f"give {name} a value among the parameters"
-        out.append(error("formula.unvalued", where, f"{where} uses '{name}', which has no value", suggestion=way))
-    return out
+            suggestion = f"give {name} a value among the parameters"
+        message = f"{where} uses '{name}', which has no value"
+        findings.append(error("formula.unvalued", where, message, suggestion=suggestion))
+    return findings
 
 
 def _holds(judge: Judge, name: str, parameter: str, equations: list[str]) -> bool:
     """Return whether the rows of the equations agree if a symbol has the value of a parameter."""
     symbols = judge.truth.symbols
-    computed = {n: v for e in equations for n, v in judge.step(e).computed.items()}
-    truth = judge.truth.with_parameters({**computed, **symbols, name: symbols[parameter]})
+    values: dict[str, Value] = {}
+    for equation in equations:
+        values |= judge.step(equation).computed
+    values |= {**symbols, name: symbols[parameter]}
+    truth = judge.truth.with_parameters(values)
     with np.errstate(all="ignore"):
         found = judge.on(truth, equations).residuals
     return bool(found) and all(worst(r) <= 1 for r in found.values())

@@ -19,13 +19,29 @@ Lead = Literal["edits", "numbers", "edits or numbers", ""]
 def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | None) -> Lead:
     """Return the simplest explanation of all wrong rows: "edits", "numbers", "edits or numbers"; "" if none exists."""
     numbers = _numbers(identified)
-    changes = None if lost or not found else sum(len(f.cures[0][0].edits) for f in found if f.cures)
+    edits = _edits(found, lost)
+    if numbers is None and edits is None:
+        return ""
     if numbers is None:
-        return "" if changes is None else "edits"
-    if changes is None or numbers < changes:
-        borrowed = identified is not None and all(m.note.startswith("the value of") for m in identified.moved)
-        return "edits or numbers" if changes is not None and borrowed else "numbers"
-    return "edits or numbers" if numbers == changes else "edits"
+        return "edits"
+    if edits is None:
+        return "numbers"
+    if numbers == edits:
+        return "edits or numbers"
+    if numbers > edits:
+        return "edits"
+    # The value of another parameter is as likely a misprint of its name.
+    assert identified is not None
+    if all(m.note.startswith("the value of") for m in identified.moved):
+        return "edits or numbers"
+    return "numbers"
+
+
+def _edits(found: Sequence[Found], lost: Sequence[Key]) -> int | None:
+    """Return the number of edits with which every row agrees; None if there are no such edits."""
+    if lost or not found:
+        return None
+    return sum(len(f.cures[0][0].edits) for f in found if f.cures)
 
 
 def _numbers(identified: Identified | None) -> int | None:
