@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -13,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.cad import features, frames, mesh, references
-from twin.cad.description import BodySpec, Description, JointSpec, MassSpec, load
+from twin.cad.description import BodySpec, CouplingSpec, Description, JointSpec, LimitSpec, MassSpec, load
 from twin.cad.dimensions import read_dimensions
 from twin.cad.features import MeasuredFeature
 from twin.cad.frames import DrawnFrames, into
@@ -63,7 +64,11 @@ class CadModel:
     @property
     def placement_loss(self) -> float:
         """Possible error in m of joint frames due to single-precision placements; 0 without such placements."""
-        return max((f.size or 0.0 for f in self.findings if f.code == "cad.placement_precision"), default=0.0) * UM
+        largest = 0.0
+        for finding in self.findings:
+            if finding.code == "cad.placement_precision":
+                largest = max(largest, finding.size or 0.0)
+        return largest * UM
 
 
 def inputs(description_path: Path, description: Description | None = None) -> list[Path]:
@@ -72,9 +77,13 @@ def inputs(description_path: Path, description: Description | None = None) -> li
     `description` is the content of the TOML file; None: the file is read.
     """
     description = description or load(description_path)
+    folder = description_path.parent
     files = [description_path]
-    files += [description_path.parent / description.step] if description.step else []
-    return files + [description_path.parent / m.file for b in description.body.values() for m in b.meshes]
+    if description.step:
+        files.append(folder / description.step)
+    for body in description.body.values():
+        files += [folder / mesh_file.file for mesh_file in body.meshes]
+    return files
 
 
 def fingerprint(description_path: Path, description: Description | None = None, read: Read | None = None) -> str:
@@ -133,19 +142,26 @@ def read_mechanism(
     found: list[Finding] = []
     step = read_step(folder / d.step, tolerance, read=read) if d.step else None
     parts = _parts_by_body(d, step)
-    measured = {
-        body: {name: features.find(body, name, spec, parts[body], d.tolerance) for name, spec in specs.items()}
-        for body, specs in d.feature.items()
-    }
+    measured: dict[str, dict[str, MeasuredFeature]] = {}
+    for body, specs in d.feature.items():
+        measured[body] = {}
+        for name, spec in specs.items():
+            measured[body][name] = features.find(body, name, spec, parts[body], d.tolerance)
 
     at = frames.drawn(d, measured)
-    fine = read_step(step.path, MASS_TOLERANCE, 0.15, read) if step is not None and with_mass else None
-    meshes, inertias = _shapes(d, folder, parts, at.bodies, _exact(step, fine), with_mass, found)
-    joints = [_joint(d, j, at, measured) for j in d.joint]
+    fine: dict[int, Part] = {}
+    if step is not None and with_mass:
+        fine = _exact(step, read_step(step.path, MASS_TOLERANCE, 0.15, read))
+    meshes, inertias = _shapes(d, folder, parts, at.bodies, fine, with_mass, found)
+    bodies = []
+    for name, spec in d.body.items():
+        bodies.append(Body(name, tuple(meshes[name]), inertias.get(name), spec.whole))
+    joints = [_joint(d, spec, at, measured) for spec in d.joint]
     gaping = meetings(d, at)
     noisy = noise(d, measured, gaping)
     if noisy is not None:
-        gaping = [noisy.finding(d), *(replace(f, cause=CAUSE) for f in gaping)]
+        found.append(noisy.finding(d))
+        gaping = [replace(finding, cause=CAUSE) for finding in gaping]
     found += gaping
     if step is not None and step.placement_error > 0:
         found.append(_placement_finding(step))
@@ -153,27 +169,30 @@ def read_mechanism(
     mechanism = Mechanism(
         name=d.name,
         base=d.base,
-        bodies=tuple(Body(n, tuple(meshes[n]), inertias.get(n), spec.whole) for n, spec in d.body.items()),
+        bodies=tuple(bodies),
         joints=tuple(joints),
         frames=frames.frames(d, at),
         points=frames.points(d, at, measured),
         rest=frames.rest(d, at),
-        postures={n: _posture(values) for n, values in d.posture.items()},
+        postures={name: _posture(values) for name, values in d.posture.items()},
         tool=d.tool,
         parameters=tuple(parameters(d)),
         actuators=actuators(d),
         transmissions=transmissions(d),
-        couplings=tuple(
-            Coupling(c.name, tuple(c.joints), tuple(c.ratios), (c.sum_deg or 0.0) * DEG + (c.sum_mm or 0.0) * MM)
-            for c in d.coupling
-        ),
+        couplings=tuple(map(_coupling, d.coupling)),
         trocars=(d.trocar,) if d.trocar else tuple(d.trocars),
         gravity=d.gravity_m_s2 or EARTH,
         source=f"{description_path.name} {fingerprint(description_path, d, read)}",
     )
-    gaps = tuple((g.lower, g.upper, g.min_gap_mm * MM) for g in d.gap)
+    gaps = tuple((gap.lower, gap.upper, gap.min_gap_mm * MM) for gap in d.gap)
     dimensions = read_dimensions(folder / "dimensions.toml", read)
     return CadModel(mechanism, tuple(found), d, measured, dimensions, gaps, noisy)
+
+
+def _coupling(spec: CouplingSpec) -> Coupling:
+    # Only one of the two sums is given: that of angles or that of lengths.
+    total = (spec.sum_deg or 0.0) * DEG + (spec.sum_mm or 0.0) * MM
+    return Coupling(spec.name, tuple(spec.joints), tuple(spec.ratios), total)
 
 
 def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
@@ -181,12 +200,16 @@ def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Par
     parts: dict[str, list[Part]] = {name: [] for name in d.body}
     if step is None:
         return parts
-    nodes = {node for p in step.parts for node in (*p.path, p.name, *p.chain)}
+    nodes: set[str] = set()
+    for part in step.parts:
+        nodes.update((*part.path, part.name, *part.chain))
     for name, spec in d.body.items():
         if spec.meshes:
             continue
         node = spec.node or name
-        parts[name] = [p for p in step.parts if node == p.name or node in p.path or node in p.chain]
+        for part in step.parts:
+            if node in (*part.path, part.name, *part.chain):
+                parts[name].append(part)
         if not parts[name]:
             raise CadError(f"{step.path}: body '{name}': {unknown('node', node, nodes)}")
     return parts
@@ -210,27 +233,33 @@ def _shapes(
     taken: set[str] = set()
     for body, spec in d.body.items():
         for solid in (*parts[body], *_loaded(folder, spec, found)):
-            vertices, finish = into(drawn[body], solid.vertices), _finish(d, solid.name)
-            meshes[body].append(Mesh(_unique(solid.name, taken), vertices, solid.triangles, solid.color_rgba, finish))
+            name = _unique(solid.name, taken)
+            vertices = into(drawn[body], solid.vertices)
+            meshes[body].append(Mesh(name, vertices, solid.triangles, solid.color_rgba, _finish(d, solid.name)))
             if with_mass:
                 exact = fine.get(id(solid), solid)
                 _weigh(d, solid.name, into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
-    weighed = {name: reduce(add, list_) for name, list_ in masses.items() if list_}
-    given = {n: _given(s.mass, drawn[n]) for n, s in d.body.items() if s.mass is not None}
-    return meshes, {**weighed, **given}
+    inertias = {}
+    for body, spec in d.body.items():
+        if spec.mass is not None:
+            inertias[body] = _given(spec.mass, drawn[body])
+        elif masses[body]:
+            inertias[body] = reduce(add, masses[body])
+    return meshes, inertias
 
 
 def _loaded(folder: Path, spec: BodySpec, found: list[Finding]) -> Iterator[Mesh]:
     """Yield the meshes in the mesh files of a body, in drawn coordinates; add findings on these meshes to `found`."""
     for file in spec.meshes:
         loaded, notes = mesh.load_mesh(folder / file.file, file.unit, file.up, file.color)
-        found += [n for n in notes if n.code != "cad.open_mesh"]
+        # An open mesh matters only if its mass is computed; then `_weigh` reports it.
+        found += [note for note in notes if note.code != "cad.open_mesh"]
         yield loaded
 
 
-def _exact(step: StepModel | None, fine: StepModel | None) -> dict[int, Part]:
+def _exact(step: StepModel, fine: StepModel) -> dict[int, Part]:
     """Return {id(part): finer part}; parts are matched by order, because names in the file may repeat."""
-    return {} if step is None or fine is None else {id(p): f for p, f in zip(step.parts, fine.parts, strict=True)}
+    return {id(part): finer for part, finer in zip(step.parts, fine.parts, strict=True)}
 
 
 def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
@@ -238,18 +267,24 @@ def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
     xx, yy, zz, xy, xz, yz = spec.inertia_kg_m2
     R = T_drawn_body[:3, :3]
     I = R.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R  # noqa: E741
-    return Inertia(spec.mass_kg, into(T_drawn_body, np.array(spec.com_mm) * MM), 0.5 * (I + I.T))
+    com = into(T_drawn_body, np.array(spec.com_mm) * MM)
+    return Inertia(spec.mass_kg, com, 0.5 * (I + I.T))  # exactly symmetric, despite rounding
 
 
 def _material(d: Description, part: str) -> str | None:
     """Return the name of the last material with a pattern that matches the name of the part, or None."""
-    named = [name for name, m in d.material.items() if any(fnmatch.fnmatch(part, p) for p in m.parts)]
-    return named[-1] if named else None
+    for name, material in reversed(d.material.items()):
+        if any(fnmatch.fnmatch(part, pattern) for pattern in material.parts):
+            return name
+    return None
 
 
 def _finish(d: Description, part: str) -> Finish:
     name = _material(d, part)
-    return Finish() if name is None else Finish(name, d.material[name].metallic, d.material[name].roughness)
+    if name is None:
+        return Finish()
+    material = d.material[name]
+    return Finish(name, material.metallic, material.roughness)
 
 
 def _weigh(
@@ -263,14 +298,9 @@ def _weigh(
     material = _material(d, part)
     if material is None:
         if d.material:
-            found.append(
-                warning(
-                    "cad.no_material",
-                    part,
-                    f"part '{part}' has no material and therefore no mass",
-                    suggestion="add the part to a [material.*] in the description",
-                )
-            )
+            text = f"part '{part}' has no material and therefore no mass"
+            advice = "add the part to a [material.*] in the description"
+            found.append(warning("cad.no_material", part, text, suggestion=advice))
         return
     weight = mesh.inertia(vertices, triangles, d.material[material].density_kg_m3)
     if weight is None:
@@ -280,19 +310,20 @@ def _weigh(
 
 
 def _identifier(name: str) -> str:
-    clean = "".join(c if c.isascii() and c.isalnum() else "_" for c in name.lower()).strip("_")
+    clean = re.sub("[^a-z0-9]", "_", name.lower()).strip("_")
     return clean if clean[:1].isalpha() else f"part_{clean}"
 
 
 def _unique(name: str, taken: set[str]) -> str:
     """Return the name as an identifier that no other mesh has: the second `peg` becomes `peg_2`."""
-    first = clean = _identifier(name)
+    first = _identifier(name)
+    unique = first
     count = 1
-    while clean in taken:
+    while unique in taken:
         count += 1
-        clean = f"{first}_{count}"
-    taken.add(clean)
-    return clean
+        unique = f"{first}_{count}"
+    taken.add(unique)
+    return unique
 
 
 def _joint(
@@ -301,27 +332,21 @@ def _joint(
     at: DrawnFrames,
     measured: dict[str, dict[str, MeasuredFeature]],
 ) -> Joint:
-    limit = next((s for s in d.limit if spec.name in s.joints), None)
-    drive = next((s for s in d.drive if spec.name in s.joints), None)
-    unit = references.UNITS.get(spec.type, "mm")
     values: dict = {}
-    if limit is not None:
-        rates = ("max_speed", "_s"), ("max_acceleration", "_s2"), ("max_jerk", "_s3")
-        for key, rate in (("limits", ""), ("soft_limits", ""), *rates):
-            value = getattr(limit, f"{key}_{unit}{rate}")
-            if value is not None:
-                scale = SI[unit]
-                values[key] = tuple(v * scale for v in value) if isinstance(value, tuple) else value * scale
-        if limit.cone_deg is not None:
-            values["cone"] = limit.cone_deg * DEG
-    if drive is not None:
-        values["drive"] = Drive(drive.stiffness, drive.damping, drive.max_effort)
-    mating = {
-        measured[body][name].part
-        for body, side in spec.sides
-        for name in side.features("origin", "at", "z")
-        if name in measured.get(body, {})
-    }
+    for limit in d.limit:
+        if spec.name in limit.joints:
+            values = _limits(limit, references.UNITS.get(spec.type, "mm"))
+            break
+    for drive in d.drive:
+        if spec.name in drive.joints:
+            values["drive"] = Drive(drive.stiffness, drive.damping, drive.max_effort)
+            break
+    mating = set()
+    for body, side in spec.sides:
+        own = measured.get(body, {})
+        for name in side.features("origin", "at", "z"):
+            if name in own:
+                mating.add(own[name].part)
     return Joint(
         spec.name,
         spec.type,
@@ -330,14 +355,39 @@ def _joint(
         at.on_parent(spec.name, spec.parent),
         at.on_child(spec.name, spec.child),
         active=spec.active,
-        mating=tuple(sorted(_identifier(m) for m in mating)),
+        mating=tuple(sorted(map(_identifier, mating))),
         **values,
     )
 
 
+def _limits(limit: LimitSpec, unit: str) -> dict:
+    """Return the fields of a `Joint` that a table of limits in `unit` ("deg" or "mm") gives, in SI units."""
+    scale = SI[unit]
+    values: dict = {}
+    for field, rate in (
+        ("limits", ""),
+        ("soft_limits", ""),
+        ("max_speed", "_s"),
+        ("max_acceleration", "_s2"),
+        ("max_jerk", "_s3"),
+    ):
+        value = getattr(limit, f"{field}_{unit}{rate}")
+        if isinstance(value, tuple):
+            values[field] = tuple(bound * scale for bound in value)
+        elif value is not None:
+            values[field] = value * scale
+    if limit.cone_deg is not None:
+        values["cone"] = limit.cone_deg * DEG
+    return values
+
+
 def _posture(values: dict[str, float]) -> dict[str, float]:
-    split = {key: key.rpartition("_") for key in values}
-    return {joint: values[key] * SI[unit] for key, (joint, _, unit) in split.items()}
+    """Return {joint: coordinate in rad or m} of {joint with unit, such as "yaw_deg": coordinate}."""
+    posture = {}
+    for key, value in values.items():
+        joint, _, unit = key.rpartition("_")
+        posture[joint] = value * SI[unit]
+    return posture
 
 
 def _placement_finding(step: StepModel) -> Finding:

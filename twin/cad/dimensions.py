@@ -40,7 +40,7 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
         data = tomllib.loads(read_text(path, "TOML", read=read))
     except (ValueError, RecursionError) as error:
         raise DescriptionError(f"{path}: {error}") from error
-    out = []
+    found = []
     for name, entry in data.items():
         if name == "part":  # manufacturing errors of single parts are not dimensions of the design
             continue
@@ -52,17 +52,21 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
         except ValidationError as error:
             where, what = first_mistake(error)
             raise error_at(path, (name,), f"{where or 'entry'}: {what}") from error
-        out += [
-            Parameter(f"drawing.{name}{suffix}", v * SI[d.unit], d.unit, v, d.provenance, d.note)
-            for suffix, v in _numbers(d.value)
-        ]
-    return tuple(out)
+        for suffix, number in _numbers(d.value):
+            value_si = number * SI[d.unit]
+            found.append(Parameter(f"drawing.{name}{suffix}", value_si, d.unit, number, d.provenance, d.note))
+    return tuple(found)
 
 
 def _numbers(value: float | Vector | list[list[float]]) -> list[tuple[str, float]]:
     """Return (suffix, value) of each number of a dimension; the suffix is added to the name of the dimension."""
     if isinstance(value, tuple):
-        return [(f".{axis}", v) for axis, v in zip("xyz", value, strict=True)]
-    if isinstance(value, list):
-        return [(f".{i}.{k}", v) for i, row in enumerate(value, 1) for k, v in enumerate(row, 1)]
-    return [("", value)]
+        x, y, z = value
+        return [(".x", x), (".y", y), (".z", z)]
+    if not isinstance(value, list):
+        return [("", value)]
+    numbers = []
+    for i, row in enumerate(value, 1):
+        for k, number in enumerate(row, 1):
+            numbers.append((f".{i}.{k}", number))
+    return numbers

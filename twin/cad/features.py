@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,15 @@ class MeasuredFeature:
     part: str
 
 
+class _Candidate(NamedTuple):
+    """A face with the kind and radius of a feature: its distance in m and its tilt in rad, and the name of its part."""
+
+    distance: float
+    tilt: float
+    face: Face
+    part: str
+
+
 def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: CadTolerance) -> MeasuredFeature:
     """Return the face of a body that `spec` identifies.
 
@@ -46,12 +56,15 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     """
     label = f"feature '{name}' of body '{body}'"
     if spec.part is not None:
-        if spec.part not in {p.name for p in parts}:
-            raise CadError(f"{label}: {unknown('part', spec.part, (p.name for p in parts))}")
-        parts = [p for p in parts if p.name == spec.part]
+        names = [part.name for part in parts]
+        if spec.part not in names:
+            raise CadError(f"{label}: {unknown('part', spec.part, names)}")
+        parts = [part for part in parts if part.name == spec.part]
     near = np.array(spec.near_mm) * MM
-    hint = None if spec.direction is None else (np.array(spec.direction) / np.linalg.norm(spec.direction)).tolist()
-    found: list[tuple[float, float, Face, str]] = []
+    hint = None
+    if spec.direction is not None:
+        hint = (np.array(spec.direction) / np.linalg.norm(spec.direction)).tolist()
+    found: list[_Candidate] = []
     wrong_radius: list[float] = []
     for part in parts:
         for face in part.faces:
@@ -61,41 +74,49 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
                 wrong_radius.append(face.radius / MM)
                 continue
             tilt = 0.0 if hint is None else _tilt(hint, face.direction.tolist())
-            found.append((_distance(face, near), tilt, face, part.name))
+            found.append(_Candidate(_distance(face, near), tilt, face, part.name))
     if not found:
-        radii = ", ".join(f"{r:g}" for r in sorted(set(np.round(wrong_radius, 4)))[:12])
+        text = f"{label}: the body has no {spec.kind}"
+        if spec.radius_mm:
+            text += f" of radius {spec.radius_mm:g} mm"
+        if wrong_radius:
+            different = sorted(set(np.round(wrong_radius, 4)))
+            radii = ", ".join(f"{radius:g}" for radius in different[:12])
+            text += f"; radii found: {radii} mm"
+        raise CadError(text)
+    gross_distance = tolerance.gross_mm * MM
+    gross_angle = tolerance.gross_deg * DEG
+    near_enough = [c for c in found if c.distance <= gross_distance and c.tilt <= gross_angle]
+    if not near_enough:
+        nearest = min(found, key=lambda c: c.distance + c.tilt * 10 * MM)  # one rad counts as 10 mm
         raise CadError(
-            f"{label}: the body has no {spec.kind}"
-            + (f" of radius {spec.radius_mm:g} mm" if spec.radius_mm else "")
-            + (f"; radii found: {radii} mm" if radii else "")
+            f"{label}: the nearest {spec.kind} (on '{nearest.part}', at {_mm(nearest.face.point)} mm) is "
+            f"{nearest.distance / MM:.3f} mm and {nearest.tilt / DEG:.2f}° away; gross tolerance "
+            f"{tolerance.gross_mm:g} mm, {tolerance.gross_deg:g}°. Correct near_mm, the drawing, or tolerance.gross_mm."
         )
-    good = [f for f in found if f[0] <= tolerance.gross_mm * MM and f[1] <= tolerance.gross_deg * DEG]
-    if not good:
-        distance, tilt, face, part_name = min(found, key=lambda f: f[0] + f[1] * 10 * MM)
-        raise CadError(
-            f"{label}: the nearest {spec.kind} (on '{part_name}', at {_mm(face.point)} mm) is "
-            f"{distance / MM:.3f} mm and {tilt / DEG:.2f}° away; gross tolerance {tolerance.gross_mm:g} mm, "
-            f"{tolerance.gross_deg:g}°. Correct near_mm, the drawing, or tolerance.gross_mm."
-        )
-    good.sort(key=lambda f: f[0])
-    distance, _, face, part_name = good[0]
-    rivals = [f for f in good[1:] if f[0] - distance < _ALIKE and not _same(face, f[2])]
-    if rivals:
-        raise CadError(
-            f"{label}: two {spec.kind} faces are equally near, on '{part_name}' at {_mm(face.point)} mm and on "
-            f"'{rivals[0][3]}' at {_mm(rivals[0][2].point)} mm. Move near_mm towards the intended face, or name its "
-            "`part`."
-        )
+    best, *others = sorted(near_enough, key=lambda c: c.distance)
+    face = best.face
+    for other in others:
+        if other.distance - best.distance < _ALIKE and not _same(face, other.face):
+            raise CadError(
+                f"{label}: two {spec.kind} faces are equally near, on '{best.part}' at {_mm(face.point)} mm and on "
+                f"'{other.part}' at {_mm(other.face.point)} mm. Move near_mm towards the intended face, or name its "
+                "`part`."
+            )
     direction = face.direction
     if spec.direction is not None and direction @ np.array(spec.direction) < 0:
         direction = -direction
-    return MeasuredFeature(name, face, direction, part_name)
+    return MeasuredFeature(name, face, direction, best.part)
 
 
 def _tilt(a: Sequence[float], b: Sequence[float]) -> float:
     """Return the angle in rad between two axes (3,), ignoring their signs."""
-    across = math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    return math.atan2(across, abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]))
+    # Plain numbers: numpy is slower for vectors of three, and a STEP file has thousands of faces.
+    ax, ay, az = a
+    bx, by, bz = b
+    sine = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    cosine = ax * bx + ay * by + az * bz
+    return math.atan2(sine, abs(cosine))
 
 
 def _same(a: Face, b: Face) -> bool:
@@ -133,7 +154,7 @@ def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: 
     point nearest to another axis or to a sphere centre.
     """
     if isinstance(names, list):
-        return np.mean([centre(n, features) for n in names], axis=0)
+        return np.mean([centre(name, features) for name in names], axis=0)
     feature = _get(names, features)
     face = feature.face
     if at is None or face.kind != "cylinder":
@@ -173,12 +194,13 @@ def frame(spec: FrameSpec, features: Mapping[str, MeasuredFeature]) -> Array:
         CadError: a feature is unknown, or the directions do not define a frame.
     """
     psi, theta, phi = np.array(spec.angles_deg or (0.0, 0.0, 0.0)) * DEG
-    ez, ey, ex = np.eye(3)[[2, 1, 0]]
+    ex, ey, ez = np.eye(3)
     given = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
     if spec.position_mm is not None:
         return spatial.pose(given, np.array(spec.position_mm) * MM)
     assert spec.origin is not None
-    R, p = given, centre(spec.origin, features, spec.at)
+    R = given
+    p = centre(spec.origin, features, spec.at)
     if spec.z is not None:
         R = _turned(spec, spec.z, p, given, features)
     return spatial.pose(R, p + R[:, 2] * (spec.offset_mm * MM))
@@ -189,7 +211,7 @@ def _turned(
 ) -> Array:
     """Return the rotation (3, 3) of a frame at p (3,) whose z axis is measured on the features `along`."""
     if isinstance(along, list):
-        a, b, c = (centre(n, features) for n in along)
+        a, b, c = [centre(name, features) for name in along]
         z = np.cross(b - a, c - a)
     else:
         z = _get(along, features).direction
@@ -221,4 +243,5 @@ def _get(name: str, features: Mapping[str, MeasuredFeature]) -> MeasuredFeature:
 
 
 def _mm(p: Array) -> str:
-    return "(" + ", ".join(f"{v / MM:.2f}" for v in p) + ")"
+    x, y, z = p / MM
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"

@@ -54,32 +54,44 @@ def drawn(d: Description, faces: Faces, given: Given | None = None) -> DrawnFram
     Raises:
         CadError: a feature is unknown, or features do not define a frame.
     """
+    given = given or {}
     on: dict[str, tuple[Array, Array]] = {}
-    for j in d.joint:
-        parent = _frame(d, faces, j.parent, j.on_parent, f"joint '{j.name}' on body '{j.parent}'")
-        child = _frame(d, faces, j.child, j.on_child, f"joint '{j.name}' on body '{j.child}'")
-        other = given or {}
-        on[j.name] = other.get((j.name, j.parent), parent), other.get((j.name, j.child), child)
-    named = {n: _frame(d, faces, f.body, f.at, f"frame '{n}' on body '{f.body}'") for n, f in d.frame.items()}
-    return DrawnFrames(on, named, {name: _body(d, name, spec, on, named) for name, spec in d.body.items()})
+    for joint in d.joint:
+        parent = _frame(d, faces, joint.parent, joint.on_parent, f"joint '{joint.name}' on body '{joint.parent}'")
+        child = _frame(d, faces, joint.child, joint.on_child, f"joint '{joint.name}' on body '{joint.child}'")
+        parent = given.get((joint.name, joint.parent), parent)
+        child = given.get((joint.name, joint.child), child)
+        on[joint.name] = (parent, child)
+    named = {}
+    for name, spec in d.frame.items():
+        named[name] = _frame(d, faces, spec.body, spec.at, f"frame '{name}' on body '{spec.body}'")
+    bodies = {}
+    for name, spec in d.body.items():
+        bodies[name] = _body(d, name, spec, on, named)
+    return DrawnFrames(on, named, bodies)
 
 
 def frames(d: Description, at: DrawnFrames) -> tuple[Frame, ...]:
     """Return the named frames, each relative to its body."""
-    return tuple(Frame(n, f.body, spatial.inverse(at.bodies[f.body]) @ at.named[n]) for n, f in d.frame.items())
+    built = []
+    for name, spec in d.frame.items():
+        built.append(Frame(name, spec.body, spatial.inverse(at.bodies[spec.body]) @ at.named[name]))
+    return tuple(built)
 
 
 def points(d: Description, at: DrawnFrames, faces: Faces) -> tuple[Point, ...]:
     """Return the named points, in m, each in the frame of its body."""
-    return tuple(
-        Point(n, s.body, into(at.bodies[s.body], features.point(s, faces.get(s.body, {})))) for n, s in d.point.items()
-    )
+    built = []
+    for name, spec in d.point.items():
+        point = features.point(spec, faces.get(spec.body, {}))
+        built.append(Point(name, spec.body, into(at.bodies[spec.body], point)))
+    return tuple(built)
 
 
 def rest(d: Description, at: DrawnFrames) -> dict[str, Array]:
     """Return T_base_body (4, 4) of every body as in the CAD."""
     T_base_drawn = spatial.inverse(at.bodies[d.base])
-    return {n: T_base_drawn @ T for n, T in at.bodies.items()}
+    return {body: T_base_drawn @ T_drawn_body for body, T_drawn_body in at.bodies.items()}
 
 
 def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | None = None) -> Mechanism:
@@ -89,15 +101,16 @@ def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | Non
         CadError: the faces do not define a frame.
     """
     at = drawn(d, faces, given)
-    joints = tuple(
-        replace(j, T_parent_joint=at.on_parent(j.name, j.parent), T_child_joint=at.on_child(j.name, j.child))
-        for j in mechanism.joints
-    )
-    bodies = tuple(replace(b, meshes=(), inertia=None) for b in mechanism.bodies)
+    joints = []
+    for joint in mechanism.joints:
+        T_parent_joint = at.on_parent(joint.name, joint.parent)
+        T_child_joint = at.on_child(joint.name, joint.child)
+        joints.append(replace(joint, T_parent_joint=T_parent_joint, T_child_joint=T_child_joint))
+    bodies = [replace(body, meshes=(), inertia=None) for body in mechanism.bodies]
     return replace(
         mechanism,
-        bodies=bodies,
-        joints=joints,
+        bodies=tuple(bodies),
+        joints=tuple(joints),
         frames=frames(d, at),
         points=points(d, at, faces),
         rest=rest(d, at),
@@ -125,4 +138,8 @@ def _body(
 ) -> Array:
     if spec.frame is not None:
         return named[spec.frame]
-    return next((on[j.name][1] for j in d.joint if j.child == body), np.eye(4))
+    for joint in d.joint:
+        if joint.child == body:
+            _, on_child = on[joint.name]
+            return on_child
+    return np.eye(4)

@@ -40,17 +40,21 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
     Raises:
         CadError: two axes are not parallel, so that their distance is undefined.
     """
-    out = []
+    lengths = []
     for spec in cad.description.length:
-        a, b = (cad.measured[spec.body][name] for name in spec.between)
-        out.append(Length(spec.body, spec.between, spec.parameter, _distance(spec.body, a, b)))
-    return tuple(out)
+        first, second = spec.between
+        own = cad.measured[spec.body]
+        distance = _distance(spec.body, own[first], own[second])
+        lengths.append(Length(spec.body, spec.between, spec.parameter, distance))
+    return tuple(lengths)
 
 
 def _distance(body: str, a: MeasuredFeature, b: MeasuredFeature) -> float:
     """Return the distance in m between two faces: of a sphere, the centre is used; of a cylinder, the axis."""
     angle, distance = pair(a, b)
-    tilt = np.cos(angle) if {a.face.kind, b.face.kind} == {"plane", "cylinder"} else np.sin(angle)
+    tilt = np.sin(angle)
+    if {a.face.kind, b.face.kind} == {"plane", "cylinder"}:
+        tilt = np.cos(angle)  # the direction of a plane is its normal
     if tilt > _PARALLEL:
         raise CadError(
             f"length on '{body}': '{a.name}' and '{b.name}' are not parallel, so that their distance is undefined"
@@ -65,18 +69,27 @@ def pair(a: MeasuredFeature, b: MeasuredFeature) -> tuple[float, float]:
     if kinds == {"sphere"}:
         return np.nan, float(np.linalg.norm(offset))
     if "sphere" in kinds:
-        centre, face = (a, b) if a.face.kind == "sphere" else (b, a)
-        if face.face.kind == "plane":
-            return np.nan, abs(float(offset @ face.direction))
-        return np.nan, float(spatial.point_to_line(centre.face.point, face.face.point, face.direction))
-    cross, dot = np.cross(a.direction, b.direction), abs(float(a.direction @ b.direction))
+        center = a
+        other = b
+        if b.face.kind == "sphere":
+            center = b
+            other = a
+        if other.face.kind == "plane":
+            return np.nan, abs(float(offset @ other.direction))
+        return np.nan, float(spatial.point_to_line(center.face.point, other.face.point, other.direction))
+    cross = np.cross(a.direction, b.direction)
     sine = float(np.linalg.norm(cross))
-    angle = float(np.arctan2(sine, dot))
+    cosine = abs(float(a.direction @ b.direction))
+    angle = float(np.arctan2(sine, cosine))
     if kinds == {"plane", "cylinder"}:
+        if not cosine < _ALIGNED:
+            return angle, np.nan
         plane = a if a.face.kind == "plane" else b
-        return angle, abs(float(offset @ plane.direction)) if dot < _ALIGNED else np.nan
+        return angle, abs(float(offset @ plane.direction))
     if kinds == {"plane"}:
-        return angle, abs(float(offset @ a.direction)) if sine < _ALIGNED else np.nan
+        if not sine < _ALIGNED:
+            return angle, np.nan
+        return angle, abs(float(offset @ a.direction))
     if sine < _ALIGNED:
         return angle, float(spatial.point_to_line(b.face.point, a.face.point, a.direction))
-    return angle, abs(float(offset @ cross)) / sine
+    return angle, abs(float(offset @ cross)) / sine  # between skew axes, along their common normal

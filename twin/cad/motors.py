@@ -21,14 +21,16 @@ def transmissions(d: Description, variant: str = "") -> tuple[Transmission, ...]
     Raises:
         MechanismError: no transmission has this variant.
     """
-    known = sorted({name for t in d.transmission for name in t.variants})
+    known: set[str] = set()
+    for spec in d.transmission:
+        known.update(spec.variants)
     if variant and variant not in known:
-        raise MechanismError(f"{d.name}: {unknown('variant of a transmission', variant, known)}")
-    matrices = [t.variants[variant].matrix if variant in t.variants else t.matrix for t in d.transmission]
-    return tuple(
-        Transmission(t.name, tuple(t.joints), tuple(t.actuators), np.array(matrix, float))
-        for t, matrix in zip(d.transmission, matrices, strict=True)
-    )
+        raise MechanismError(f"{d.name}: {unknown('variant of a transmission', variant, sorted(known))}")
+    built = []
+    for spec in d.transmission:
+        matrix = spec.variants[variant].matrix if variant in spec.variants else spec.matrix
+        built.append(Transmission(spec.name, tuple(spec.joints), tuple(spec.actuators), np.array(matrix, float)))
+    return tuple(built)
 
 
 def _actuator(a: ActuatorSpec) -> Actuator:

@@ -78,28 +78,31 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
     The gaps are noise if at least half of the joints with measured features have one, if they are of similar size, and
     if three parts or more must be at fault. `findings` are those of `meeting.meetings`.
     """
-    joints = tuple(dict.fromkeys(f.where for f in findings))
-    read = [j for j in d.joint if any(spec.position_mm is None for _, spec in j.sides)]
-    if len(joints) < max(_LEAST, len(read) / 2) or _of_two_parts(d, joints):
+    joints = tuple(dict.fromkeys(finding.where for finding in findings))
+    measured_joints = [joint for joint in d.joint if any(spec.position_mm is None for _, spec in joint.sides)]
+    if len(joints) < max(_LEAST, len(measured_joints) / 2) or _of_two_parts(d, joints):
         return None
-    for code in {f.code for f in findings}:
-        sizes = [f.size or 0.0 for f in findings if f.code == code]
-        if max(sizes) > _EQUAL * float(np.median(sizes)):
+    sizes: dict[str, list[float]] = {}  # offsets and angles have different codes
+    for finding in findings:
+        sizes.setdefault(finding.code, []).append(finding.size or 0.0)
+    for of_code in sizes.values():
+        if max(of_code) > _EQUAL * float(np.median(of_code)):
             return None
     gaps = _gaps(d, measured)
     rng = np.random.default_rng(0)
     effect = np.zeros((2, 2))
     try:
         for _ in range(_DRAWS):
-            for column, unit in enumerate(np.diag(_UNIT)):
-                change = _gaps(d, redrawn(measured, unit[0], unit[1], rng)) - gaps
+            for column, (position, direction) in enumerate(np.diag(_UNIT)):
+                change = _gaps(d, redrawn(measured, position, direction, rng)) - gaps
                 effect[:, column] += _squares(change) / _DRAWS
     except CadError:  # the features hardly define the frames
         return None
     scale = np.array(_UNIT) ** 2
     from scipy.optimize import nnls  # takes longer to import than most commands need for the rest
 
-    variances = nnls(effect / scale[:, None], _squares(gaps) / scale)[0]
+    # The squares of the gaps are sums of the two variances, each times the squares for noise of one unit.
+    variances, _ = nnls(effect / scale[:, None], _squares(gaps) / scale)
     position, direction = np.sqrt(variances) * _UNIT
     largest = float(np.linalg.norm(gaps[:, :3], axis=1).max())
     return Noise(float(position), float(direction), joints, largest)
@@ -107,28 +110,36 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
 
 def redrawn(measured: Faces, position: float, direction: float, rng: np.random.Generator) -> Faces:
     """Return the features with random errors of the given standard deviations (m; rad)."""
-    out: dict[str, dict[str, MeasuredFeature]] = {}
+    disturbed: dict[str, dict[str, MeasuredFeature]] = {}
     for body, features in measured.items():
-        out[body] = {}
-        for name, m in features.items():
+        disturbed[body] = {}
+        for name, feature in features.items():
             R = spatial.exp_so3(direction * rng.standard_normal(3))
-            point = m.face.point + position * rng.standard_normal(3)
-            face = replace(m.face, point=point, direction=R @ m.face.direction)
-            out[body][name] = replace(m, face=face, direction=R @ m.direction)
-    return out
+            point = feature.face.point + position * rng.standard_normal(3)
+            face = replace(feature.face, point=point, direction=R @ feature.face.direction)
+            disturbed[body][name] = replace(feature, face=face, direction=R @ feature.direction)
+    return disturbed
 
 
 def _of_two_parts(d: Description, joints: Sequence[str]) -> bool:
     """Return whether every one of the joints is on one of the same two parts."""
-    sides = [{j.parent, j.child} for j in d.joint if j.name in joints]
-    bodies = sorted(set().union(*sides))
-    return any(all(side & set(pair) for side in sides) for pair in combinations(bodies, 2))
+    ends = [{joint.parent, joint.child} for joint in d.joint if joint.name in joints]
+    bodies = sorted(set().union(*ends))
+    for first, second in combinations(bodies, 2):
+        others = [pair for pair in ends if first not in pair and second not in pair]
+        if not others:
+            return True
+    return False
 
 
 def _gaps(d: Description, faces: Faces) -> Array:
     """Return offsets in m and rotation vectors in rad (joints, 6) between the two frames of each joint."""
     at = drawn(d, faces)
-    return np.array([np.concatenate(meeting.locked(meeting.between(at, j.name), j.type)) for j in d.joint])
+    gaps = []
+    for joint in d.joint:
+        offset, turn = meeting.locked(meeting.between(at, joint.name), joint.type)
+        gaps.append([*offset, *turn])
+    return np.array(gaps)
 
 
 def _squares(gaps: Array) -> Array:

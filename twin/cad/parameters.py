@@ -11,23 +11,23 @@ from twin.schema import Row
 
 def parameters(d: Description) -> list[Parameter]:
     """Return every number of the description that is not in the CAD, with unit and provenance."""
-    out: list[Parameter] = []
+    found: list[Parameter] = []
     for limit in d.limit:
-        out += limit.parameters(",".join(limit.joints), _limit(limit))
-    angular = {j.name for j in d.joint if j.type == "revolute"}
+        found += limit.parameters(",".join(limit.joints), _limit(limit))
+    angular = {joint.name for joint in d.joint if joint.type == "revolute"}
     for drive in d.drive:
-        out += drive.parameters(",".join(drive.joints) + " drive", _drive(drive, drive.joints[0] in angular))
+        found += drive.parameters(",".join(drive.joints) + " drive", _drive(drive, drive.joints[0] in angular))
     for name, material in d.material.items():
-        out += material.parameters("density", [(name, material.density_kg_m3, "kg/m3")])
+        found += material.parameters("density", [(name, material.density_kg_m3, "kg/m3")])
     for gap in d.gap:
-        out += gap.parameters("gap", [(f"{gap.lower}-{gap.upper}", gap.min_gap_mm, "mm")])
-    for c in d.coupling:
-        out += c.parameters("coupling", _coupling(c))
-    for a in d.actuator:
-        out += a.parameters(f"actuator {a.name}", _actuator(a))
-    for t in d.transmission:
-        out += t.parameters(f"transmission {t.name}:", _transmission(t))
-    return out
+        found += gap.parameters("gap", [(f"{gap.lower}-{gap.upper}", gap.min_gap_mm, "mm")])
+    for coupling in d.coupling:
+        found += coupling.parameters("coupling", _coupling(coupling))
+    for actuator in d.actuator:
+        found += actuator.parameters(f"actuator {actuator.name}", _actuator(actuator))
+    for transmission in d.transmission:
+        found += transmission.parameters(f"transmission {transmission.name}:", _transmission(transmission))
+    return found
 
 
 def _limit(limit: LimitSpec) -> Iterator[Row]:
@@ -45,31 +45,42 @@ def _limit(limit: LimitSpec) -> Iterator[Row]:
             yield name, value, unit
 
 
+_ANGLE = {"value": "deg", "effort": "N m", "inertia": "kg m2", "stiffness": "N m/rad", "damping": "N m s/rad"}
+"""Units of a joint or motor that turns."""
+
+_LENGTH = {"value": "mm", "effort": "N", "inertia": "kg", "stiffness": "N/m", "damping": "N s/m"}
+"""Units of a joint or motor that slides."""
+
+
 def _drive(drive: DriveSpec, angle: bool) -> Iterator[Row]:
-    yield "stiffness", drive.stiffness, "N m/rad" if angle else "N/m"
-    yield "damping", drive.damping, "N m s/rad" if angle else "N s/m"
-    yield "max_effort", drive.max_effort, "N m" if angle else "N"
+    units = _ANGLE if angle else _LENGTH
+    yield "stiffness", drive.stiffness, units["stiffness"]
+    yield "damping", drive.damping, units["damping"]
+    yield "max_effort", drive.max_effort, units["effort"]
 
 
-def _coupling(c: CouplingSpec) -> Iterator[Row]:
-    label = f"{c.name}: " + " + ".join(f"{r:g} {j}" for r, j in zip(c.ratios, c.joints, strict=False))
-    yield label, c.sum_deg, "deg"
-    yield label, c.sum_mm, "mm"
+def _coupling(coupling: CouplingSpec) -> Iterator[Row]:
+    terms = []
+    for ratio, joint in zip(coupling.ratios, coupling.joints, strict=False):
+        terms.append(f"{ratio:g} {joint}")
+    label = f"{coupling.name}: {' + '.join(terms)}"
+    yield label, coupling.sum_deg, "deg"
+    yield label, coupling.sum_mm, "mm"
 
 
-def _actuator(a: ActuatorSpec) -> Iterator[Row]:
-    angle, limits = a.kind == "angle", a.limits
-    unit = "deg" if angle else "mm"
-    yield "limits from", limits and limits[0], unit
-    yield "limits to", limits and limits[1], unit
-    yield "max_speed", a.max_speed, f"{unit}/s"
-    yield "max_effort", a.max_effort, "N m" if angle else "N"
-    yield "rotor_inertia", a.rotor_inertia, "kg m2" if angle else "kg"
-    yield "stiffness", a.stiffness, "N m/rad" if angle else "N/m"
-    yield "damping", a.damping or None, "N m s/rad" if angle else "N s/m"
+def _actuator(actuator: ActuatorSpec) -> Iterator[Row]:
+    units = _ANGLE if actuator.kind == "angle" else _LENGTH
+    low, high = actuator.limits or (None, None)
+    yield "limits from", low, units["value"]
+    yield "limits to", high, units["value"]
+    yield "max_speed", actuator.max_speed, f"{units['value']}/s"
+    yield "max_effort", actuator.max_effort, units["effort"]
+    yield "rotor_inertia", actuator.rotor_inertia, units["inertia"]
+    yield "stiffness", actuator.stiffness, units["stiffness"]
+    yield "damping", actuator.damping or None, units["damping"]  # 0 is the default, no statement
 
 
-def _transmission(t: TransmissionSpec) -> Iterator[Row]:
-    for joint, row in zip(t.joints, t.matrix, strict=True):
-        for motor, ratio in zip(t.actuators, row, strict=True):
+def _transmission(transmission: TransmissionSpec) -> Iterator[Row]:
+    for joint, row in zip(transmission.joints, transmission.matrix, strict=True):
+        for motor, ratio in zip(transmission.actuators, row, strict=True):
             yield f"{joint} per {motor}", ratio or None, ""

@@ -123,7 +123,9 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
     if b"END-ISO-10303-21" not in data[-4096:]:
         raise CadError(f"{path} is truncated: END-ISO-10303-21 is missing. Export or copy it again.")
     found: set[float] = set()
-    for entity in (e for e in compact.split(";") if "LENGTH_UNIT()" in e and "=(" in e and e.endswith(")")):
+    for entity in compact.split(";"):
+        if not ("LENGTH_UNIT()" in entity and "=(" in entity and entity.endswith(")")):
+            continue
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
         si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
         if named:
@@ -141,7 +143,8 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
             f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
         )
     if len(found) > 1:
-        raise CadError(f"{path} mixes length units ({', '.join(f'{u:g} m' for u in sorted(found))}); use one.")
+        units = ", ".join(f"{unit:g} m" for unit in sorted(found))
+        raise CadError(f"{path} mixes length units ({units}); use one.")
     return found.pop()
 
 
@@ -183,7 +186,8 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
                 os.utime(cached)  # the files that were longest unused are removed first
             return data  # complete; a truncated file is written again
     with Scratch() as work:
-        glb, copy = Path(work) / "step.glb", Path(work) / "read.step"
+        glb = Path(work) / "step.glb"
+        copy = Path(work) / "read.step"
         try:
             kind = "STEP" if tolerance * MM >= VISUAL_TOLERANCE else "fine STEP"
             copy.write_bytes(step)  # the cached result must come from the hashed bytes
@@ -200,7 +204,8 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()
     with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
-        for old in sorted(folder.glob("*.glb"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
+        newest_last = sorted(folder.glob("*.glb"), key=lambda file: file.stat().st_mtime)
+        for old in newest_last[:-_CACHED]:
             old.unlink()
         with atomic_folder(folder) as work:
             (work / cached.name).write_bytes(data)
@@ -208,10 +213,10 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
 
 
 def _split_glb(data: bytes) -> tuple[dict, bytes]:
-    size = struct.unpack_from("<I", data, 12)[0]
-    binary_at = 20 + size
-    binary = data[binary_at + 8 :] if len(data) > binary_at else b""
-    return json.loads(data[20 : 20 + size]), binary
+    """Return (JSON, binary chunk) of a GLB that cascadio wrote; each chunk follows a header of 8 bytes."""
+    (size,) = struct.unpack_from("<I", data, 12)
+    end = 20 + size
+    return json.loads(data[20:end]), data[end + 8 :]
 
 
 def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
@@ -221,7 +226,7 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
     def name_of(index: int) -> str:
         return _repair(gltf["nodes"][index].get("name", f"part{index}"))
 
-    taken = {name_of(index) for index in range(len(gltf["nodes"]))}
+    taken = set(map(name_of, range(len(gltf["nodes"]))))
 
     def walk(index: int, T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
         nonlocal error
@@ -230,18 +235,20 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
             T_step = np.array(node["matrix"], float).reshape(4, 4).T
             T = T @ T_step
             if not np.array_equal(T_step, np.eye(4)):
+                # Single precision has 23 binary digits after the first.
                 error = max(error, float(np.abs(T[:3]).max()) * 2.0**-23)
         name = name_of(index)
         if "mesh" in node:
             part = _part(gltf, binary, gltf["meshes"][node["mesh"]], name, path, T)
             parts.append(replace(part, numbered=numbered))
-        children = node.get("children", ())
-        for child, own in zip(children, _numbered([name_of(c) for c in children], taken), strict=True):
-            walk(child, T, (*path, name), (*numbered, own))
+        walk_all(node.get("children", ()), T, (*path, name), numbered)
 
-    roots = gltf["scenes"][gltf.get("scene", 0)]["nodes"]
-    for root, own in zip(roots, _numbered([name_of(r) for r in roots], taken), strict=True):
-        walk(root, np.eye(4), (), (own,))
+    def walk_all(siblings: Sequence[int], T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
+        unique = _numbered([name_of(index) for index in siblings], taken)
+        for index, name in zip(siblings, unique, strict=True):
+            walk(index, T, path, (*numbered, name))
+
+    walk_all(gltf["scenes"][gltf.get("scene", 0)]["nodes"], np.eye(4), (), ())
     return parts, error
 
 
@@ -252,15 +259,15 @@ def _numbered(names: Sequence[str], taken: set[str]) -> list[str]:
     """
     counts = Counter(names)
     last: Counter[str] = Counter()
-    out = []
+    unique = []
     for name in names:
-        own = name
-        while counts[name] > 1 and own in taken:
+        numbered = name
+        while counts[name] > 1 and numbered in taken:
             last[name] += 1
-            own = f"{name}_{last[name]}"
-        taken.add(own)
-        out.append(own)
-    return out
+            numbered = f"{name}_{last[name]}"
+        taken.add(numbered)
+        unique.append(numbered)
+    return unique
 
 
 def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...], T: Array) -> Part:
@@ -270,9 +277,11 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
     color = (0.6, 0.6, 0.6, 1.0)
     count = 0
     for primitive in mesh["primitives"]:
-        points.append(_accessor(gltf, binary, primitive["attributes"]["POSITION"]))
-        corners.append(_accessor(gltf, binary, primitive["indices"]).astype(np.int32).reshape(-1, 3) + count)
-        count += len(points[-1])
+        positions = _accessor(gltf, binary, primitive["attributes"]["POSITION"])
+        indices = _accessor(gltf, binary, primitive["indices"]).astype(np.int32)
+        points.append(positions)
+        corners.append(indices.reshape(-1, 3) + count)
+        count += len(positions)
         if "material" in primitive:
             pbr = gltf["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
             r, g, b, a = pbr.get("baseColorFactor", color)
@@ -280,7 +289,7 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
         faces += _faces(primitive.get("extensions", {}).get("TM_brep_faces", {}).get("faces", ()), T)
     vertices, triangles = _welded(np.concatenate(points), np.concatenate(corners))
     if np.linalg.det(T[:3, :3]) < 0:
-        triangles = triangles[:, ::-1]
+        triangles = triangles[:, ::-1]  # a mirror turns the faces inside out
     return Part(name, path, vertices @ T[:3, :3].T + T[:3, 3], triangles, color, tuple(faces))
 
 
@@ -301,24 +310,31 @@ def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarra
 
 
 def _faces(records: Sequence[dict | None], T: Array) -> list[Face]:
-    R, p = T[:3, :3], T[:3, 3]
+    R = T[:3, :3]
+    p = T[:3, 3]
     faces = []
     for record in records:
         if record is None:  # a face of another kind (B-spline) is displayed, but not measured
             continue
         if record["type"] == "plane":
-            point, direction = np.array(record["origin"]), np.array(record["normal"])
+            direction = np.array(record["normal"])
+            # The y direction is normal x x direction, in plain numbers: np.cross takes much longer for one vector.
+            a, b, c = record["normal"]
+            i, j, k = record["x_dir"]
+            x = np.array(record["x_dir"])
+            y = np.array([b * k - c * j, c * i - a * k, a * j - b * i])
             # The origin is a corner of the face's parameter range; the middle of the range is on the face.
-            (a, b, c), (i, j, k) = record["normal"], record["x_dir"]
-            x, y = np.array(record["x_dir"]), np.array([b * k - c * j, c * i - a * k, a * j - b * i])
-            point = point + x * _middle(record["extent_x"]) + y * _middle(record["extent_y"])
+            corner = np.array(record["origin"])
+            point = corner + x * _middle(record["extent_x"]) + y * _middle(record["extent_y"])
             radius = 0.0
         elif record["type"] == "cylinder":
             direction = np.array(record["axis"])
             point = np.array(record["origin"]) + direction * _middle(record["extent_height"])
             radius = record["radius"]
         elif record["type"] == "sphere":
-            point, direction, radius = np.array(record["center"]), np.zeros(3), record["radius"]
+            point = np.array(record["center"])
+            direction = np.zeros(3)
+            radius = record["radius"]
         else:
             continue
         faces.append(Face(record["type"], R @ point + p, R @ direction, float(radius)))
@@ -337,11 +353,12 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 def _accessor(gltf: dict, binary: bytes, index: int) -> np.ndarray:
     accessor = gltf["accessors"][index]
     view = gltf["bufferViews"][accessor["bufferView"]]
-    width, dtype = _WIDTHS[accessor["type"]], np.dtype(_COMPONENTS[accessor["componentType"]])
+    width = _WIDTHS[accessor["type"]]
+    dtype = np.dtype(_COMPONENTS[accessor["componentType"]])
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     stride = view.get("byteStride", width * dtype.itemsize)
-    out = np.ndarray((accessor["count"], width), dtype, binary, start, (stride, dtype.itemsize))
-    return out.copy() if width > 1 else out[:, 0].copy()
+    rows = np.ndarray((accessor["count"], width), dtype, binary, start, (stride, dtype.itemsize))
+    return rows.copy() if width > 1 else rows[:, 0].copy()
 
 
 def _repair(name: str) -> str:

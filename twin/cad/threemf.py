@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -27,11 +28,10 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
     """
     with zipfile.ZipFile(path) as archive:
         root = parse_xml(path, archive.read(_MODEL), "3MF")
-    objects = {o.get("id"): o for o in root.iterfind("{*}resources/{*}object")}
-    vertices: list[Array] = []
-    triangles: list[np.ndarray] = []
-
+    objects = {item.get("id"): item for item in root.iterfind("{*}resources/{*}object")}
     _check_count(path, root, objects)
+    vertices: list[Array] = [np.zeros((0, 3))]
+    triangles: list[np.ndarray] = [np.zeros((0, 3), int)]
 
     def add(number: str | None, T: Array) -> None:
         mesh = objects[number].find("{*}mesh")
@@ -41,19 +41,21 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
             if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
                 raise ValueError(f"a triangle of object {number} has a vertex that does not exist")
             if np.linalg.det(T[:3]) < 0:
-                corners = corners[:, ::-1]
-            triangles.append(corners + sum(len(v) for v in vertices))
+                corners = corners[:, ::-1]  # a mirror turns the faces inside out
+            triangles.append(corners + sum(map(len, vertices)))
             vertices.append(points @ T[:3] + T[3])
         for part in objects[number].iterfind("{*}components/{*}component"):
-            own = _placement(part.get("transform"))
-            add(part.get("objectid"), np.vstack([own[:3] @ T[:3], own[3] @ T[:3] + T[3]]))
+            placement = _placement(part.get("transform"))
+            linear = placement[:3] @ T[:3]
+            offset = placement[3] @ T[:3] + T[3]
+            add(part.get("objectid"), np.vstack([linear, offset]))
 
     for item in root.iterfind("{*}build/{*}item"):
         add(item.get("objectid"), _placement(item.get("transform")))
     unit = root.get("unit", "millimeter")
     if unit not in UNITS:
         raise ValueError(f"the unit '{unit}' of the file is not known; use one of {', '.join(UNITS)}")
-    return np.concatenate([np.zeros((0, 3)), *vertices]), np.concatenate([np.zeros((0, 3), int), *triangles]), unit
+    return np.concatenate(vertices), np.concatenate(triangles), unit
 
 
 def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None, ElementTree.Element]) -> None:
@@ -69,26 +71,36 @@ def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None
     def total(number: str | None, depth: int = 0) -> int:
         if depth > limits.depth:
             over(path, "3MF", "depth of its objects so far", depth, limits.depth)
-        if number not in objects or number in open_:
+        if number not in objects or number in expanding:
             raise ValueError(f"object {number} is missing or contains itself")
         if number not in totals:
-            open_.add(number)
-            own = sum(len(e) for e in objects[number].iterfind("{*}mesh/*"))
-            parts = objects[number].iterfind("{*}components/{*}component")
-            totals[number] = 1 + own + sum(total(p.get("objectid"), depth + 1) for p in parts)
-            open_.remove(number)
+            expanding.add(number)
+            count = 1
+            for array in objects[number].iterfind("{*}mesh/*"):
+                count += len(array)
+            for part in objects[number].iterfind("{*}components/{*}component"):
+                count += total(part.get("objectid"), depth + 1)
+            totals[number] = count
+            expanding.remove(number)
         return totals[number]
 
-    open_: set[str | None] = set()
-    count = sum(total(item.get("objectid")) for item in root.iterfind("{*}build/{*}item"))
+    expanding: set[str | None] = set()  # the object and those that contain it
+    count = 0
+    for item in root.iterfind("{*}build/{*}item"):
+        count += total(item.get("objectid"))
     if count > limits.numbers:
         over(path, "3MF", "vertices and triangles in its objects", count, limits.numbers)
 
 
-def _numbers(items, keys, kind) -> np.ndarray:
-    return np.array([[kind(item.attrib[k]) for k in keys] for item in items], kind).reshape(-1, 3)
+def _numbers(items: Iterable[ElementTree.Element], keys: Iterable[str], kind: type[float] | type[int]) -> np.ndarray:
+    rows = []
+    for item in items:
+        rows.append([kind(item.attrib[key]) for key in keys])
+    return np.array(rows, kind).reshape(-1, 3)
 
 
 def _placement(text: str | None) -> Array:
     """Return the matrix (4, 3) for row vectors: the rotation in rows 0 to 2, the translation in row 3."""
-    return np.vstack([np.eye(3), np.zeros(3)]) if text is None else np.array(text.split(), float).reshape(4, 3)
+    if text is None:
+        return np.eye(4, 3)
+    return np.array(text.split(), float).reshape(4, 3)
