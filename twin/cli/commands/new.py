@@ -23,6 +23,7 @@ EXAMPLES = """\
   twin new gripper --from gripper.xml --out robots/gripper/
   twin new arm robot.urdf                          the same as --from robot.urdf
   twin new ur ur.urdf.xacro --arg name:=ur --arg ur_type:=ur5e --packages ~/ros/src
+  twin new panda table.csv --dh modified --units m,rad    a table of Denavit-Hartenberg parameters, with its equations
   twin new arm.step                                an incomplete robot: joints are proposed as comments"""
 
 
@@ -39,6 +40,9 @@ def arguments(command: Command) -> None:
     text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
     command.text("--root", "NAME", text)
     command.xacro()
+    text = "convention of a table of Denavit-Hartenberg parameters (default: as its headings or its key state it)"
+    command.choice("--dh", ("standard", "modified", "khalil", "hayati"), text)
+    command.text("--units", "LENGTH,ANGLE", "units of such a table: mm, cm or m, and deg or rad, as in mm,deg")
     command.flag("--force", "overwrite a robot folder; equations and protocols are kept")
     command.out("./<name>/")
 
@@ -46,7 +50,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read a description or CAD and write the robot folder."""
     from twin.cli import show
-    from twin.exchange.read import suffixes
+    from twin.exchange.read import format_of, suffixes
     from twin.usd.read.names import identifier
 
     if args.source and args.file:
@@ -75,11 +79,18 @@ def run(args: argparse.Namespace) -> int:
     first = ""
     if not data["active"]:
         first = f"name the joints in {data['files'][0]}, then "
+    following = (
+        f"twin info {target}/, twin build {target}/, twin view {target}/; then your equations in formula.py and twin "
+        f"validate {target}/"
+    )
+    if "table" in format_of(source).takes:
+        following = (
+            f"twin validate {target}/, twin info {target}/, twin view {target}/; the equations are in formula.py"
+        )
     text = (
         f"  {target}/: {data['bodies']} bodies, {data['joints']} joints{loops}, {len(data['active'])} driven; "
         f"changes and omissions: {target}/IMPORT.md\n"
-        f"  next: {first}twin info {target}/, twin build {target}/, twin view {target}/; then your equations in "
-        f"formula.py and twin validate {target}/"
+        f"  next: {first}{following}"
     )
     print(text)
     return 0
@@ -91,17 +102,20 @@ def _make(
     from twin.exchange.read import format_of, read
     from twin.exchange.read.closing import close
     from twin.exchange.read.folder import require_free, write_folder
+    from twin.exchange.read.source import stated
     from twin.exchange.xacro import settings
     from twin.reference import ReferenceModel
 
     require_free(target, args.force)
     progress(f"read {source.name}", 0.0)
     xacro = settings(args.arg, args.packages)
+    dh = stated(args.dh, args.units)
     if format_of(source).name == "step":
         from twin.exchange.formats.step.read import read_skeleton, write_skeleton
 
-        if args.closures or args.root or xacro.given:
-            raise TwinError(f"{source}: --closures, --root, --arg and --packages do not apply to a STEP file")
+        if args.closures or args.root or xacro.given or args.dh or args.units:
+            options = "--closures, --root, --arg, --packages, --dh and --units"
+            raise TwinError(f"{source}: {options} do not apply to a STEP file")
         skeleton = read_skeleton(source)
         progress("write the skeleton", 0.5)
         written, mechanism = write_skeleton(skeleton, name, target, source, args.force)
@@ -109,7 +123,7 @@ def _make(
         worst = 0.0
     else:
         closures = Path(args.closures) if args.closures else None
-        imported = read(source, closures, args.root, xacro=xacro)
+        imported = read(source, closures, args.root, xacro=xacro, dh=dh)
         progress("close loops", 0.4)
         imported = close(imported)
         progress("write the folder", 0.8)

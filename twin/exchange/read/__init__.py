@@ -72,7 +72,7 @@ def read(
         raise SourceError(f"{path}: a {format.title} file contains one robot: --root does not apply")
     if xacro is not None and xacro.given and "xacro" not in format.takes:
         raise SourceError(f"{path}: --arg and --packages are for a xacro, and this is a {format.title} file: omit them")
-    if dh is not None and dh != Table() and "dh" not in format.takes:
+    if dh is not None and dh != Table() and "table" not in format.takes:
         raise SourceError(f"{path}: --dh and the units are for a table of Denavit-Hartenberg parameters: omit them")
     options = Options(closures, root, guarded, xacro or Settings(), dh or Table())
     return format.module("read").read(path, options)

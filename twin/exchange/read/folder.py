@@ -72,7 +72,7 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         (folder / f"{name}.toml").write_text(describe(mechanism, source.name, imported.assumed), "utf-8")
         return mechanism
 
-    return write_robot(name, target, cad, imported.findings, source, force)
+    return write_robot(name, target, cad, imported.findings, source, force, imported.formula)
 
 
 def write_robot(
@@ -82,10 +82,12 @@ def write_robot(
     findings: list[Finding],
     source: Path,
     force: bool = False,
+    equations: str = "",
 ) -> list[Path]:
     """Write a robot folder with files from `cad`, a function that fills the folder cad/ and returns the mechanism.
 
-    The other arguments, the return value and the errors are the same as for `write_folder`.
+    `equations` is the text of the formula.py, "" for the template. The other arguments, the return value and the errors
+    are the same as for `write_folder`.
     """
     require_free(target, force)
     with assets.atomic_folder(target) as work:
@@ -94,7 +96,7 @@ def write_robot(
         mechanism = cad(work / "cad")
         own = assets.RobotFiles(name, work, work, work, target / "formula.py")
         if not own.has_equations:
-            (work / "formula.py").write_text(formula(mechanism), "utf-8")
+            (work / "formula.py").write_text(equations or formula(mechanism), "utf-8")
         if not (target / "trajectories/first.toml").exists():
             (work / "trajectories/first.toml").write_text(protocol(mechanism), "utf-8")
         (work / NOTES).write_text(notes(name, findings, source), "utf-8")

@@ -50,6 +50,24 @@ class Table:
     angle: str | None = None
 
 
+def stated(convention: str | None, units: str | None) -> Table:
+    """Return the options `--dh` and `--units LENGTH,ANGLE` of a table of Denavit-Hartenberg parameters.
+
+    Raises:
+        SourceError: there is no such unit.
+    """
+    length: str | None = None
+    angle: str | None = None
+    for unit in (units or "").replace(" ", "").split(","):
+        if unit in ("mm", "cm", "m"):
+            length = unit
+        elif unit in ("deg", "rad"):
+            angle = unit
+        elif unit:
+            raise SourceError(f"--units {units}: there is no unit '{unit}'; use mm, cm or m, and deg or rad")
+    return Table(convention, length, angle)
+
+
 @dataclass(frozen=True)
 class Options:
     """Options of a reader; each format uses those that apply to it.

@@ -1,0 +1,236 @@
+"""Find the table in a CSV, Markdown, LaTeX or TOML file: headings and cells, with their lines.
+
+A table that the Robotics Toolbox prints, with lines of box characters, is read as Markdown.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from twin.core.errors import SourceError
+from twin.core.foreign.text import check_depth, read_text
+
+ROWS = 100
+"""Maximum number of rows of a table."""
+
+_COMMENT = re.compile(r"^\s*(?:[#%>]|//|<!--)*\s*(convention|units?)\s*[:=]\s*(.*?)\s*(?:-->)?\s*$", re.IGNORECASE)
+"""A line outside the table that states the convention or the units."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table: {heading: text of the cell}, and the line of the file where it is."""
+
+    line: int
+    cells: dict[str, str]
+
+
+@dataclass
+class Cells:
+    """A table as texts.
+
+    Attributes:
+        headings: texts of the headings, in their order.
+        line: line of the headings.
+        rows: the rows.
+        stated: what lines outside the table or keys state: "convention", "units".
+    """
+
+    headings: list[str]
+    line: int
+    rows: list[Row] = field(default_factory=list)
+    stated: dict[str, str] = field(default_factory=dict)
+
+
+def read_cells(path: Path) -> Cells:
+    """Return the table of a file.
+
+    Raises:
+        SourceError: it has no table, or a row has more or fewer cells than there are headings.
+        BudgetError: the file is too large.
+    """
+    suffix = path.suffix.lower()
+    try:
+        text = read_text(path, "TOML" if suffix == ".toml" else "text", encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SourceError(f"{path}: the file is not text in UTF-8: {error.reason} at byte {error.start}") from error
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if suffix == ".toml":
+        return _of_toml(path, text)
+    if suffix == ".tex":
+        lines = _lines_of_latex(text)
+    elif suffix == ".md":
+        lines = _lines_of_markdown(text)
+    else:
+        lines = _lines_of_csv(path, text)
+    if not lines:
+        raise SourceError(f"{path}: the file has no table: a line of headings, then a line for each joint")
+    (line, headings), *rest = lines
+    cells = Cells(headings, line, stated=_stated(text))
+    for heading in headings:
+        if headings.count(heading) > 1:
+            raise SourceError(f"{path}:{line}: the heading '{heading}' stands twice: remove one of the columns")
+    for line, row in rest:
+        if len(row) != len(headings):
+            raise SourceError(
+                f"{path}:{line}: the row has {len(row)} cells ({' | '.join(row)[:80]}), but there are {len(headings)} "
+                f"headings ({' | '.join(headings)[:120]}): write all cells"
+            )
+        cells.rows.append(Row(line, dict(zip(headings, row, strict=True))))
+    return _bounded(path, cells)
+
+
+def _bounded(path: Path, cells: Cells) -> Cells:
+    if not cells.rows:
+        raise SourceError(f"{path}:{cells.line}: the table has no rows: write one for each joint")
+    if len(cells.rows) > ROWS:
+        raise SourceError(f"{path}: the table has {len(cells.rows)} rows; the limit is {ROWS}")
+    return cells
+
+
+def _stated(text: str) -> dict[str, str]:
+    stated: dict[str, str] = {}
+    for line in text.splitlines():
+        found = _COMMENT.match(line)
+        if found:
+            stated[found[1].lower().rstrip("s").replace("unit", "units")] = found[2]
+    return stated
+
+
+def _lines_of_csv(path: Path, text: str) -> list[tuple[int, list[str]]]:
+    """Return (line, cells) of the lines that are neither empty nor comments."""
+    kept: list[tuple[int, str]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            kept.append((number, line))
+    if not kept:
+        return []
+    separator = _separator(kept[0][1])
+    lines: list[tuple[int, list[str]]] = []
+    for number, line in kept:
+        if separator:
+            try:
+                cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+            except csv.Error as error:
+                raise SourceError(f"{path}:{number}: the line is not CSV: {error}") from error
+        else:
+            cells = line.split()
+        lines.append((number, [cell.strip() for cell in cells]))
+    return lines
+
+
+def _separator(headings: str) -> str:
+    for separator in ("\t", ";", ","):
+        if separator in headings:
+            return separator
+    return ""
+
+
+def _lines_of_markdown(text: str) -> list[tuple[int, list[str]]]:
+    """Return (line, cells) of the first table with at least three columns; lines of rules are left out."""
+    lines: list[tuple[int, list[str]]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        bare = re.sub("[│┃║|]", "|", line.strip())
+        if "|" in bare and re.search(r"[^\W_]", bare):
+            cells = [cell.strip() for cell in bare.strip("|").split("|")]
+            if lines or len(cells) >= 3:
+                lines.append((number, cells))
+        elif lines and not re.search("[-=─━═]", bare):
+            break
+    return lines
+
+
+_ENVIRONMENT = re.compile(r"\\begin\{(tabular\*?|tabularx|longtable|array|[bp]?matrix)\}(.*?)\\end\{\1\}", re.DOTALL)
+_RULES = re.compile(
+    r"\\(hline|toprule|midrule|bottomrule|endhead|endfirsthead|cline\{[^}]*\}|cmidrule(\([^)]*\))?\{[^}]*\})"
+)
+
+
+def _lines_of_latex(text: str) -> list[tuple[int, list[str]]]:
+    """Return (line, cells) of the rows of the first table with at least three columns."""
+    text = re.sub(r"(?<!\\)%.*", "", text)
+    for found in _ENVIRONMENT.finditer(text):
+        line = text.count("\n", 0, found.start(2)) + 1
+        rows: list[tuple[int, list[str]]] = []
+        body = found[2]
+        if found[1] not in ("bmatrix", "pmatrix", "matrix"):
+            body = _without_arguments(body)
+            line += found[2].count("\n") - body.count("\n")
+        for part in re.split(r"\\\\(?:\[[^\]]*\])?|\\tabularnewline", body):
+            bare = _RULES.sub(" ", part)
+            if "&" in bare:
+                before = bare[: len(bare) - len(bare.lstrip())]
+                rows.append((line + before.count("\n"), [cell.strip() for cell in bare.split("&")]))
+            line += part.count("\n")
+        if rows and len(rows[0][1]) >= 3:
+            return rows
+    return []
+
+
+def _without_arguments(body: str) -> str:
+    """Return the content of an environment without the arguments behind its name, such as {|c|c|}."""
+    while True:
+        bare = body.lstrip()
+        if not bare.startswith(("{", "[")):
+            return body
+        depth = 0
+        for i, character in enumerate(bare):
+            depth += {"{": 1, "[": 1, "}": -1, "]": -1}.get(character, 0)
+            if depth == 0:
+                body = bare[i + 1 :]
+                break
+        else:
+            return body
+
+
+def _of_toml(path: Path, text: str) -> Cells:
+    """Return the rows `[[joint]]` of a TOML file; its other keys are `convention` and `units`."""
+    check_depth(path, "TOML", text)
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise SourceError(f"{path}: the file is not TOML: {error}") from error
+    lines = text.splitlines()
+    stated: dict[str, str] = {}
+    rows = data.pop("joint", None)
+    for key, value in data.items():
+        if key not in ("convention", "units", "name", "source") or not isinstance(value, str):
+            line = _line_of(lines, 0, key)
+            raise SourceError(
+                f"{path}:{line}: there is no key '{key}' with the value {str(value)[:60]!r}; the keys are convention, "
+                "units, name, source (texts) and [[joint]], a table for each row"
+            )
+        stated[key] = value
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise SourceError(f"{path}: the file has no [[joint]]: write a table [[joint]] for each row")
+    heads = [number for number, line in enumerate(lines, 1) if re.match(r"\s*\[\[\s*joint\s*\]\]", line)]
+    headings: list[str] = []
+    cells = Cells(headings, heads[0] if heads else 1, stated=stated)
+    for i, row in enumerate(rows):
+        line = heads[i] if i < len(heads) else 1
+        for key, value in row.items():
+            if isinstance(value, bool) or not isinstance(value, str | int | float):
+                where = _line_of(lines, line, key)
+                raise SourceError(f"{path}:{where}: {key} = {str(value)[:60]} is not a number or a text")
+            if key not in headings:
+                headings.append(key)
+        cells.rows.append(Row(line, {key: str(value) for key, value in row.items()}))
+    for row in cells.rows:
+        for heading in headings:
+            if heading not in row.cells:
+                raise SourceError(
+                    f"{path}:{row.line}: this [[joint]] has no {heading}, but another has: write all keys"
+                )
+    return _bounded(path, cells)
+
+
+def _line_of(lines: list[str], after: int, key: str) -> int:
+    for number, line in enumerate(lines[after:], after + 1):
+        if re.match(rf"""\s*["']?{re.escape(key)}["']?\s*=""", line):
+            return number
+    return after or 1

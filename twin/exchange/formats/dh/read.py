@@ -1,0 +1,195 @@
+"""Read a table of Denavit-Hartenberg parameters: a mechanism, and its equations as the text of a formula.py.
+
+The mechanism is computed here, the equations are written as products of the four elementary motions; `twin validate`
+compares the two.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.exchange.formats.dh.table import DhRow, DhTable, Quantity, read_table
+from twin.exchange.read.source import Findings, Imported, Names, Options, assemble
+from twin.exchange.read.text import one_line
+from twin.model.body import Body, Frame
+from twin.model.joint import Joint, JointType
+
+Step = tuple[str, str]
+"""An elementary motion of a row: ("Rx", "alpha"). R turns about the axis, T moves along it."""
+
+_BEFORE: dict[str, tuple[Step, ...]] = {
+    "standard": (),
+    "modified": (("Rx", "alpha"), ("Tx", "a"), ("Rz", "theta"), ("Tz", "d")),
+    "khalil": (("Rz", "gamma"), ("Tz", "b"), ("Rx", "alpha"), ("Tx", "d"), ("Rz", "theta"), ("Tz", "r")),
+    "hayati": (),
+}
+"""Constant motions of a row before that of its joint, whose axis is z."""
+
+_AFTER: dict[str, tuple[Step, ...]] = {
+    "standard": (("Rz", "theta"), ("Tz", "d"), ("Tx", "a"), ("Rx", "alpha")),
+    "modified": (),
+    "khalil": (),
+    "hayati": (("Rz", "theta"), ("Tz", "d"), ("Tx", "a"), ("Rx", "alpha"), ("Ry", "beta")),
+}
+"""Constant motions of a row after that of its joint. Turns about z and moves along z can be exchanged."""
+
+_COORDINATE: Step = ("", "")
+"""Stands for the motion of the joint."""
+
+_TITLES = {
+    "standard": "standard (distal)",
+    "modified": "modified (proximal, Craig)",
+    "khalil": "Khalil-Kleinfinger",
+    "hayati": "Hayati",
+}
+
+_TYPES: dict[str, JointType] = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
+
+
+def read(path: Path, options: Options) -> Imported:
+    """Return the mechanism of a table, with its equations.
+
+    Bodies are link0 (the base) to link<n>, with the frames of the convention; the tool is the last frame.
+
+    Raises:
+        SourceError: the table cannot be read, or lacks its convention or units.
+    """
+    table = read_table(path, options.dh)
+    findings = Findings()
+    for text in table.guessed:
+        findings.warn("dh", text, path.name)
+    findings.note("dh", f"The convention of the table is {_TITLES[table.convention]}.", path.name)
+    wanted: list[str] = []
+    for i, row in enumerate(table.rows):
+        wanted.append(row.name or f"q{i + 1}")
+    names = Names("joint", wanted, findings) if len(set(wanted)) == len(wanted) else None
+    bodies = [Body("link0")]
+    joints: list[Joint] = []
+    for i, (row, label) in enumerate(zip(table.rows, wanted, strict=True)):
+        name = names[label] if names is not None else f"q{i + 1}"
+        T_parent_joint = _product(row, _BEFORE[table.convention])
+        T_joint_child = _product(row, _AFTER[table.convention])
+        child = f"link{i + 1}"
+        bodies.append(Body(child))
+        joints.append(
+            Joint(
+                name,
+                _TYPES[row.kind],
+                bodies[i].name,
+                child,
+                T_parent_joint,
+                spatial.inverse(T_joint_child),
+                active=row.kind != "fixed",
+                limits=row.limits,
+            )
+        )
+    tool = Frame("tool", bodies[-1].name, np.eye(4))
+    imported = assemble(path, path.stem, "link0", bodies, joints, [tool], (), findings)
+    imported.formula = equations(path, table, joints)
+    return imported
+
+
+def _product(row: DhRow, steps: Sequence[Step]) -> Array:
+    T = np.eye(4)
+    for motion, parameter in steps:
+        T = T @ _motion(motion, row.values[parameter].value if parameter in row.values else 0.0)
+    return T
+
+
+def _motion(motion: str, value: float) -> Array:
+    axis = np.eye(3)["xyz".index(motion[1])]
+    if motion[0] == "R":
+        return spatial.pose(spatial.exp_so3(value * axis))
+    return spatial.pose(p=value * axis)
+
+
+def equations(path: Path, table: DhTable, joints: Sequence[Joint]) -> str:
+    """Return the text of a formula.py: parameters with the lines of the table, and the product of its rows."""
+    parameters: list[str] = []
+    names: list[str] = []
+    lines: list[str] = []
+    coordinate = 0
+    for i, (row, joint) in enumerate(zip(table.rows, joints, strict=True)):
+        factors: list[str] = []
+        for motion, parameter in _BEFORE[table.convention] + (_COORDINATE,) + _AFTER[table.convention]:
+            if (motion, parameter) == _COORDINATE:
+                if joint.active:
+                    factors.append(_factor("Rz" if joint.is_angle else "Tz", f"q[{coordinate}]"))
+                    coordinate += 1
+                continue
+            quantity = row.values.get(parameter)
+            if quantity is not None and quantity.shown:
+                name = f"{parameter}_{i + 1}"
+                names.append(name)
+                parameters.append(f'    "{name}": {_stated(quantity, path, row.line)},')
+                factors.append(_factor(motion, name))
+        if factors:
+            lines.append(f"    T = T @ {' @ '.join(factors)}  # {joint.name}")
+    units = ", ".join(f"{j.name} ({'rad' if j.is_angle else 'm'})" for j in joints if j.active)
+    arguments = "".join(f", {name}" for name in names)
+    signature = f"def forward(q{arguments}):"
+    if len(signature) > 120:
+        listed = "".join(f"    {name},\n" for name in names)
+        signature = f"def forward(\n    q,\n{listed}):"
+    stated = "\n".join(parameters)
+    product = "\n".join(lines)
+    return f'''"""Equations of {one_line(path.stem)}: the product of the rows of {one_line(path.name)}.
+
+The convention of the table is {_TITLES[table.convention]}. Joints, in the order of q: {units}.
+"""
+
+import numpy as np
+
+from twin.formula import {_imported(table)}
+
+PARAMETERS = {{
+{stated}
+}}
+
+
+def turn(axis, angle):
+    R = {{"x": rotation_x, "y": rotation_y, "z": rotation_z}}[axis](angle)
+    return pose(R, np.zeros(3))
+
+
+def move(axis, length):
+    p = length * np.eye(3)["xyz".index(axis)]
+    return pose(np.eye(3), p)
+
+
+{signature}
+    T = np.eye(4)
+{product}
+    return T
+'''
+
+
+def _imported(table: DhTable) -> str:
+    used = {"pose", "rotation_x", "rotation_y", "rotation_z"}
+    for row in table.rows:
+        for quantity in row.values.values():
+            if quantity.shown:
+                used.add(_function(quantity.unit))
+    return ", ".join(sorted(used))
+
+
+def _function(unit: str) -> str:
+    return "mm" if unit == "cm" else unit
+
+
+def _stated(quantity: Quantity, path: Path, line: int) -> str:
+    """Return a parameter as code, with the line of the table as its source."""
+    shown = quantity.shown * 10 if quantity.unit == "cm" else quantity.shown
+    source = re.sub(r'["\\]', "_", one_line(path.name))
+    return f'{_function(quantity.unit)}({shown!r}, "CITED", "{source}, line {line}")'
+
+
+def _factor(motion: str, name: str) -> str:
+    verb = "turn" if motion[0] == "R" else "move"
+    return f'{verb}("{motion[1]}", {name})'
