@@ -6,7 +6,7 @@ from pathlib import Path
 
 FORMAT = """
 from twin.core.foreign.budget import Budget
-from twin.exchange.format import Format, Holds, Places, Variant
+from twin.exchange.format import Format, FormatVariant, Holds, Places
 
 
 def is_list(path):
@@ -17,7 +17,7 @@ FORMAT = Format(
     name="poses",
     title="lists of link poses",
     places=Places(export=200, use=200, audit=200),
-    variants=(Variant("poses", ".poses", "lists of poses", Budget(100_000), rank=80, trust=800),),
+    variants=(FormatVariant("poses", ".poses", "lists of poses", Budget(100_000), rank=80, trust=800),),
     recognise=is_list,
     holds=Holds.LINKS | Holds.REST,
     code="poses",
