@@ -113,9 +113,10 @@ def _make(
     if format_of(source).name == "step":
         from twin.exchange.formats.step.read import read_skeleton, write_skeleton
 
-        if args.closures or args.root or xacro.given or args.dh or args.units:
-            options = "--closures, --root, --arg, --packages, --dh and --units"
-            raise TwinError(f"{source}: {options} do not apply to a STEP file")
+        if args.closures or args.root:
+            raise TwinError(f"{source}: --closures and --root do not apply to a STEP file")
+        if xacro.given or args.dh or args.units:
+            raise TwinError(f"{source}: --arg, --packages, --dh and --units do not apply to a STEP file")
         skeleton = read_skeleton(source)
         progress("write the skeleton", 0.5)
         written, mechanism = write_skeleton(skeleton, name, target, source, args.force)
