@@ -28,7 +28,8 @@ from twin.core.errors import OutputError
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """System error numbers for a full disk, an exceeded quota, and a file that is too large."""
 
-_PREFIX, _SUFFIX = ".twin-", ".tmp"
+_PREFIX = ".twin-"
+_SUFFIX = ".tmp"
 _OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
 """Names of the folders that this module creates, in a target folder or in the folder for temporary files."""
 
@@ -36,8 +37,11 @@ _ABOVE = 4
 """Number of parent folders in which `settle` searches for the journal of an interrupted write. The journal is in the
 nearest parent folder that existed before the write began."""
 
-_COMMIT, _UNDO = "commit", "undo"
-"""File names of the journal: `_COMMIT` if its moves are to be completed, `_UNDO` if they are to be undone."""
+_COMMIT = "commit"
+"""File name of a journal whose moves are to be completed."""
+
+_UNDO = "undo"
+"""File name of a journal whose moves are to be undone."""
 
 
 completed: list[Path] = []
@@ -56,7 +60,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
     """
     target = Path(target)
     try:
-        base = next(p for p in (target, *target.absolute().parents) if p.exists())
+        base = _nearest_existing(target)
         settle(base)
         own, lock = _claim(lambda: _made(base))
     except OSError as error:
@@ -68,7 +72,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
             yield own / "new"
             with _locked(base):
                 _commit(base, target, own, replacing)
-            inner = any(_OWN.fullmatch(p) for p in target.parts)  # an outer block is still writing
+            inner = any(_OWN.fullmatch(part) for part in target.parts)  # an outer block is still writing
             if not inner and cache_folder("") not in target.parents:
                 completed.append(target)
         except OSError as error:
@@ -80,6 +84,16 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
             _discard(own)
         finally:  # after Ctrl-C during the removal, `settle` can remove the rest only if the folder is not locked
             os.close(lock)
+
+
+def _nearest_existing(path: Path) -> Path:
+    """Return a path if it exists, else its nearest parent folder that exists."""
+    if path.exists():
+        return path
+    for parent in path.absolute().parents:
+        if parent.exists():
+            return parent
+    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
 
 
 class _ProbeError(Exception):
@@ -128,14 +142,14 @@ class Scratch(tempfile.TemporaryDirectory):
 def settle(folder: Path) -> None:
     """Complete, undo or remove unfinished writes of killed processes in a folder and its nearest parent folders."""
     place = folder.absolute()
-    for where in (place, *list(place.parents)[:_ABOVE]):
+    for base in (place, *list(place.parents)[:_ABOVE]):
         try:
-            left = [Path(e.path) for e in os.scandir(where) if _OWN.fullmatch(e.name)]
-        except (OSError, ValueError):
+            found = [Path(entry.path) for entry in os.scandir(base) if _OWN.fullmatch(entry.name)]
+        except (OSError, ValueError):  # the folder does not exist, or its name is no path
             continue
-        for own in left:
+        for own in found:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a journal of twin
-                _settle(where, own)
+                _settle(base, own)
 
 
 def settle_all() -> None:
@@ -166,10 +180,11 @@ def _settle(base: Path, own: Path) -> None:
 
 def _discard(own: Path) -> None:
     """Remove a folder, unless it contains a journal whose moves must be completed or undone."""
-    if not any((own / name).is_file() for name in (_COMMIT, _UNDO)):
-        shutil.rmtree(own, ignore_errors=True)
-        if not own.exists():
-            unfinished.remove(own)
+    if (own / _COMMIT).is_file() or (own / _UNDO).is_file():
+        return
+    shutil.rmtree(own, ignore_errors=True)
+    if not own.exists():
+        unfinished.remove(own)
 
 
 def _made(base: Path) -> str:
@@ -223,18 +238,26 @@ def _locked(folder: Path) -> Iterator[None]:
 def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> None:
     """Move the files of `own`/new into the target, which is `base` or a folder in `base`."""
     below = Path(os.path.relpath(target.absolute(), base.absolute()))
-    put = sorted(p.relative_to(own / "new") for p in (own / "new").rglob("*") if p.is_file())
-    drop = sorted({Path(r) for r in replacing} - set(put))
-    files = [(below / rel).as_posix() for rel in (*put, *drop)]
-    made = {(base / f).parent for f in files[: len(put)]} | ({target} if put else set())
-    made = {q for p in made for q in (p, *p.parents) if q.is_relative_to(base) and not q.exists()}
-    for number, name in enumerate(files):
-        if (final := base / name).is_file():
+    new = own / "new"
+    put = sorted(path.relative_to(new) for path in new.rglob("*") if path.is_file())
+    dropped = sorted(set(map(Path, replacing)) - set(put))
+    placed_names = [(below / path).as_posix() for path in put]
+    dropped_names = [(below / path).as_posix() for path in dropped]
+    # Old files are kept by their number in the journal, until all moves are done.
+    for number, name in enumerate([*placed_names, *dropped_names]):
+        final = base / name
+        if final.is_file():
             _keep(final, own / "old" / str(number))
         elif final.exists():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(final))
-    data = {"put": [[f, p.as_posix()] for f, p in zip(files, put, strict=False)], "drop": files[len(put) :]}
-    data["made"] = sorted(p.relative_to(base).as_posix() for p in made)
+    folders = {(base / name).parent for name in placed_names}
+    if put:
+        folders.add(target)
+    data = {
+        "put": [[name, path.as_posix()] for name, path in zip(placed_names, put, strict=True)],
+        "drop": dropped_names,
+        "made": [folder.relative_to(base).as_posix() for folder in _missing(folders, base)],
+    }
     (own / "journal").write_text(json.dumps(data), encoding="utf-8")
     os.rename(own / "journal", own / _COMMIT)  # noqa: PTH104 - os.rename names the atomic system call
     try:
@@ -246,11 +269,22 @@ def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> 
         raise
 
 
+def _missing(folders: Collection[Path], base: Path) -> list[Path]:
+    """Return the folders, and their parent folders in `base`, that do not exist, sorted."""
+    missing = set()
+    for folder in folders:
+        for path in (folder, *folder.parents):
+            if path.is_relative_to(base) and not path.exists():
+                missing.add(path)
+    return sorted(missing)
+
+
 def _forward(base: Path, own: Path) -> None:
     """Complete the moves of a journal; moves that are already done are skipped."""
     journal = json.loads((own / _COMMIT).read_text(encoding="utf-8"))
     for name, source in journal["put"]:
-        if (fresh := _inside(own / "new", source)).is_file():
+        fresh = _inside(own / "new", source)
+        if fresh.is_file():
             final = _inside(base, name)
             final.parent.mkdir(parents=True, exist_ok=True)
             os.replace(fresh, final)  # noqa: PTH105
@@ -262,10 +296,13 @@ def _forward(base: Path, own: Path) -> None:
 def _back(base: Path, own: Path) -> None:
     """Undo the moves of a journal: restore the previous files."""
     journal = json.loads((own / _UNDO).read_text(encoding="utf-8"))
-    moves = [*journal["put"], *([name, None] for name in journal["drop"])]
+    moves = list(journal["put"])
+    for name in journal["drop"]:
+        moves.append((name, None))
     for number, (name, source) in enumerate(moves):
-        with contextlib.suppress(OSError):
-            final, kept = _inside(base, name), own / "old" / str(number)
+        with contextlib.suppress(OSError):  # the other files must be restored all the same
+            final = _inside(base, name)
+            kept = own / "old" / str(number)
             if kept.is_file():
                 final.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(kept, final)  # noqa: PTH105

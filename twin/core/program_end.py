@@ -58,7 +58,9 @@ class Output:
     """
 
     def __init__(self) -> None:
-        self._stream, self._print, self._file = sys.stdout, builtins.print, _open_file()
+        self._stream = sys.stdout
+        self._print = builtins.print
+        self._file = _open_file()
 
     def restore(self) -> list[str]:
         """Restore the output as far as possible; return what had been done to it, as verbs with objects."""
@@ -81,11 +83,18 @@ class Output:
         Raises:
             ProgramEndError: the output was not the same as before.
         """
-        if done := self.restore():
+        done = self.restore()
+        if done:
+            subject = place or "code of the robot"
+            actions = " and ".join(done)
             raise ProgramEndError(
-                f"{place or 'code of the robot'}: the code {' and '.join(done)}, so no verdict can be printed. Use "
-                "contextlib.redirect_stdout, which restores the output."
+                f"{subject}: the code {actions}, so no verdict can be printed. Use contextlib.redirect_stdout, which "
+                "restores the output."
             )
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
 
 
 def _is_closed(stream: TextIO | None) -> bool:
@@ -118,7 +127,7 @@ def contained(code: Path | Callable[..., Any]) -> Iterator[None]:
             `TWIN_CODE_SECONDS` (default: 60 s), or replaces or closes the output of this program. The message gives
             file and line; for the output, those of `code`.
     """
-    output = Output() if threading.current_thread() is threading.main_thread() else None
+    output = Output() if _in_main_thread() else None
     try:
         with _timed():
             yield
@@ -127,7 +136,8 @@ def contained(code: Path | Callable[..., Any]) -> Iterator[None]:
             raise
         raise ending(stop) from stop
     except _LateError as late:
-        raise ProgramEndError(f"{_authored(traceback.extract_tb(late.__traceback__))}: {late}") from late
+        place = _authored(traceback.extract_tb(late.__traceback__))
+        raise ProgramEndError(f"{place}: {late}") from late
     except Exception:
         raise
     except BaseException as end:  # SystemExit, or another exception that handlers of errors do not catch
@@ -150,16 +160,16 @@ def _source(code: Path | Callable[..., Any]) -> str:
 
 def ending(error: BaseException) -> ProgramEndError:
     """Return the error for code that tries to end the program by `error`; its message gives file and line."""
-    what = type(error).__name__
+    name = type(error).__name__
     if isinstance(error, SystemExit):
-        code = error.code
-        what = "SystemExit" if code is None else f"SystemExit({code!r})"
+        name = "SystemExit"
+        if error.code is not None:
+            name = f"SystemExit({error.code!r})"
+    text = f"the code ends the program by {name}, so nothing can be checked. Return a value instead."
     place = _authored(traceback.extract_tb(error.__traceback__))
-    at = f"{place}: " if place else ""
-    found = ProgramEndError(
-        f"{at}the code ends the program by {what}, so nothing can be checked. Return a value instead."
-    )
-    return found.with_traceback(error.__traceback__)
+    if place:
+        text = f"{place}: {text}"
+    return ProgramEndError(text).with_traceback(error.__traceback__)
 
 
 def name_exits(report: Callable[[str], object]) -> None:
@@ -175,7 +185,9 @@ def name_exits(report: Callable[[str], object]) -> None:
         def left(*arguments: Any) -> None:
             if os.getpid() == process:
                 place = _authored(traceback.extract_stack()[:-1])
-                text = f"os.{name} was called" + (f" at {place}" if place else "")
+                text = f"os.{name} was called"
+                if place:
+                    text += f" at {place}"
                 if text not in reported and (place or name not in _SIGNALLING):
                     reported.add(text)
                     report(text)
@@ -219,8 +231,9 @@ def interrupted() -> bool:
 @contextlib.contextmanager
 def _timed() -> Iterator[None]:
     """Raise a `_LateError` in the main thread after the allowed time."""
-    main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getitimer(signal.ITIMER_REAL)[0]:
+    remaining, _ = signal.getitimer(signal.ITIMER_REAL)
+    # Python allows handlers of signals only in the main thread; an outer context has set the timer already.
+    if not _in_main_thread() or remaining:
         yield
         return
     seconds = _allowed()
