@@ -48,19 +48,28 @@ def close(imported: Imported) -> Imported:
     home, said = _home(model, imported.keys)
     findings += said
     unread = [f for f in findings if f.severity == "warning" and f.code in _UNREAD]
-    findings += [_gap(mechanism, name, *home.gap[name], unread) for name in home.gap if _open(*home.gap[name])]
-    rest = mechanism.rest
-    drawn = {j.name: j.coordinate(rest[j.parent], rest[j.child]) for j in mechanism.active}
-    moved = [j for j in mechanism.active if abs(home.q_full.get(j.name, 0.0) - drawn[j.name]) > 1e-9]
+    for name, (offset, tilt) in home.gap.items():
+        if _open(offset, tilt):
+            findings.append(_gap(mechanism, name, offset, tilt, unread))
+    moved = []
+    for joint in mechanism.active:
+        drawn = joint.coordinate(mechanism.rest[joint.parent], mechanism.rest[joint.child])
+        if abs(home.q_full.get(joint.name, 0.0) - drawn) > 1e-9:
+            moved.append(joint)
     if moved:
         names = ", ".join(f"'{j.name}' at {shown(j, home.q_full[j.name])}" for j in moved)
         text = f"Driven joints were moved to close the loops; their values at home: {names}."
         findings.note("moved", text, moved[0].name)
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
-        if q is not None and joint.limits and not joint.limits[0] - 1e-9 <= q <= joint.limits[1] + 1e-9:
-            here, low, high = (shown(joint, v) for v in (q, *joint.limits))
-            text = f"joint '{joint.name}' is at {here} at home, outside its limits {low} .. {high}."
+        if q is None or not joint.limits:
+            continue
+        low, high = joint.limits
+        if not low - 1e-9 <= q <= high + 1e-9:
+            text = (
+                f"joint '{joint.name}' is at {shown(joint, q)} at home, outside its limits {shown(joint, low)} .. "
+                f"{shown(joint, high)}."
+            )
             findings.warn("rest", text, joint.name)
     freedom = model.mobility(home.x).freedom
     if len(mechanism.active) > freedom:

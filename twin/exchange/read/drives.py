@@ -18,6 +18,8 @@ from twin.model.transmission import Actuator
 FREQUENCY = 5.0
 """Natural frequency in Hz of assumed drives. With critical damping, it determines their gains."""
 
+_RATE = 2 * np.pi * FREQUENCY
+
 NOTE = f"the file has no gains; these give {FREQUENCY:g} Hz and critical damping for the inertia moved at rest"
 """Note on each assumed drive, written to the description of the robot."""
 
@@ -27,21 +29,23 @@ _NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
 
 def with_drives(imported: Imported) -> Imported:
     """Return the mechanism with a drive on every driven joint. Each added drive is reported and listed in `assumed`."""
-    m, findings, assumed = imported.mechanism, Findings(imported.findings), set(imported.assumed)
-    joints = []
-    stated = {j.name: j.drive.max_effort for j in m.joints if j.drive} | imported.efforts
-    for name in (n for n, e in stated.items() if e is not None and not e > 0):
-        text = f"joint '{name}': maximum effort {stated[name]:g} is not imported: it must be positive."
-        findings.warn("effort", text, name)
-    efforts = {n: e for n, e in imported.efforts.items() if e > 0}
+    m = imported.mechanism
+    findings = Findings(imported.findings)
+    assumed = set(imported.assumed)
+    stated = {joint.name: joint.drive.max_effort for joint in m.joints if joint.drive} | imported.efforts
+    for name, effort in stated.items():
+        if effort is not None and not effort > 0:
+            text = f"joint '{name}': maximum effort {effort:g} is not imported: it must be positive."
+            findings.warn("effort", text, name)
+    efforts = {name: effort for name, effort in imported.efforts.items() if effort > 0}
     m = replace(m, actuators=_motors(m, efforts, assumed, findings))
+    joints = []
     for joint in m.joints:
         if joint.drive and joint.drive.max_effort is not None and not joint.drive.max_effort > 0:
             joint = replace(joint, drive=replace(joint.drive, max_effort=None))
         if joint.active and joint.drive is None and m.transmission_of(joint.name) is None:
             carried = _carried(m, joint) or _NOTHING[joint.type]
-            rate = 2 * np.pi * FREQUENCY
-            joint = replace(joint, drive=Drive(carried * rate**2, 2 * carried * rate, efforts.get(joint.name)))
+            joint = replace(joint, drive=Drive(carried * _RATE**2, 2 * carried * _RATE, efforts.get(joint.name)))
             assumed.add(joint.name)
             text = (
                 f"joint '{joint.name}' is driven, but the file states no gains: they are ASSUMED, with a natural "
@@ -49,41 +53,48 @@ def with_drives(imported: Imported) -> Imported:
             )
             findings.warn("drive", text, joint.name)
         joints.append(joint)
-    left = {n: e for n, e in efforts.items() if not m.joint(n).active}
-    for name, effort in left.items():
-        findings.warn("effort", f"joint '{name}': effort {effort:g} is not imported: the joint has no drive.", name)
-    return replace(
-        imported, mechanism=replace(m, joints=tuple(joints)), findings=findings, assumed=frozenset(assumed), efforts={}
-    )
+    for name, effort in efforts.items():
+        if not m.joint(name).active:
+            text = f"joint '{name}': effort {effort:g} is not imported: the joint has no drive."
+            findings.warn("effort", text, name)
+    mechanism = replace(m, joints=tuple(joints))
+    return replace(imported, mechanism=mechanism, findings=findings, assumed=frozenset(assumed), efforts={})
 
 
 def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: Findings) -> tuple[Actuator, ...]:
     """Return the actuators, each with a drive. Missing gains are ASSUMED, from the inertia that the motor moves."""
-    found = {a.name: a for a in m.actuators}
-    rate = 2 * np.pi * FREQUENCY
+    motors = {actuator.name: actuator for actuator in m.actuators}
     for t in m.transmissions:
-        joints = [m.joint(n) for n in t.joints]
-        inertias = np.array([_carried(m, j) or _NOTHING[j.type] for j in joints]) @ t.matrix**2  # other joints locked
+        carried_by_joints: list[float] = []
+        for name in t.joints:
+            joint = m.joint(name)
+            carried_by_joints.append(_carried(m, joint) or _NOTHING[joint.type])
+        inertias = np.array(carried_by_joints) @ t.matrix**2  # what each motor moves, with the other joints locked
         for name, carried in zip(t.actuators, inertias, strict=True):
-            a = found[name]
-            if a.stiffness is None:
-                felt = carried + (a.rotor_inertia or 0.0)
-                found[name] = replace(a, stiffness=float(felt * rate**2), damping=float(2 * felt * rate))
-                assumed.add(name)
-                text = (
-                    f"the file states no gains for actuator '{name}': they are ASSUMED, with a natural frequency of "
-                    f"{FREQUENCY:g} Hz."
-                )
-                findings.warn("drive", text, name)
-        for joint in (n for n in t.joints if efforts.get(n)):
-            if single := t.single(joint):
-                name, ratio = single
-                known = found[name].max_effort
-                found[name] = replace(found[name], max_effort=known or efforts[joint] * abs(ratio))
-            else:
-                text = f"joint '{joint}': effort {efforts[joint]:g} is not imported: several motors move the joint."
+            motor = motors[name]
+            if motor.stiffness is not None:
+                continue
+            moved = carried + (motor.rotor_inertia or 0.0)
+            motors[name] = replace(motor, stiffness=float(moved * _RATE**2), damping=float(2 * moved * _RATE))
+            assumed.add(name)
+            text = (
+                f"the file states no gains for actuator '{name}': they are ASSUMED, with a natural frequency of "
+                f"{FREQUENCY:g} Hz."
+            )
+            findings.warn("drive", text, name)
+        for joint in t.joints:
+            effort = efforts.get(joint)
+            if not effort:
+                continue
+            single = t.single(joint)
+            if single is None:
+                text = f"joint '{joint}': effort {effort:g} is not imported: several motors move the joint."
                 findings.warn("effort", text, joint)
-    return tuple(found.values())
+                continue
+            name, ratio = single
+            known = motors[name].max_effort
+            motors[name] = replace(motors[name], max_effort=known or effort * abs(ratio))
+    return tuple(motors.values())
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:

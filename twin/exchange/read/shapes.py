@@ -97,11 +97,14 @@ def shows_all(link: Element, read: int) -> bool:
     show the whole link if none is missing, and none of its collision shapes differs from all visual shapes. Visual
     shapes alone are for display, and need not show what has mass.
     """
-    visuals, colliders = link.findall("visual"), link.findall("collision")
+    visuals = link.findall("visual")
+    colliders = link.findall("collision")
     if not visuals:
         return read == len(colliders)
-    shown = {_shape_text(v) for v in visuals}
-    return read == len(visuals) and bool(colliders) and all(_shape_text(c) in shown for c in colliders)
+    if read != len(visuals) or not colliders:
+        return False
+    shown = {_shape_text(visual) for visual in visuals}
+    return shown.issuperset(map(_shape_text, colliders))
 
 
 def _shape_text(element: Element) -> str:

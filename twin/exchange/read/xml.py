@@ -125,7 +125,10 @@ class Xml:
         out = np.zeros((3, 3))
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
             key = f"i{'xyz'[i]}{'xyz'[j]}"
-            out[i, j] = out[j, i] = self.number(where, key, text(key), None if default is None else default[i, j])
+            missing = None if default is None else default[i, j]
+            value = self.number(where, key, text(key), missing)
+            out[i, j] = value
+            out[j, i] = value
         return out
 
 
