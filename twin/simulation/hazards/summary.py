@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 
@@ -116,23 +116,39 @@ class Hazards(Result):
     @cached_property
     def by_class(self) -> dict[str, list[Row]]:
         """The rows of each class that has sessions; the keys are the names of the classes."""
-        names = [*(c.name for c in self.table.class_), FREE]
-        return {n: rows for n in names if (rows := [r for r in self.rows if r["kind"] == n])}
+        grouped = {}
+        for name in (*(fault.name for fault in self.table.class_), FREE):
+            rows = [row for row in self.rows if row["kind"] == name]
+            if rows:
+                grouped[name] = rows
+        return grouped
 
     @cached_property
     def classes(self) -> list[ClassRow]:
         """One row for each class that has sessions."""
-        known = {c.name: c for c in self.table.class_}
-        places = {n: (known[n].scenario, LOCATIONS[known[n].signal]) if n in known else ("", "") for n in self.by_class}
-        return [_row(n, *places[n], rows) for n, rows in self.by_class.items()]
+        known = {fault.name: fault for fault in self.table.class_}
+        results = []
+        for name, rows in self.by_class.items():
+            if name in known:
+                fault = known[name]
+                results.append(_row(name, fault.scenario, LOCATIONS[fault.signal], rows))
+            else:
+                results.append(_row(name, "", "", rows))
+        return results
 
     @cached_property
     def responses(self) -> list[ResponseRow]:
         """One row for each class with sessions that had a force or a stop to notice."""
-        scenarios = {s.name: s for s in self.table.scenario}
-        of = {c.name: scenarios.get(c.scenario) for c in self.table.class_}
-        found = ((n, [r for r in rows if r["response"] is not None]) for n, rows in self.by_class.items())
-        return [_responses(n, rows, of.get(n)) for n, rows in found if rows]
+        scenarios = {scenario.name: scenario for scenario in self.table.scenario}
+        scenario_of = {}
+        for fault in self.table.class_:
+            scenario_of[fault.name] = scenarios.get(fault.scenario)
+        results = []
+        for name, rows in self.by_class.items():
+            noticed = [row for row in rows if row["response"] is not None]
+            if noticed:
+                results.append(_responses(name, noticed, scenario_of.get(name)))
+        return results
 
     @cached_property
     def roc(self) -> list[Roc]:
@@ -142,16 +158,15 @@ class Hazards(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings on cues without a fault, and on missing sessions."""
-        out = []
-        false = [r["index"] for r in self.rows if r["kind"] == FREE and r["cue"] is not None]
+        findings = []
+        false = [row["index"] for row in self.rows if row["kind"] == FREE and row["cue"] is not None]
         if false:
-            out.append(disagreement("hazards.false", self.robot, f"a cue without a fault in sessions {false[:5]}"))
+            findings.append(disagreement("hazards.false", self.robot, f"a cue without a fault in sessions {false[:5]}"))
         if len(self.rows) < self.expected:
             done = f"{len(self.rows)} of {self.expected} sessions are done"
-            out.append(
-                warning("hazards.unfinished", self.robot, done, suggestion="run the same command again to resume")
-            )
-        return tuple(out)
+            resume = "run the same command again to resume"
+            findings.append(warning("hazards.unfinished", self.robot, done, suggestion=resume))
+        return tuple(findings)
 
     @property
     def word(self) -> str:
@@ -162,19 +177,28 @@ class Hazards(Result):
 
     def content(self) -> JsonObject:
         """Return plain data."""
+        detectors = []
+        for curve in self.roc:
+            detected, false = curve.at(curve.limit)
+            detectors.append(
+                {
+                    "name": curve.name,
+                    "unit": curve.unit,
+                    "limit": curve.limit,
+                    "area": curve.area,
+                    "detected": detected,
+                    "false": false,
+                }
+            )
         return {
             "robot": self.robot,
             "campaign": self.table.title,
             "sessions": len(self.rows),
             "expected": self.expected,
-            "scenarios": [s.model_dump() for s in self.table.scenario],
+            "scenarios": [scenario.model_dump() for scenario in self.table.scenario],
             "classes": [asdict(row) for row in self.classes],
             "responses": [asdict(row) for row in self.responses],
-            "detectors": [
-                {"name": c.name, "unit": c.unit, "limit": c.limit, "area": c.area}
-                | dict(zip(("detected", "false"), c.at(c.limit), strict=True))
-                for c in self.roc
-            ],
+            "detectors": detectors,
             "assumed": list(self.assumed),
         }
 
@@ -182,17 +206,20 @@ class Hazards(Result):
         """Yield the parts of the printed result."""
         yield f"{self.robot} · {self.table.title} · {len(self.rows)} of {self.expected} sessions"
         yield "\nScenarios"
-        head = ("scenario", "incidents", "impact", "responses")
-        yield TextTable(
-            head, [(s.name, ", ".join(s.incidents), s.impact, ", ".join(s.responses)) for s in self.table.scenario]
-        )
+        scenarios = []
+        for scenario in self.table.scenario:
+            incidents = ", ".join(scenario.incidents)
+            responses = ", ".join(scenario.responses)
+            scenarios.append((scenario.name, incidents, scenario.impact, responses))
+        yield TextTable(("scenario", "incidents", "impact", "responses"), scenarios)
         yield "\nOutcome without a response (sessions)"
         head = ("class", "location", "sessions", f"> {HARM:g} mm", "> 3 mm", "felt", "stopped")
         yield TextTable((*head, "peak p50 mm", "max mm", "cue ms p95"), [_outcome(r) for r in self.classes])
         yield "\nDetection (sessions)"
         head = ("class", "dangerous", "checks in time", "adaptive in time", "adaptive before 3 mm", "jumps > 1 mm")
         unseen = ("before checks", "before 3 mm limit", "before adaptive")
-        yield TextTable((*head, *unseen), [_detection(r) for r in self.classes if r.danger or r.jumped])
+        detected = [_detection(row) for row in self.classes if row.danger or row.jumped]
+        yield TextTable((*head, *unseen), detected)
         yield from self._detectors()
         if self.responses:
             yield "\nResponses of the scripted trainee (medians)"
@@ -204,51 +231,78 @@ class Hazards(Result):
         yield from self.findings
 
     def _detectors(self) -> Iterator[Part]:
-        for c in self.roc:
-            detected, false = c.at(c.limit)
+        for curve in self.roc:
+            detected, false = curve.at(curve.limit)
             yield (
-                f"  {c.name}, {c.used}: {100 * detected:.1f} % of dangerous sessions detected in time, "
-                f"{100 * false:.2f} % false alarms, area below the curve {c.area:.3f}"
+                f"  {curve.name}, {curve.used}: {100 * detected:.1f} % of dangerous sessions detected in time, "
+                f"{100 * false:.2f} % false alarms, area below the curve {curve.area:.3f}"
             )
-        danger = [r for r in self.rows if dangerous(r)]
-        if danger:
-            share, free = float(np.mean([in_time(r) for r in danger])), self.by_class.get(FREE, [])
-            wrong = sum(r["stop"] is not None for r in free)
-            free_text = f", {wrong} of {len(free)} sessions without a fault stopped" if free else ""
-            yield f"  checks of the software: {100 * share:.1f} % of dangerous sessions stopped in time{free_text}"
+        danger = [row for row in self.rows if dangerous(row)]
+        if not danger:
+            return
+        share = float(np.mean([in_time(row) for row in danger]))
+        free = self.by_class.get(FREE, [])
+        free_text = ""
+        if free:
+            wrong = _count(free, "stop")
+            free_text = f", {wrong} of {len(free)} sessions without a fault stopped"
+        yield f"  checks of the software: {100 * share:.1f} % of dangerous sessions stopped in time{free_text}"
+
+
+def _count(rows: Sequence[Row], event: str) -> int:
+    """Return the number of sessions in which an event happened: its time is not None."""
+    count = 0
+    for row in rows:
+        count += row[event] is not None
+    return count
+
+
+def _first(row: Row, event: str, other: str) -> bool:
+    """Return whether an event happened, and another event happened later or never."""
+    if row[event] is None:
+        return False
+    return row[other] is None or row[other] > row[event]
 
 
 def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassRow:
-    peaks = np.array([r["peak"] for r in rows])
-    late = [r["cue"] - r["beyond"] for r in rows if r["cue"] is not None and r["beyond"] is not None]
-    danger = [r for r in rows if dangerous(r)]
-
-    def count(condition: Callable[[Row], bool]) -> int:
-        return sum(map(condition, rows))
-
-    def unseen(key: str) -> int:
-        return count(lambda r: r["jump"] is not None and (r[key] is None or r[key] > r["jump"]))
-
+    peaks = np.array([row["peak"] for row in rows])
+    delays = []
+    unseen = dict.fromkeys(("stop", "cue", "adaptive"), 0)
+    danger = 0
+    stopped_in_time = 0
+    seen_adaptive = 0
+    early = 0
+    for row in rows:
+        if row["cue"] is not None and row["beyond"] is not None:
+            delays.append(row["cue"] - row["beyond"])
+        for check in unseen:
+            unseen[check] += _first(row, "jump", check)
+        if dangerous(row):
+            danger += 1
+            stopped_in_time += in_time(row)
+            seen_adaptive += row["seen_ratio"] > 1
+        if row["beyond"] is not None and row["adaptive"] is not None:
+            early += row["adaptive"] < row["beyond"]
     return ClassRow(
         kind,
         scenario,
         location,
         len(rows),
-        count(lambda r: r["harm"] is not None),
-        count(lambda r: r["beyond"] is not None),
-        count(lambda r: r["cue"] is not None),
-        count(lambda r: r["stop"] is not None),
+        _count(rows, "harm"),
+        _count(rows, "beyond"),
+        _count(rows, "cue"),
+        _count(rows, "stop"),
         float(np.median(peaks)),
         float(peaks.max()),
-        float(np.percentile(late, 95)) if late else None,
-        count(lambda r: r["jump"] is not None),
-        unseen("stop"),
-        unseen("cue"),
-        unseen("adaptive"),
-        len(danger),
-        sum(map(in_time, danger)),
-        sum(r["seen_ratio"] > 1 for r in danger),
-        count(lambda r: r["beyond"] is not None and r["adaptive"] is not None and r["adaptive"] < r["beyond"]),
+        float(np.percentile(delays, 95)) if delays else None,
+        _count(rows, "jump"),
+        unseen["stop"],
+        unseen["cue"],
+        unseen["adaptive"],
+        danger,
+        stopped_in_time,
+        seen_adaptive,
+        early,
     )
 
 
