@@ -155,10 +155,21 @@ TWO = (
             "sqrt(-X_S1**2 + Y_S1**2 - l_0 + (l_1 + l_2)**2 + 2",
         ),
     ),
+    (
+        "lapbot",
+        ("a * cos(q2) + b", "a * cos(q3) + b"),
+        ("a * sin(q2) + b * sin(q2 + q3)", "a * sin(q2) + b * sin(q2 + q2)"),
+    ),
+    ("lapbot", ("trocar_z) - P_in\n    length", "trocar_z) + P_in\n    length"), ("P_in + r7 * u", "P_in")),
+    ("sher", ("rotation_x(0), vertcat(r_x, r_y, r_z)", "rotation_x(1), vertcat(r_y, r_y, r_z)")),
 )
 
 
-@pytest.mark.parametrize("change", TWO, ids=["angles", "angle and length", "one expression"])
+@pytest.mark.parametrize(
+    "change",
+    TWO,
+    ids=["angles", "angle and length", "one expression", "without a value", "vector beside a sign", "must be zero"],
+)
 @pytest.mark.slow
 def test_two_faults_in_scalar_expressions_are_found(change, tmp_path, monkeypatch):
     """Each takes 3 s. What is found is judged here, not when: a busy computer may need three times as long."""
@@ -188,6 +199,14 @@ def test_a_cure_that_needs_another_swivel_than_that_of_the_formula_is_none(tmp_p
 def test_right_equations_hold_for_other_values_of_equal_and_assumed_parameters(name):
     case = seeds.built_in(name)
     assert coincidences(Judge(case.formula, None, case.truth)) == []
+
+
+def test_a_term_that_is_zero_for_the_assumed_value_is_found_out(tmp_path):
+    """The trocar's y is zero: this term shows only if a length of zero is varied as well."""
+    case, formula = changed("hibou", "P_7 + r6 * u", "P_7 + r6 * u + trocar_y", tmp_path)
+    judge = Judge(formula, None, case.truth)
+    assert not judge.failing()
+    assert [p.name for group in coincidences(judge) for p in group] == ["trocar_y"]
 
 
 def test_a_cure_that_holds_only_for_equal_parameters_is_counted(tmp_path, monkeypatch):

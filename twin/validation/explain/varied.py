@@ -27,6 +27,9 @@ _CLOSED = 1e-7
 _STEP, _NEWTON = 1e-6, 5
 """Relative difference for derivatives, and number of steps, with which derived parameters are fitted."""
 
+_LENGTH = 0.3
+"""Length in m by parts of which a length of zero is changed."""
+
 _ANGLES = ("deg", "rad")
 
 
@@ -55,7 +58,12 @@ def changed(parameters: Sequence[Parameter], values: Mapping[str, float]) -> dic
     for i, p in enumerate(parameters):
         amount = 0.03 + 0.017 * i
         value = values[p.name]
-        out[p.name] = value + 4 * amount if p.unit in _ANGLES else value * (1 + amount)
+        if p.unit in _ANGLES:
+            out[p.name] = value + 4 * amount
+        elif value == 0:
+            out[p.name] = amount * _LENGTH
+        else:
+            out[p.name] = value * (1 + amount)
     return out
 
 
