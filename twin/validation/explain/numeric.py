@@ -14,12 +14,12 @@ import types
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.core.errors import KinematicsError, no_inverse
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.robots import FORMULA_MODULE
 
 _SYMBOLIC = "twin.formula.symbolic"
@@ -34,7 +34,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
     def __init__(self, a: Array) -> None:
         self.a = a
 
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *args: Any, **_: Any) -> Any:
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *args: Value, **_: Value) -> Value:
         """Apply an operator or an elementwise function of NumPy; a product of shape (1, 1) is returned as a scalar."""
         if method != "__call__":
             return NotImplemented
@@ -61,7 +61,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         """Return the number of entries of each matrix."""
         return self.a.shape[1] * self.a.shape[2]
 
-    def __getitem__(self, key: Any) -> Any:
+    def __getitem__(self, key: Value) -> Value:
         rows, columns = self.shape
         if not isinstance(key, tuple):
             if columns != 1:  # as in CasADi, a single index counts column by column
@@ -76,7 +76,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         return self.a[:, _at(i, rows), _at(j, columns)]
 
 
-def _at(i: Any, n: int) -> int:
+def _at(i: Value, n: int) -> int:
     if isinstance(i, float | np.ndarray):
         raise TypeError("an index must be a whole number")
     if not -n <= i < n:
@@ -84,7 +84,7 @@ def _at(i: Any, n: int) -> int:
     return i % n
 
 
-def _as(x: Any) -> Matrix:
+def _as(x: Value) -> Matrix:
     """Convert a scalar, an array (k,) or a list of rows to a matrix."""
     if isinstance(x, Matrix):
         return x
@@ -94,7 +94,7 @@ def _as(x: Any) -> Matrix:
     return Matrix(a.reshape(-1, 1, 1))
 
 
-def _stack(args: tuple, axis: int) -> Any:
+def _stack(args: tuple, axis: int) -> Value:
     parts = [_as(x).a for x in args]
     k = max(map(len, parts))
     return Matrix(np.concatenate([p if len(p) == k else p.repeat(k, axis=0) for p in parts], axis=axis))
@@ -103,7 +103,7 @@ def _stack(args: tuple, axis: int) -> Any:
 def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
     """Return an elementwise function of `count` scalars or matrices (NumPy would use a further argument as output)."""
 
-    def apply(*args: Any) -> Any:
+    def apply(*args: Value) -> Value:
         if len(args) != count:
             raise TypeError(f"{op.__name__} got {len(args)} arguments, not {count}")
         return op(*args)
@@ -111,23 +111,24 @@ def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
     return apply
 
 
-def _column(x: Any) -> Array:
+def _column(x: Value) -> Array:
     return np.swapaxes(_as(x).a, 1, 2).reshape(len(_as(x).a), -1)
 
 
-def _columns(a: Any, b: Any) -> tuple[Array, Array]:
-    u, v = _column(a), _column(b)
+def _columns(a: Value, b: Value) -> tuple[Array, Array]:
+    u = _column(a)
+    v = _column(b)
     if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi raises an error
         raise ValueError(f"vectors have {u.shape[1]} and {v.shape[1]} entries; both need the same number")
     return u, v
 
 
-def _dot(a: Any, b: Any) -> Array:
+def _dot(a: Value, b: Value) -> Array:
     u, v = _columns(a, b)
     return np.sum(u * v, axis=1)
 
 
-def _cross(a: Any, b: Any) -> Matrix:
+def _cross(a: Value, b: Value) -> Matrix:
     u, v = np.broadcast_arrays(*_columns(a, b))
     if u.shape[1] != 3:
         raise ValueError(f"a cross product requires 3 entries, not {u.shape[1]}")
@@ -150,7 +151,7 @@ def unguarded() -> Iterator[None]:
         _UNGUARDED.reset(token)
 
 
-def _if_else(condition: Any, yes: Any, no: Any, *_: Any) -> Any:
+def _if_else(condition: Value, yes: Value, no: Value, *_: Value) -> Value:
     if isinstance(no, float) and math.isnan(no) and _UNGUARDED.get():
         return yes
     if isinstance(yes, Matrix) or isinstance(no, Matrix):
@@ -158,18 +159,18 @@ def _if_else(condition: Any, yes: Any, no: Any, *_: Any) -> Any:
     return np.where(condition, yes, no)
 
 
-def _norm(x: Any) -> Array:
+def _norm(x: Value) -> Array:
     return np.sqrt(np.sum(_column(x) ** 2, axis=1))
 
 
-def _inv(A: Any) -> Matrix:
+def _inv(A: Value) -> Matrix:
     a = _as(A).a
     if a.shape[1] != a.shape[2]:
         raise ValueError(no_inverse(*a.shape[1:]))
     return Matrix(np.asarray(np.linalg.inv(a), np.float64))
 
 
-def _skew(w: Any) -> Matrix:
+def _skew(w: Value) -> Matrix:
     x, y, z = _column(w).T
     o = np.zeros_like(x)
     return Matrix(np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3))
@@ -178,7 +179,7 @@ def _skew(w: Any) -> Matrix:
 class _SX:
     """NumPy counterpart of `casadi.SX` and `casadi.DM`, with the functions that equations use."""
 
-    def __call__(self, *args: Any) -> Any:
+    def __call__(self, *args: Value) -> Value:
         if len(args) == 2:
             return Matrix(np.zeros((1, *args)))
         (x,) = args
@@ -197,7 +198,7 @@ class _SX:
 _UNARY = ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "floor", "sign", "fabs")
 _ARC = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
 
-_FUNCTIONS: dict[str, Any] = {
+_FUNCTIONS: dict[str, Value] = {
     **{n: _elementwise(getattr(np, n)) for n in _UNARY},
     **{name: _elementwise(f) for short, f in _ARC.items() for name in (short, f"arc{short[1:]}")},
     **{n: _elementwise(getattr(np, n), 2) for n in ("fmin", "fmax", "hypot")},
@@ -230,11 +231,12 @@ _FUNCTIONS: dict[str, Any] = {
 }
 
 
-def turn(axis: int) -> Callable[[Any], Matrix]:
+def turn(axis: int) -> Callable[[Value], Matrix]:
     """Return a function that converts angles (k,) in rad to rotations about `axis` (0, 1 or 2)."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
+    i = (axis + 1) % 3
+    j = (axis + 2) % 3
 
-    def rotation(a: Any) -> Matrix:
+    def rotation(a: Value) -> Matrix:
         angle = np.atleast_1d(np.asarray(a, float))
         out = np.zeros((len(angle), 3, 3))
         out[:, axis, axis] = 1
@@ -246,12 +248,15 @@ def turn(axis: int) -> Callable[[Any], Matrix]:
     return rotation
 
 
-def _pose(R: Any, p: Any) -> Matrix:
-    R, p = _as(R).a, _as(p).a
+def _pose(R: Value, p: Value) -> Matrix:
+    R = _as(R).a
+    p = _as(p).a
     if R.shape[1:] != (3, 3) or p.shape[1] * p.shape[2] != 3:
         raise ValueError("a pose needs a (3, 3) rotation and three numbers")
     out = np.zeros((max(len(R), len(p)), 4, 4))
-    out[:, :3, :3], out[:, :3, 3], out[:, 3, 3] = R, p.reshape(len(p), 3), 1
+    out[:, :3, :3] = R
+    out[:, :3, 3] = p.reshape(len(p), 3)
+    out[:, 3, 3] = 1
     return Matrix(out)
 
 
@@ -271,7 +276,7 @@ def _remembering(f: types.FunctionType) -> types.FunctionType:
 
     While edits are tried, a row of a table is evaluated thousands of times with the same values.
     """
-    results: dict[Any, Matrix] = {}
+    results: dict[Value, Matrix] = {}
     state: dict[str, int] = {"entries": 0}
     # The new function has the globals of `f`, in which edits replace functions; what it needs itself is in its closure.
     is_leaf = _is_leaf
@@ -279,7 +284,7 @@ def _remembering(f: types.FunctionType) -> types.FunctionType:
     kept = Matrix
     most = _MOST_KEPT
 
-    def remembered(*args: Any, **named: Any) -> Any:
+    def remembered(*args: Value, **named: Value) -> Value:
         if "leaf" not in state:
             state["leaf"] = is_leaf(f)
         key = None
@@ -312,9 +317,9 @@ def _is_leaf(f: types.FunctionType) -> bool:
     return True
 
 
-def _key(args: tuple[Any, ...]) -> tuple[Any, ...] | None:
+def _key(args: tuple[Value, ...]) -> tuple[Value, ...] | None:
     """Return a key, equal only for equal arguments; None if an argument is long, or neither number nor matrix."""
-    out: list[Any] = [_UNGUARDED.get()]
+    out: list[Value] = [_UNGUARDED.get()]
     for x in args:
         a = x.a if isinstance(x, Matrix) else x
         if isinstance(a, float):
@@ -332,8 +337,8 @@ class Rebuilder:
     """Rebuilds functions for arrays; each function is rebuilt only once per instance."""
 
     def __init__(self) -> None:
-        self._done: dict[int, Any] = {}
-        self._keep: list[Any] = []  # references to the functions, so that their ids stay unique
+        self._done: dict[int, Value] = {}
+        self._keep: list[Value] = []  # references to the functions, so that their ids stay unique
 
     def function(self, f: Callable) -> Callable:
         """Return the function rebuilt with numeric globals, defaults and closure."""
@@ -355,11 +360,11 @@ class Rebuilder:
             self._done[id(f)] = out
         return out
 
-    def scope(self, f: types.FunctionType) -> dict[str, Any]:
+    def scope(self, f: types.FunctionType) -> dict[str, Value]:
         """Return the globals of a function, each replaced by its numeric counterpart."""
         home = f.__globals__
         if id(home) not in self._done:
-            scope: dict[str, Any] = {}
+            scope: dict[str, Value] = {}
             self._done[id(home)] = scope
             self._keep.append(home)
             for name, value in home.items():
@@ -370,7 +375,7 @@ class Rebuilder:
                 scope |= _FAST
         return self._done[id(home)]
 
-    def value(self, x: Any) -> Any:
+    def value(self, x: Value) -> Value:
         """Return the numeric counterpart of a global, or the global itself if there is none."""
         if isinstance(x, types.ModuleType):
             if x.__name__.split(".")[0] == "casadi":
@@ -418,13 +423,13 @@ def of_formula(f: types.FunctionType) -> bool:
 
 
 def _missing(name: str) -> Callable:
-    def refuse(*_: Any, **__: Any) -> Any:
+    def refuse(*_: Value, **__: Value) -> Value:
         raise KinematicsError(f"`explain` has no NumPy version of casadi.{name}")
 
     return refuse
 
 
-def to_array(x: Any, k: int) -> Array:
+def to_array(x: Value, k: int) -> Array:
     """Return a scalar or matrix as an array (k, entries); matrix entries are in row-major order."""
     a = x.a.reshape(len(x.a), -1) if isinstance(x, Matrix) else np.asarray(x, float).reshape(-1, 1)
     if len(a) == k:

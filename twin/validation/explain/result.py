@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from math import inf, isnan
-from typing import Any
 
 from twin.core.findings import Finding, Verdict
+from twin.core.json_types import JsonObject
 from twin.core.result import Line, Part, Result
 from twin.core.units import decimals
 
@@ -246,7 +246,7 @@ class Explanation(Result):
         what = self._summary().text.partition(": ")[2]
         return what[:1].upper() + what[1:]
 
-    def content(self) -> dict[str, Any]:
+    def content(self) -> JsonObject:
         """Return the explanation as plain data."""
         out = asdict(self)
         del out["outcome"]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.numeric import Matrix, to_array
 from twin.validation.explain.source import Source
 from twin.validation.explain.term_texts import EQUAL, Atom, equal, factors, in_product
@@ -20,7 +20,7 @@ _MOST_VECTORS = 60
 """Maximum number of vectors that terms and factors may be."""
 
 
-def vector_atoms(source: Source, scope: Mapping[str, Any], k: int) -> list[Atom]:
+def vector_atoms(source: Source, scope: Mapping[str, Value], k: int) -> list[Atom]:
     """Return the vectors in scope, with values (k, 3).
 
     They are names, expressions of the same function, and the other columns of matrices of which it uses one column.
@@ -52,7 +52,8 @@ def _columns(node: ast.Subscript) -> Iterator[str]:
     index = node.slice
     if not isinstance(index, ast.Tuple) or len(index.elts) != 2 or not isinstance(index.elts[0], ast.Slice):
         return
-    base, rows = ast.unparse(node.value), ast.unparse(index.elts[0])
+    base = ast.unparse(node.value)
+    rows = ast.unparse(index.elts[0])
     for column in range(4):
         yield f"{base}[{rows}, {column}]"
 
