@@ -167,3 +167,36 @@ def test_the_command_prints_verdict_and_json(tmp_path: Path, capsys: pytest.Capt
     assert data["pairs"][0]["differences"][0]["shift_mm"] == pytest.approx(20.0)
     assert main(["compare", files[0]]) == 2
     assert "at least two sides" in capsys.readouterr().err
+
+
+ERRATA = Path(__file__).parents[2] / "shared" / "models" / "public-errata"
+
+
+@pytest.mark.skipif(not ERRATA.is_dir(), reason="the public files are not here")
+@pytest.mark.parametrize(
+    ("robot", "file", "edits"),
+    [
+        (
+            "iiwa14",
+            "kuka_lbr_iiwa_support/urdf/lbr_iiwa14_r820.urdf.xacro",
+            [(133, "0.1375", "0.1575"), (147, "0.1845", "0.2045")],
+        ),
+        ("lrmate200id", "fanuc_lrmate200id_support/urdf/lrmate200id.xacro", [(153, "1", "-1")]),
+        ("m710ic50", "fanuc_m710ic_support/urdf/m710ic50.xacro", [(153, "1", "-1")]),
+    ],
+)
+def test_public_errors_are_named_with_file_and_line(robot: str, file: str, edits: list[tuple[int, str, str]]) -> None:
+    pytest.importorskip("xacro")
+    found = twin.compare(ERRATA / robot / "before" / file, ERRATA / robot / "after" / file).pairs[0]
+    named = []
+    for item in found.items:
+        edit = item.edits[0]
+        assert edit.file.endswith("_macro.xacro")
+        named.append((edit.line, edit.old, edit.new))
+    assert named == edits
+
+
+def test_a_page_shows_both_robots(tmp_path: Path) -> None:
+    files = [str(path) for path in pair(tmp_path, z3=0.27)]
+    assert main(["compare", *files, "--out", str(tmp_path / "out")]) == 1
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"compare.html", "compare.json", "compare.png"}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
     from twin.comparison.side import Side
+    from twin.exchange.xacro import Settings
 
 TOLERANCE = 1e-5
 """Distance in m up to which two joint lines coincide: files round rotations to four or five digits."""
@@ -23,6 +25,7 @@ def compare(
     tolerance: float = TOLERANCE,
     only: Sequence[str] = (),
     strict: bool = False,
+    xacro: Settings | None = None,
     progress: Progress = silent,
 ) -> Comparison:
     """Compare two or more descriptions of one robot, pair by pair.
@@ -32,6 +35,7 @@ def compare(
         tolerance: distance in m up to which two joint lines coincide; angles count by the distance at half a metre.
         only: joints to compare; all others are held at zero.
         strict: count a difference of convention (base frame, zero, sign, tool frame, name, order) as a disagreement.
+        xacro: arguments and package folders for the xacros among the sides.
         progress: see `Progress`.
 
     Raises:
@@ -48,7 +52,7 @@ def compare(
     labels = _labels(sides)
     for i, side in enumerate(sides):
         progress(f"read {labels[i]}", i / (2 * len(sides)))
-        read.append(_side(side, labels[i], only))
+        read.append(_side(side, labels[i], only, xacro))
     pairs = []
     chosen = list(combinations(read, 2))
     for i, (first, second) in enumerate(chosen):
@@ -63,13 +67,20 @@ def _labels(sides: Sequence[str | Path | Robot]) -> list[str]:
     for side in sides:
         texts.append(side.name if isinstance(side, Robot) else str(side))
     for depth in range(1, 12):
-        labels = ["/".join(Path(text).parts[-depth:]) for text in texts]
-        if len(set(labels)) == len(labels):
-            return labels
+        parts = [Path(text).parts[-depth:] for text in texts]
+        if len(set(parts)) == len(parts):
+            labels = []
+            for part in parts:
+                label = "/".join(part)
+                if len(part) > 2:  # folders that all have in common say nothing
+                    label = f"{part[0]}/…/{part[-1]}"
+                labels.append(label)
+            if len(set(labels)) == len(labels):
+                return labels
     return [f"{text} ({i + 1})" for i, text in enumerate(texts)]
 
 
-def _side(given: str | Path | Robot, label: str, only: Sequence[str]) -> Side:
+def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: Settings | None) -> Side:
     from twin.comparison.side import from_mechanism
 
     if isinstance(given, Robot):
@@ -79,8 +90,18 @@ def _side(given: str | Path | Robot, label: str, only: Sequence[str]) -> Side:
         return _robot_side(load(given), label, only)
     from twin.exchange.read import read
     from twin.exchange.read.closing import close
+    from twin.exchange.xacro import SUFFIX, Settings, expand, is_xacro
 
-    imported = read(path, guarded=False)
+    settings = xacro or Settings()
+    text = None
+    places: Mapping[str, tuple[str, int]] = {}
+    given_to_reader = None
+    if path.is_file() and path.suffix.lower() in (SUFFIX, ".urdf") and is_xacro(path):
+        expanded = expand(path, settings)
+        text = expanded.data
+        places = expanded.places
+        given_to_reader = settings
+    imported = read(path, guarded=False, xacro=given_to_reader)
     if imported.mechanism.loops:
         imported = close(imported)
     guessed = False
@@ -90,7 +111,7 @@ def _side(given: str | Path | Robot, label: str, only: Sequence[str]) -> Side:
             guessed = True
         if finding.code == "import.inertia":
             notes.append(finding.message)
-    return from_mechanism(
+    side = from_mechanism(
         imported.mechanism,
         label,
         path=path,
@@ -99,6 +120,7 @@ def _side(given: str | Path | Robot, label: str, only: Sequence[str]) -> Side:
         notes=notes,
         efforts=imported.efforts,
     )
+    return replace(side, text=text, places=places)
 
 
 def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> Side:

@@ -90,7 +90,7 @@ class _Case:
 
 def with_edits(problem: Problem, matching: Matching, solution: Solution, items: Sequence[Item]) -> list[Item]:
     """Return the items, each with the edits of either side that remove it."""
-    known = [statements(problem.first.path), statements(problem.second.path)]
+    known = [statements(problem.first), statements(problem.second)]
     if not (known[0] or known[1]) or problem.first.looped:
         return list(items)
     moved_tools = [gap.joint for gap in gaps(problem, solution.unknowns) if gap.leaf and gap.differs(problem)]

@@ -80,6 +80,8 @@ class Side:
         couplings: {joint: (leading joint, ratio, offset)}, joint = ratio * leader + offset.
         order: names of the driven joints, in the order of q.
         path: the file; None if there is none.
+        text: the URDF that the file describes, if the file is a xacro; else None.
+        places: {"joint/NAME/origin", ...: (file, line)} of that URDF in the xacro files.
         notes: texts on data that the reader left out.
         efforts: {joint: maximum effort in N or N m}.
         mechanism: the mechanism, for pictures; None if the side is only equations.
@@ -95,6 +97,8 @@ class Side:
     couplings: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
     order: tuple[str, ...] = ()
     path: Path | None = None
+    text: bytes | None = None
+    places: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None

@@ -145,30 +145,39 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def statements(path: Path | None) -> list[Statement]:
-    """Return the statements of a URDF or MJCF; [] for other files, and for files that cannot be read here."""
+def statements(side: Side) -> list[Statement]:
+    """Return the statements of a URDF, xacro or MJCF; [] for other files, and for files that cannot be read here."""
+    path = side.path
     if path is None:
         return []
-    readers = {".urdf": _urdf, ".xml": _mjcf, ".mjcf": _mjcf}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
+    if side.text is not None:
+        expanded = _parsed(path, side.text)
+        if expanded is None:
+            return []
+        return _urdf(expanded, side.places)
+    if path.suffix.lower() not in (".urdf", ".xml", ".mjcf"):
         return []
     root = _parsed(path)
     if root is None:
         return []
     if root.tag == "robot":
-        return _urdf(root, path)
+        return _urdf(root, {})
     if root.tag == "mujoco":
         return _mjcf(root, path)
     return []
 
 
-def _parsed(path: Path) -> _Element | None:
-    """Return the root element of an XML file with the lines of all attributes; None if it is no XML."""
-    try:
-        data = path.read_bytes()
-    except OSError:
-        return None
+def _parsed(path: Path, data: bytes | None = None) -> _Element | None:
+    """Return the root element of an XML file, or of `data`, with the lines of all attributes; None if it is no XML."""
+    if data is None:
+        try:
+            data = path.read_bytes()
+        except OSError:
+            return None
+    return _elements(data, path)
+
+
+def _elements(data: bytes, path: Path) -> _Element | None:
     top = _Element("", {}, {}, str(path))
     stack = [top]
     parser = expat.ParserCreate()
@@ -214,7 +223,8 @@ def _numbers(text: str | None, count: int) -> tuple[float, ...] | None:
 # -- URDF ---------------------------------------------------------------------------------------------
 
 
-def _urdf(root: _Element, path: Path) -> list[Statement]:
+def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[Statement]:
+    """Return the statements of a URDF; `places` are the places of its elements in the files of a xacro."""
     joints = [element for element in root.children if element.tag == "joint"]
     ends: dict[str, tuple[str, str]] = {}
     below: dict[str, list[str]] = {}
@@ -235,13 +245,22 @@ def _urdf(root: _Element, path: Path) -> list[Statement]:
         own = (plain(ends[name][1]), moved_joints, moved_links)
         origin = joint.find("origin")
         if origin is not None:
+            _move(origin, places.get(f"joint/{name}/origin"))
             found += _attribute(origin, f"joint '{name}' origin", "xyz", "shift", "", 1.0, own)
             found += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", "rpy", 1.0, own)
         axis = joint.find("axis")
         if axis is not None:
+            _move(axis, places.get(f"joint/{name}/axis"))
             alone = (own[0], frozenset({plain(name)}), frozenset[str]())
             found += _attribute(axis, f"joint '{name}' axis", "xyz", "axis", "", 1.0, alone)
     return found
+
+
+def _move(element: _Element, place: tuple[str, int] | None) -> None:
+    """State another file and line as the place of an element."""
+    if place is not None:
+        element.file = place[0]
+        element.lines = dict.fromkeys(element.lines, place[1])
 
 
 def _below(

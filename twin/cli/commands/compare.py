@@ -24,6 +24,8 @@ def arguments(command: Command) -> None:
     command.add_argument("sides", nargs="+", metavar="SIDE", help=text)
     command.number("--tolerance-um", "UM", "distance in µm up to which two joint axes coincide", 10.0)
     command.text("--only", "JOINT,...", "compare only these joints; all others are held at zero")
+    command.xacro()
+    command.text("--out", "FOLDER", "write a page with a picture of both robots at the worst pose into this folder")
     command.flag("--strict", "count a difference of convention (base frame, zero, sign, ...) as a disagreement")
 
 
@@ -31,10 +33,21 @@ def run(args: argparse.Namespace) -> int:
     """Print the comparison; the exit code is 0 for agreement, 1 for a disagreement, 2 if it was impossible."""
     from twin.api.comparison import compare
     from twin.cli import show
+    from twin.exchange.xacro import settings
 
     tolerance = show.micrometres("--tolerance-um", args.tolerance_um)
     assert tolerance is not None
+    folder = show.folder(args) if args.out else None
     only = [name.strip() for name in (args.only or "").split(",") if name.strip()]
     with show.progress(args.quiet or args.json) as progress:
-        result = compare(*args.sides, tolerance=tolerance, only=only, strict=args.strict, progress=progress)
+        result = compare(
+            *args.sides,
+            tolerance=tolerance,
+            only=only,
+            strict=args.strict,
+            xacro=settings(args.arg, args.packages),
+            progress=progress,
+        )
+    if folder is not None:
+        return show.store(result, args, folder)
     return show.finish(result, args)

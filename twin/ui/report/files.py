@@ -61,6 +61,7 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
 
 
 _PICTURES = (
+    "compare",
     "console",
     "hazards",
     "operate",

@@ -1,0 +1,80 @@
+"""Draw both robots of the pair that differs most, at the joint values with the largest difference of their tools."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.comparison.pair import Pair
+from twin.comparison.result import Comparison
+from twin.comparison.side import Side
+from twin.core import spatial
+from twin.core.quantity import deg, mm
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.ui.report.style import PALETTE, sheet, styled
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.figure import Figure
+
+
+@styled()
+def figure(found: Comparison) -> Figure:
+    """Return a picture of both robots of the worst pair: lines from joint to joint, ending at the tool."""
+    pair = max(found.pairs, key=_distance)
+    out = sheet(f"{pair.first.label} and {pair.second.label}", 6.5)
+    ax = out.add_subplot(projection="3d")
+    q_first: Mapping[str, float] = {}
+    q_second: Mapping[str, float] = {}
+    title = "at zero"
+    if pair.worst is not None:
+        q_first = pair.worst.q_first
+        q_second = pair.worst.q
+        title = f"largest difference of '{pair.worst.frame}': {mm(pair.worst.distance)}, {deg(pair.worst.angle)}"
+    X = np.eye(4)
+    if pair.solution is not None:
+        base = pair.solution.unknowns.base
+        X = spatial.pose(spatial.exp_so3(base[:3]), base[3:])
+    first = _points(pair.first, q_first, X) / MM
+    second = _points(pair.second, q_second, np.eye(4)) / MM
+    ax.plot(*first.T, "o-", color=PALETTE[0], linewidth=4, alpha=0.6, label=pair.first.label)
+    ax.plot(*second.T, "o--", color=PALETTE[4], linewidth=2, label=pair.second.label)
+    ends = np.vstack([first, second])
+    middle = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
+    half = 0.5 * float(np.ptp(ends, axis=0).max())
+    for k, name in enumerate("xyz"):
+        limits = (middle[k] - half, middle[k] + half)
+        getattr(ax, f"set_{name}lim")(*limits)
+        getattr(ax, f"set_{name}label")(f"{name} [mm]")
+    ax.set_title(title)
+    ax.legend(loc="upper left")
+    return out
+
+
+def _distance(pair: Pair) -> float:
+    if pair.worst is None:
+        return 0.0
+    return pair.worst.distance
+
+
+def _points(side: Side, q: Mapping[str, float], X: Array) -> Array:
+    """Return base, joints of the chain to the tool, and tool (n, 3) in m, moved by X."""
+    tree = side.tree
+    displacements = np.array([[q.get(axis.name, axis.drawn) - axis.drawn for axis in tree]])
+    motions = X @ side.poses(displacements)[0]
+    group, T_tool = side.frames[side.tool]
+    above = {axis.child: axis for axis in tree}
+    points = [(motions[group] @ T_tool)[:3, 3]]
+    while group in above:
+        axis = above[group]
+        motion = motions[axis.parent]
+        # a slide is drawn where its child is: its own line can be anywhere
+        if axis.kind == "prismatic":
+            motion = motions[axis.child]
+        points.append(motion[:3, :3] @ axis.point + motion[:3, 3])
+        group = axis.parent
+    points.append(X[:3, 3])
+    return np.array(points[::-1])
