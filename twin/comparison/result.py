@@ -62,7 +62,7 @@ class Comparison(Result):
         for item in pair.differences:
             size = mm(item.shift) if item.shift > pair.problem.tolerance else deg(item.turn)
             yield disagreement(
-                "compare.link", item.joint, _sentence(item.text), size, 0.0, _suggestion(item), when=where
+                "compare.link", item.joint, _sentence(item.text), size, None, _suggestion(item), when=where, word=""
             )
         assert pair.properties is not None
         for row in pair.properties.rows:
