@@ -64,38 +64,7 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
 
     For the arguments see `write_tracks`.
     """
-    joints = [joint for joint in mechanism.joints if joint.name in clip.joints]
-    turns = tree_coordinates(drawn or mechanism, clip.links)
-    names: list[str] = []
-    kinds: list[str] = []
-    active: list[int] = []
-    lower: list[float] = []
-    upper: list[float] = []
-    positions: list[Array] = []
-    for joint in joints:
-        names.append(joint.name)
-        kinds.append(joint.type)
-        active.append(int(joint.active))
-        low, high = joint.limits or (-NO_LIMIT, NO_LIMIT)
-        lower.append(low)
-        upper.append(high)
-        positions.append(clip.joints[joint.name])
-    for turn in turns:
-        names.append(turn.name)
-        kinds.append(turn.type)
-        active.append(0)
-        lower.append(-NO_LIMIT)
-        upper.append(NO_LIMIT)
-        positions.append(turn.values)
-    phase_rcm = clip.phase_rcm or (None,) * len(clip.phases)
-    enforced = clip.phase_rcm_enforced or (False,) * len(clip.phases)
-    has_rcm: list[int] = []
-    must_pass: list[int] = []
-    places: list[Array] = []
-    for point, is_enforced in zip(phase_rcm, enforced, strict=True):
-        has_rcm.append(int(point is not None))
-        must_pass.append(int(point is not None and is_enforced))
-        places.append(np.zeros(3) if point is None else point)
+    has_rcm, must_pass, places = _phase_rcms(clip)
     tool = mechanism.frame(mechanism.tool)
     rcm = clip.rcm
     if rcm is None:
@@ -119,12 +88,7 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
         "times": _plain(np.round(clip.times, 9)),
         "links": list(clip.links),
         "poses": _flat(np.stack(sevens, axis=1)),
-        "joints": names,
-        "joint_types": kinds,
-        "joint_active": active,
-        "joint_lower": _flat(lower),
-        "joint_upper": _flat(upper),
-        "positions": _flat(np.array(positions, float).T),
+        **_coordinates(mechanism, clip, drawn or mechanism),
         "phases": [name for name, _, _ in clip.phases],
         "phase_start": _plain(start.round(9)),
         "phase_end": _plain(end.round(9)),
@@ -142,6 +106,55 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
         **clip.between.numbers(),
         "assumed": [*assumed, *clip.assumed],
     }
+
+
+def _coordinates(mechanism: Mechanism, clip: Clip, drawn: Mechanism) -> JsonObject:
+    """Return the entries of a track on its joints: names, kinds, limits, and positions at the keys."""
+    joints = [joint for joint in mechanism.joints if joint.name in clip.joints]
+    turns = tree_coordinates(drawn, clip.links)
+    names: list[str] = []
+    kinds: list[str] = []
+    active: list[int] = []
+    lower: list[float] = []
+    upper: list[float] = []
+    positions: list[Array] = []
+    for joint in joints:
+        names.append(joint.name)
+        kinds.append(joint.type)
+        active.append(int(joint.active))
+        low, high = joint.limits or (-NO_LIMIT, NO_LIMIT)
+        lower.append(low)
+        upper.append(high)
+        positions.append(clip.joints[joint.name])
+    for turn in turns:
+        names.append(turn.name)
+        kinds.append(turn.type)
+        active.append(0)
+        lower.append(-NO_LIMIT)
+        upper.append(NO_LIMIT)
+        positions.append(turn.values)
+    return {
+        "joints": names,
+        "joint_types": kinds,
+        "joint_active": active,
+        "joint_lower": _flat(lower),
+        "joint_upper": _flat(upper),
+        "positions": _flat(np.array(positions, float).T),
+    }
+
+
+def _phase_rcms(clip: Clip) -> tuple[list[int], list[int], list[Array]]:
+    """Return lists with a value for each phase: 1 with an RCM, 1 if it is enforced, the RCM (3,) in m."""
+    phase_rcm = clip.phase_rcm or (None,) * len(clip.phases)
+    enforced = clip.phase_rcm_enforced or (False,) * len(clip.phases)
+    has_rcm: list[int] = []
+    must_pass: list[int] = []
+    places: list[Array] = []
+    for point, is_enforced in zip(phase_rcm, enforced, strict=True):
+        has_rcm.append(int(point is not None))
+        must_pass.append(int(point is not None and is_enforced))
+        places.append(np.zeros(3) if point is None else point)
+    return has_rcm, must_pass, places
 
 
 def _seven(Ts: Array) -> Array:
