@@ -120,11 +120,7 @@ def world(
     planned = _planned(device)
     controllers: list[Block] = [Pedals(PEDALS, planned=planned), camera]
     for hand in HANDS:
-        arms = _following(setup, hand, q)
-        at = [q[arm.robot] for arm in arms]
-        follower = HandToPose(hand, PEDALS, arms, at, np.eye(4), view=camera.camera, dt=dt, plans=bool(planned))
-        controllers.append(follower)
-        controllers += _jaws(hand, arms, limits, q, dt)
+        controllers += _hand_controllers(setup, hand, q, limits, camera, planned=bool(planned), dt=dt)
     machines = machine_scene.Machined(scene, parts or {})
     controllers += machines.controllers(PEDALS, {name: member.kin for name, member in members.items()}, dt)
     plants: list[Block] = []
@@ -167,6 +163,23 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _hand_controllers(
+    setup: Setup,
+    hand: str,
+    q: Mapping[str, Array],
+    limits: Mapping[str, JointLimits],
+    camera: HandsToCamera,
+    *,
+    planned: bool,
+    dt: float,
+) -> list[Block]:
+    """Return the controllers that move tools and jaws by one hand."""
+    arms = _following(setup, hand, q)
+    at = [q[arm.robot] for arm in arms]
+    follower = HandToPose(hand, PEDALS, arms, at, np.eye(4), view=camera.camera, dt=dt, plans=planned)
+    return [follower, *_jaws(hand, arms, limits, q, dt)]
 
 
 def _following(setup: Setup, hand: str, q: Mapping[str, Array]) -> list[FollowingArm]:
