@@ -107,7 +107,7 @@ def world(
     """
     scene = setup.scene
     members = setup.members
-    table = console_of(scene)
+    console_of(scene)  # the first error of a scene without a console
     q: dict[str, Array] = {}
     limits: dict[str, JointLimits] = {}
     robots = []
@@ -127,12 +127,7 @@ def world(
     for name, x in q.items():
         if name in machines.parts:
             continue  # a machine moves itself
-        kin = members[name].kin
-        port = port_in_base(setup.places[name])
-        if name in table.through:
-            controllers.append(ThroughPort(name, kin, x, limits[name], port))
-        else:
-            controllers.append(PoseToJoints(name, kin, x, limits[name]))
+        controllers.append(_joint_controller(setup, name, x, limits[name]))
         plants.append(Kinematic(name, x, limits[name]))
     plants += machines.plants(q)
     robots += machines.models(members)
@@ -163,6 +158,15 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _joint_controller(setup: Setup, name: str, q: Array, limits: JointLimits) -> Block:
+    """Return the controller that moves the joints of a robot to the pose of its tool, or through its port."""
+    kin = setup.members[name].kin
+    port = port_in_base(setup.places[name])
+    if name in console_of(setup.scene).through:
+        return ThroughPort(name, kin, q, limits, port)
+    return PoseToJoints(name, kin, q, limits)
 
 
 def _hand_controllers(
