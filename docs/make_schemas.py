@@ -14,7 +14,7 @@ from twin.cad.description import Description
 from twin.model.scene import scene_table
 from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
-from twin.schema.result import ResultTable
+from twin.schema.result_schema import ResultTable
 from twin.schema.track import Track
 from twin.simulation.hazards.campaign import CampaignTable
 from twin.simulation.hazards.trends import TrendsTable

@@ -21,7 +21,7 @@ from twin.cli import scene as scenes
 from twin.core.units import MM
 from twin.model.scene import load_scene
 from twin.ui.session.desk import Desk
-from twin.ui.viewer.console import ConsoleFront
+from twin.ui.viewer.console_page import ConsoleFront
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve

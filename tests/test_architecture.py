@@ -226,7 +226,7 @@ def test_facade_reexports_exactly_what_it_promises():
 
 LONGEST = {
     "validation/explain/explain.py:explain": "the order in which causes are tried; each step is a function",
-    "validation/console.py:_roll": "five clauses on the same two hands, each with its sentences",
+    "validation/console_clauses.py:_roll": "five clauses on the same two hands, each with its sentences",
     "planning/plan.py:assemble": "collects the samples and spans of all phases, and builds one trajectory of them",
     "codegen/emit.py:call": "one case for each CasADi instruction",
 }

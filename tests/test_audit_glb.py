@@ -380,7 +380,7 @@ def test_samplers_between_their_keys(tmp_path):
     ],
 )
 def test_a_pose_halfway_between_keys_is_judged_by_place_and_by_rotation(aside, turn, said):
-    from twin.exchange.audit.compare import Reference, compare
+    from twin.exchange.audit.file_comparison import Reference, compare
     from twin.exchange.audit.motion import Content, FileClip
     from twin.exchange.audit.report import Ledger
 

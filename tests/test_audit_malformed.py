@@ -9,7 +9,7 @@ import pytest
 
 from twin.exchange.audit import audit
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.scene import audit_scene
+from twin.exchange.audit.scene_folder import audit_scene
 from twin.exchange.formats.urdf.audit import Urdf
 
 LONG = "a" * 300  # longer than the name of any file

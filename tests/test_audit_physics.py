@@ -12,8 +12,8 @@ import pytest
 from twin.exchange.audit import audit
 from twin.exchange.audit.colors import apart, linear
 from twin.exchange.audit.compare_physics import compare_physics
+from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FilePhysics, along
 from twin.exchange.audit.motion import Content
-from twin.exchange.audit.physics import FileDrive, FileJoint, FilePhysics, along
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.write import write_mjcf

@@ -212,7 +212,7 @@ def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
 @pytest.mark.nightly
 def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkeypatch):
     # on a busy machine the World would fall behind the hand, and take its motion for a jump
-    monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
     op = Operation(scenes.with_organs(LoadedScene(scene, robots)))
     feed = op.feed
     client = Client(op)

@@ -30,8 +30,8 @@ from twin.simulation.tasks.align.camera_referee import CameraReferee
 from twin.simulation.tasks.align.camera_task import CameraView, in_picture, surfaces
 from twin.simulation.tasks.align.picture import ColouredSurface
 from twin.simulation.tasks.align.task import RECTANGLE
-from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import Exercise
+from twin.ui.session.scene_control import LiveConsole
 
 VIEW = 70 * DEG
 

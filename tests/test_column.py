@@ -11,7 +11,7 @@ from twin.exchange.audit import audit
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.reference.dynamics import Dynamics
-from twin.simulation.dynamics.track import EXACT_LIMIT, TIP_LIMIT
+from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, TIP_LIMIT
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read as instruments
 

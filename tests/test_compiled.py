@@ -17,7 +17,7 @@ from made.lanes import contrasting, one_of_a_kind
 from twin.codegen import Kernel, Stage
 from twin.codegen import kernel as kernel_module
 from twin.codegen.lower import lowered
-from twin.core import machine
+from twin.core import machine_code
 
 pytestmark = pytest.mark.usefixtures("several_processors")
 
@@ -296,7 +296,7 @@ def compile_one(factor: float = 3.0) -> float:
 
 def test_kernel_is_compiled_once(cache, monkeypatch):
     assert compile_one() == 3.0
-    monkeypatch.setattr(machine, "_code", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr(machine_code, "_code", lambda *_: pytest.fail("compiled again"))
     assert compile_one() == 3.0
     assert len(list(cache.iterdir())) == 1
     assert cache.stat().st_mode & 0o777 == 0o700
@@ -325,8 +325,8 @@ def test_what_others_may_write_is_not_loaded(cache, which, monkeypatch):
     (file,) = cache.glob("*.o")
     (file if which == "file" else cache).chmod(0o777)
     done = []
-    code = machine._code
-    monkeypatch.setattr(machine, "_code", lambda *x: done.append(1) or code(*x))
+    code = machine_code._code
+    monkeypatch.setattr(machine_code, "_code", lambda *x: done.append(1) or code(*x))
     assert compile_one() == 3.0
     assert done
 
@@ -338,7 +338,7 @@ def test_cache_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
 
 
 def test_cache_keeps_the_newest(cache, monkeypatch):
-    monkeypatch.setattr(machine, "_CACHED", 3)
+    monkeypatch.setattr(machine_code, "_CACHED", 3)
     for i in range(6):
         compile_one(i + 1.5)
         for k, file in enumerate(sorted(cache.glob("*.o"), key=lambda p: p.stat().st_mtime)):

@@ -17,10 +17,10 @@ from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import DEG, MM
-from twin.simulation.controllers.console import EQUATIONS, READINGS, console
+from twin.simulation.controllers.console_equations import EQUATIONS, READINGS, console
 from twin.validation import clauses
-from twin.validation import console as contract
-from twin.validation.console import judge
+from twin.validation import console_clauses as contract
+from twin.validation.console_clauses import judge
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,11 @@ from twin.core import spatial
 from twin.core.errors import KinematicsError, WorldError
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.camera import Drag, Dragging, view
-from twin.simulation.controllers.console import READINGS, console
-from twin.simulation.controllers.following import SCALE, FollowingControl, HandPace, HandToPose, Start
+from twin.simulation.controllers.console_equations import READINGS, console
 from twin.simulation.controllers.jaw import Jaw
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS, Pedals
 from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.controllers.tool_following import SCALE, FollowingControl, HandPace, HandToPose, Start
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import JointLimits

@@ -21,8 +21,8 @@ from twin.model.joint import Joint
 from twin.reference.dynamics import Dynamics
 from twin.reference.holding import holding_efforts
 from twin.simulation.dynamics.arm import arm, without_fixed
-from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
-from twin.simulation.dynamics.track import EXACT_LIMIT, Conditions, DesiredMotion, run
+from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, Conditions, DesiredMotion, run
+from twin.simulation.dynamics.effort_plants import ModelPlant, MujocoPlant
 
 MADE = {  # serial, with a coupling, with a loop, with motors on cables, with a lead screw
     "column": lambda path: column.mechanism(path / "column.urdf"),

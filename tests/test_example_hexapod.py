@@ -12,8 +12,8 @@ from twin import api
 from twin.core.errors import ProtocolError
 from twin.core.program_end import ProgramEndError
 from twin.validation.explain.explain import explain, known
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.source import patched
 
 pytestmark = pytest.mark.usefixtures("sampled_once")

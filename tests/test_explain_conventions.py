@@ -18,8 +18,8 @@ from twin.formula import symbolic
 from twin.robots import _authoring, load_formula
 from twin.validation.explain.conventions import ORDERS, conventions, dh_form
 from twin.validation.explain.explain import known
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix, Rebuilder, of_formula
+from twin.validation.explain.row_deviations import Judge
 
 
 @pytest.fixture(scope="module")

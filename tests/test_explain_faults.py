@@ -120,7 +120,7 @@ def rewritten(case, rng):
 
 
 def check_rewrites(cases, count, tmp_path):
-    from twin.validation.explain.judge import Judge
+    from twin.validation.explain.row_deviations import Judge
 
     rng, done = np.random.default_rng(8), 0
     for case in cycle(cases):  # a function of calls only has nothing to rewrite: go on with the next robot

@@ -14,9 +14,9 @@ from made import explain_seeds as seeds
 from made.lanes import nightly
 from twin.core.errors import TwinError
 from twin.validation.explain import numeric
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.repair import Search
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.source import Edit
 
 SEARCHES = int(os.environ.get("TWIN_SEARCHES", "4"))

@@ -24,8 +24,8 @@ from twin.core.errors import TwinError
 from twin.robots import _raven
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.explain import explain
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.varied import coincidences
 
 COUNT = int(os.environ.get("TWIN_MUTANTS", "8"))

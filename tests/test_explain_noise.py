@@ -24,7 +24,7 @@ from twin.reference import ReferenceModel
 from twin.ui.report.page import render
 from twin.validation.cause import causes
 from twin.validation.explain.explain import explain
-from twin.validation.explain.judge import Judge
+from twin.validation.explain.row_deviations import Judge
 
 SEEDS = int(os.environ.get("TWIN_NOISE", "1"))
 MUTANTS = int(os.environ.get("TWIN_NOISY_MUTANTS", "1"))

@@ -10,7 +10,7 @@ from twin.core.units import DEG
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
 from twin.validation.explain.identify import Fit, Numbers, _covariance, identify
-from twin.validation.explain.judge import Judge
+from twin.validation.explain.row_deviations import Judge
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
 

@@ -11,8 +11,8 @@ from twin import api
 from twin.robots import load_formula
 from twin.robots._authoring import row
 from twin.validation.explain.explain import known
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.offsets import axes_text, offsets
+from twin.validation.explain.row_deviations import Judge
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import pytest
 
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.repair import Search
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.source import patched
 
 pytestmark = pytest.mark.usefixtures("sampled_once")

@@ -270,7 +270,7 @@ def test_a_grasp_gives_one_pulse_along_x(setup):
 
 @pytest.mark.slow
 def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.ui.session.console._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
     condition = randomised(7, 1)
     path = tmp_path / "hands.session"
     operation, sent = Operation(theatre, Exercise(session=path, condition=condition)), []

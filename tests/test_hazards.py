@@ -33,7 +33,7 @@ from twin.simulation.hazards.summary import Hazards
 from twin.simulation.hazards.trainee import Reaction
 from twin.simulation.hazards.trends import HandTable, trends
 from twin.simulation.hazards.trends import load as load_trends
-from twin.simulation.machine.machine import LOCATIONS
+from twin.simulation.machine.simulated_machine import LOCATIONS
 from twin.ui.report.files import write_result
 
 TABLE = Path(__file__).parents[1] / "cad/raven_left/campaigns/table1.toml"

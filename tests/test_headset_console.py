@@ -30,7 +30,7 @@ from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene, unpack_scene
-from twin.ui.session import console
+from twin.ui.session import scene_control
 from twin.ui.session.timeline import RATE
 
 SIDES = ("right", "left")
@@ -99,7 +99,7 @@ class Hands:
 
 @pytest.fixture
 def hands(bare_theatre, monkeypatch):
-    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
     op = Operation(bare_theatre)
     op.frame(0, 0.0)
     return Hands(op)
@@ -359,7 +359,7 @@ def test_what_hands_change_is_sent_before_the_next_tick(bare_theatre, monkeypatc
     """With ticks that are 1000 s apart, only messages of the hands bring frames."""
     for module in (server, operation):
         monkeypatch.setattr(module, "RATE", 0.001)
-    monkeypatch.setattr(console, "_BUDGET", np.inf)
+    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)
 
     async def go():
         async with serving(lambda: served.of_console(bare_theatre)) as s, joined(s.port) as peer:

@@ -19,14 +19,14 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.simulation import console_scene
-from twin.simulation.controllers.console import LARGEST, STIFFNESS
-from twin.simulation.controllers.following import HandPace
+from twin.simulation.controllers.console_equations import LARGEST, STIFFNESS
+from twin.simulation.controllers.tool_following import HandPace
 from twin.simulation.devices.packets import pack
 from twin.ui.headset import packet_socket, served
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
-from twin.ui.session import console, console_state
+from twin.ui.session import console_state, scene_control
 from twin.ui.session.timeline import RATE
 
 WORLD = console_scene.world
@@ -78,7 +78,7 @@ class Running:
 
 @pytest.fixture
 def running(bare_theatre, monkeypatch):
-    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
     found = Running(Operation(bare_theatre))
     yield found
     found.op.close()
@@ -326,8 +326,8 @@ def session(running, ticks=700, delay=100, lost=0.05):
 
 @pytest.mark.slow
 def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(bare_theatre, monkeypatch):
-    monkeypatch.setattr(console.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
-    monkeypatch.setattr(console, "_BUDGET", np.inf)
+    monkeypatch.setattr(scene_control.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
+    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)
     running = Running(Operation(bare_theatre))
     lost = session(running)
     state, recording = running.state, running.op.world.recording()

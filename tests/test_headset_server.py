@@ -35,7 +35,7 @@ from twin.ui.headset import server as servers
 from twin.ui.headset import twin as live
 from twin.ui.headset.protocol import RefusedError, sevens
 from twin.ui.headset.recording import Replay, StreamRecording
-from twin.ui.session import workspace
+from twin.ui.session import workspace_cloud
 from twin.ui.session.timeline import prepare
 
 
@@ -433,7 +433,7 @@ def test_the_workspace_comes_in_pieces_and_goes(sils, monkeypatch):
             self.started.append(job)
             rows = np.arange(6000.0, dtype=np.float32)
             self.left[:] = [
-                workspace.WorkspaceChunk(np.stack([rows] * 3, 1), rows, n, 40_000) for n in (20_000, 40_000)
+                workspace_cloud.WorkspaceChunk(np.stack([rows] * 3, 1), rows, n, 40_000) for n in (20_000, 40_000)
             ]
 
         def poll(self):

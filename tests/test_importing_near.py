@@ -21,7 +21,7 @@ from twin.cad.step import Face, Part, read_step
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.exchange.formats.step.read import bodies, read_skeleton, write_skeleton
-from twin.exchange.read.pairs import find_pairs
+from twin.exchange.read.fitting_faces import find_pairs
 from twin.exchange.read.proposals import propose
 
 HERE = Path(__file__).parent

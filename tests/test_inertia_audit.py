@@ -9,7 +9,7 @@ import pytest
 
 import twin
 from twin.core.errors import DescriptionError, TwinError
-from twin.validation.masses import audit
+from twin.validation.masses import published_moments
 
 FOLDER = Path(__file__).parents[1] / "cad/pa10"
 FILE = FOLDER / "exhibit.toml"
@@ -17,12 +17,12 @@ FILE = FOLDER / "exhibit.toml"
 
 @pytest.fixture(scope="module")
 def exhibit():
-    return audit.load(FILE)
+    return published_moments.load(FILE)
 
 
 @pytest.fixture(scope="module")
 def recomputed(exhibit):
-    return audit.recompute(exhibit)
+    return published_moments.recompute(exhibit)
 
 
 @pytest.mark.parametrize(
@@ -52,9 +52,9 @@ def test_sums_of_the_smallest_masses(recomputed):
 
 def test_the_products_are_negated_and_only_then_the_masses_fall(recomputed):
     rows, found = recomputed
-    assert audit.convention(rows) == "negated"
-    assert audit.falling(rows, "negated")
-    assert not audit.falling(rows, "as printed")
+    assert published_moments.convention(rows) == "negated"
+    assert published_moments.falling(rows, "negated")
+    assert not published_moments.falling(rows, "as printed")
     codes = [f.code for f in found]
     assert codes.count("inertia.repaired") == 12
     assert codes.count("inertia.products") == codes.count("inertia.composites") == 1
@@ -85,7 +85,7 @@ def test_repairs_name_what_is_printed_and_wrong_labels(recomputed):
     ],
 )
 def test_a_lost_mark_stands_after_the_first_digit(printed, value):
-    assert audit.reread(printed) == value
+    assert published_moments.reread(printed) == value
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -94,7 +94,7 @@ def test_the_smallest_mass_of_point_masses_is_not_above_theirs(seed):
     m, p = rng.uniform(0.1, 2, 6), rng.normal(size=(6, 3))
     sigma = np.einsum("k,ki,kj->ij", m, p, p)
     J, h = np.trace(sigma) * np.eye(3) - sigma, m @ p
-    least = audit.least_mass(J, h)
+    least = published_moments.least_mass(J, h)
     assert 0 < least <= m.sum()
     # At the smallest mass the pseudo-inertia is singular; with less of it no body has these moments.
     for mass, sign in ((least * (1 + 1e-6), 1), (least * (1 - 1e-6), -1)):
@@ -104,7 +104,7 @@ def test_the_smallest_mass_of_point_masses_is_not_above_theirs(seed):
 def test_a_tensor_that_no_body_has_is_told(exhibit):
     body = exhibit.body[0]
     flat = body.model_copy(update={"second": body.second.model_copy(update={"zz": 9.0})})
-    rows, found = audit.recompute(exhibit.model_copy(update={"body": [flat]}))
+    rows, found = published_moments.recompute(exhibit.model_copy(update={"body": [flat]}))
     assert rows[0].slack < 0
     assert rows[0].mass_negated == np.inf
     assert "triangle" in next(f.message for f in found if f.code == "inertia.impossible")
@@ -115,7 +115,7 @@ def test_a_repair_must_follow_the_rule(tmp_path):
     path = tmp_path / "exhibit.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DescriptionError, match=r"exhibit.toml:\d+: .*124651E-05"):
-        audit.load(path)
+        published_moments.load(path)
 
 
 def test_the_study_of_a_robot_is_that_of_its_folder(recomputed):

@@ -15,7 +15,7 @@ from twin.cli import main
 from twin.core import spatial
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
-from twin.validation.masses import audit, collect, possible
+from twin.validation.masses import collect, possible, published_moments
 from twin.validation.masses.guess import guesses, misfit
 from twin.validation.masses.possible import StatedInertia, judged, stated
 
@@ -211,7 +211,7 @@ def test_the_sign_of_printed_products_is_told_by_the_mass_that_it_asks_for(seed)
         inertia, _ = body(int(rng.integers(10**6)))
         s = stated(f"{i}", "t", inertia)
         rows.append((s.name, s.first, s.tensor))
-        negated.append((s.name, s.first, audit.negated(s.tensor)))
+        negated.append((s.name, s.first, published_moments.negated(s.tensor)))
     assert "inertia.sign" not in codes(collect.of_moments("t", rows).findings)
     told = collect.of_moments("t", negated)
     assert codes(told.findings) in (["inertia.sign"], ["inertia.sign_open"])

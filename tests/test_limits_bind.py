@@ -11,9 +11,9 @@ from scipy.stats import qmc
 
 import twin
 from made.lanes import contrasting, robots
-from twin.analysis import joints, search
+from twin.analysis import joint_samples, search
 from twin.analysis import workspace as reach
-from twin.analysis.limits import beyond_limits
+from twin.analysis.declared_limits import beyond_limits
 from twin.core import spatial
 from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
@@ -193,10 +193,10 @@ def test_every_state_of_a_workspace_keeps_all_limits(name):
     found = search.workspace(robot, POSES)
     assert found.reached.any()
     if "sampled" in found.facts:
-        ranges = joints._ranges(robot)
-        values, _ = joints._sampler(robot, ranges, reach.passive_check(robot))(0, POSES)
+        ranges = joint_samples._ranges(robot)
+        values, _ = joint_samples._sampler(robot, ranges, reach.passive_check(robot))(0, POSES)
         rows = np.flatnonzero(values[:, 0] > 0)
-        steps = joints._root(len(ranges)) ** -np.arange(1, len(ranges) + 1)
+        steps = joint_samples._root(len(ranges)) ** -np.arange(1, len(ranges) + 1)
         q = ranges[:, 0] + np.ptp(ranges, axis=1) * ((0.5 + rows[:, None] * steps) % 1)
         Ts = kin.forward_many(q)
     else:

@@ -14,13 +14,13 @@ import twin
 from twin.api.machine import machine, machine_parts
 from twin.core.errors import DeviceError, TwinError, WorldError
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.machine import server
+from twin.simulation.machine import machine_server
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.itp import PACKET, ahead, checksum, number_of, pack, unpack
 from twin.simulation.machine.levels import Level, Plc, Reader
-from twin.simulation.machine.machine import Machine
 from twin.simulation.machine.receiver import Receiver
 from twin.simulation.machine.servo import Servo
+from twin.simulation.machine.simulated_machine import Machine
 
 STILL = np.array([0, 0, 0, 1, 0, 0, 0, 0, 1.0])
 
@@ -417,14 +417,14 @@ def test_a_time_out_must_be_above_0():
 
 
 def test_the_delays_of_a_long_run_need_constant_memory():
-    pace = server.Pace()
+    pace = machine_server.Pace()
     for _ in range(10):
         pace.add(0.005)
-    for _ in range(server.RECENT):
+    for _ in range(machine_server.RECENT):
         pace.add(0.0)
-    assert len(pace.late) == server.RECENT
+    assert len(pace.late) == machine_server.RECENT
     found = pace.summary()
-    assert (found["ticks"], found["late"], found["max_ms"]) == (server.RECENT + 10, 10, 5.0)
+    assert (found["ticks"], found["late"], found["max_ms"]) == (machine_server.RECENT + 10, 10, 5.0)
     assert (found["p50_ms"], found["p99_ms"]) == (0.0, 0.0), "those of the recent ticks"
 
 
@@ -433,7 +433,7 @@ def test_a_connection_that_is_aborted_before_it_is_accepted_does_not_stop_the_ma
         def accept(self):
             raise ConnectionAbortedError(103, "Software caused connection abort")
 
-    one = server.Server(machine(parts))
+    one = machine_server.Server(machine(parts))
     tcp, one._tcp = one._tcp, Aborted()
     one.step(0.0)
     one._tcp = tcp

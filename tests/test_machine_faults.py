@@ -16,9 +16,9 @@ from twin.simulation.hazards.hand import Hand, circle, wander
 from twin.simulation.machine import settings as tables
 from twin.simulation.machine.itp import pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.machine import LOCATIONS, Parts
-from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.motor_plant import TICK
 from twin.simulation.machine.servo import Servo
+from twin.simulation.machine.simulated_machine import LOCATIONS, Parts
 from twin.simulation.machine.stability import _tick, require_stable
 from twin.simulation.machine.wire import Wire
 

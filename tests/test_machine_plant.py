@@ -19,9 +19,9 @@ from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
 from twin.simulation.machine.arithmetic import Arithmetic
-from twin.simulation.machine.following import follow
-from twin.simulation.machine.motion import motion
-from twin.simulation.machine.plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.equations_of_motion import motion
+from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.planned_motion import follow
 from twin.simulation.machine.servo import Servo, compensation, holding
 
 DATA = tomllib.loads((Path(__file__).parent / "data/raven.toml").read_text())

@@ -12,7 +12,7 @@ import pytest
 
 import twin
 from twin.api.machine import machine, machine_parts
-from twin.simulation.machine.server import Server
+from twin.simulation.machine.machine_server import Server
 
 pytestmark = pytest.mark.browser
 

@@ -16,8 +16,8 @@ from made.alone import Alone
 from twin.core import spatial
 from twin.core.errors import DeviceError, TwinError, WorldError
 from twin.core.units import DEG, MM
-from twin.simulation.controllers.following import HandPace
 from twin.simulation.controllers.pedals import CAMERA, FREE, Pedals
+from twin.simulation.controllers.tool_following import HandPace
 from twin.simulation.devices.packets import FORCE, HAND, Packets, pack, unpack
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.world import Signals, World

@@ -22,7 +22,7 @@ from twin.core.units import MM
 from twin.model.movable import Movable
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import Peg
-from twin.simulation.plants.contact.shapes import add_part
+from twin.simulation.plants.contact.collision_shapes import add_part
 from twin.simulation.tasks.transfer import rings
 from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording

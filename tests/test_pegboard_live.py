@@ -29,9 +29,9 @@ from twin.simulation.world.signals import columns
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.scene_frame import unpack_scene
-from twin.ui.session import console
-from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session import scene_control
 from twin.ui.session.exercise import Exercise
+from twin.ui.session.scene_control import HeldError, LiveConsole
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
 TASK = Transfers((Transfer(ring="ring", peg="peg"),))
@@ -154,7 +154,7 @@ def test_the_scoreboard_is_plain_data():
 
 @pytest.fixture(autouse=True)
 def no_budget(monkeypatch):
-    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
 
 
 def hands(number, lift=0.0, grip=0.0):

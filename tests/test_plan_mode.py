@@ -24,7 +24,7 @@ from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.states import State
+from twin.simulation.machine.state_packets import State
 from twin.simulation.session import run as sessions
 from twin.simulation.session.file import read_session
 from twin.simulation.setup import Setup
@@ -32,9 +32,9 @@ from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.session import plan_mode, plan_work
-from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck
+from twin.ui.session.scene_control import HeldError, LiveConsole
 
 ARM = "raven_left"
 

@@ -17,7 +17,7 @@ from twin.exchange.formats.mjcf.write import mjcf_text
 from twin.reference import inertia
 from twin.robots import _raven_motion
 from twin.simulation.dynamics.arm import arm
-from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
+from twin.simulation.dynamics.effort_plants import ModelPlant, MujocoPlant
 from twin.validation.closed_form import judge
 
 DATA = tomllib.loads((Path(__file__).parent / "data/raven.toml").read_text())

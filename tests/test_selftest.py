@@ -9,12 +9,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from twin.analysis.mutation import cad, formula, timing, units, usd
+from twin.analysis.mutation import cad, formula, trajectory_faults, units, usd
 from twin.analysis.mutation.bench import Bench
 from twin.analysis.mutation.equivalent import Chain, same_equations, same_motion
 from twin.analysis.mutation.fault import FAMILIES, Detection, SeededFault
-from twin.analysis.mutation.result import Score
-from twin.analysis.mutation.run import SHARES, bench_of, drawn, shared_out
+from twin.analysis.mutation.score import Score
+from twin.analysis.mutation.trials import SHARES, bench_of, drawn, shared_out
 from twin.cli import main
 from twin.core import spatial
 from twin.core.findings import Finding
@@ -66,7 +66,10 @@ def test_every_family_and_kind_is_drawn(bench):
         (list(formula.faults(bench.robot, rng, 16)), formula.KINDS),
         (list(cad.faults(bench.robot.mechanism, rng, 12)), set(cad.KINDS)),
         (list(usd.faults(written, rng, len(usd.KINDS))), set(usd.KINDS)),
-        (list(timing.faults(bench.trajectory, bench.chosen, bench.planned, rng, 10)), timing.KINDS),
+        (
+            list(trajectory_faults.faults(bench.trajectory, bench.chosen, bench.planned, rng, 10)),
+            trajectory_faults.KINDS,
+        ),
     ):
         assert {f.kind for f in made} == set(kinds)
     some = list(units.faults(bench.robot, bench.file, rng, 14))

@@ -15,7 +15,7 @@ from twin.api.published import study
 from twin.cli import main
 from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
-from twin.simulation.controllers.console import READINGS, console
+from twin.simulation.controllers.console_equations import READINGS, console
 from twin.validation import accuracy
 from twin.validation.groups import load, recompute, smallest_std
 from twin.validation.ranks import compare

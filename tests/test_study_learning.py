@@ -13,7 +13,7 @@ from twin.cli import main
 from twin.core.errors import DescriptionError
 from twin.simulation.tasks.guide.guiding import GuideMeasures
 from twin.simulation.tasks.transfer.rings import BoardMeasures
-from twin.ui.report.study import figure
+from twin.ui.report.study_figures import figure
 from twin.validation.questionnaires import keys
 from twin.validation.ranks import compare, label
 

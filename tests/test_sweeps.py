@@ -22,7 +22,7 @@ from hypothesis.extra import numpy as stn
 import twin
 from made.lanes import contrasting, nightly
 from twin import cli
-from twin.analysis import cluster, design, joints, table
+from twin.analysis import cluster, design, joint_samples, table
 from twin.analysis import workspace as reach
 from twin.analysis.tolerance import ErrorPropagation, Spread
 from twin.api.robot import Robot, RobotSource
@@ -34,7 +34,7 @@ from twin.model.body import Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
-from twin.ui.report import workspace as drawn
+from twin.ui.report import workspace_figures as drawn
 
 ROBOTS = twin.names()
 
@@ -171,7 +171,7 @@ def test_sils_reaches_the_volume_that_was_derived_for_it(robots):
 def test_joints_and_poses_reach_the_same_places(robots):
     """Whatever position is reached in the home orientation is a cell that the joints reach too."""
     robot = robots["pa10"]
-    by_joints = joints.by_joints(robot, 200_000, 0.15)
+    by_joints = joint_samples.by_joints(robot, 200_000, 0.15)
     T = reach.centre(robot)
     low, high = reach.box(robot, T)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / 0.1))
@@ -200,7 +200,7 @@ def bare(mechanism: Mechanism) -> twin.Robot:
 
 def test_a_mechanism_without_equations_goes_through_its_joints(robots):
     robot = bare(planar_arm())
-    found = joints.by_joints(robot, 50_000, 0.01)
+    found = joint_samples.by_joints(robot, 50_000, 0.01)
     p = found.grid.position(np.flatnonzero(found.reached))
     assert np.abs(p[:, 2]).max() < 0.02
     radius = np.linalg.norm(p[:, :2], axis=1)
@@ -212,7 +212,7 @@ def test_a_mechanism_without_equations_goes_through_its_joints(robots):
 
 def test_the_workspace_of_a_planar_arm_is_an_area():
     """The tool of this arm reaches a ring with the radii 0.1 and 0.5 m."""
-    found = joints.by_joints(bare(planar_arm((-np.pi, np.pi))), 100_000, 0.01)
+    found = joint_samples.by_joints(bare(planar_arm((-np.pi, np.pi))), 100_000, 0.01)
     said = found.content()
     assert found.grid.shape[2] == 1
     assert (said["dimension"], said["volume_dm3"]) == (2, None)
@@ -228,7 +228,7 @@ def test_a_curved_surface_or_a_curve_has_no_volume(turned, dimension, said):
         b = replace(b, T_parent_joint=spatial.pose(np.eye(3)[[0, 2, 1]] * [1, -1, 1], [0.3, 0, 0]))
     else:
         b = replace(b, type="fixed", active=False, limits=None)
-    found = joints.by_joints(bare(replace(m, joints=(a, b))), 5_000)
+    found = joint_samples.by_joints(bare(replace(m, joints=(a, b))), 5_000)
     assert found.content()["dimension"] == dimension
     assert found.content()["volume_dm3"] is None
     assert said in "\n".join(found.text())
@@ -245,7 +245,7 @@ def test_a_slide_without_limits_is_named(robots):
     m = planar_arm()
     robot = bare(replace(m, joints=(replace(m.joints[0], type="prismatic", limits=None), m.joints[1])))
     with pytest.raises(TwinError, match="joint 'a' is prismatic and has no limits"):
-        joints.by_joints(robot, 1000)
+        joint_samples.by_joints(robot, 1000)
 
 
 @pytest.mark.slow

@@ -12,11 +12,11 @@ from pxr import Usd, UsdGeom
 
 from made import organs as made
 from twin.core.units import MM, UM
-from twin.exchange.audit.bends import audit_bends
+from twin.exchange.audit.deformables import audit_bends
 from twin.exchange.formats.glb.write import bends_glb
 from twin.exchange.write.clip import between_keys
 from twin.model.deformable import Bend
-from twin.usd.write.bends import write_bends
+from twin.usd.write.deformables import write_bends
 
 LIMIT = 10 * UM
 

@@ -42,9 +42,9 @@ from twin.reference import ReferenceModel
 from twin.reference.certificate import Certificate
 from twin.reference.clearance import Clearance, Shape, distance_between
 from twin.reference.following import Follower
-from twin.ui.report import together
-from twin.ui.report.scene import RobotPhases
-from twin.ui.report.scene import distances as drawn
+from twin.ui.report import together_figures
+from twin.ui.report.scene_figures import RobotPhases
+from twin.ui.report.scene_figures import distances as drawn
 from twin.ui.report.style import PALETTE
 
 ROOT = Path(__file__).parents[1]
@@ -328,7 +328,7 @@ def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_
     assert "between arms" in text
     assert "inside one arm" in text
     # the plot, and the files
-    assert len(together.figure(plan).axes) == 2
+    assert len(together_figures.figure(plan).axes) == 2
     folder = tmp_path / "plan"
     folder.mkdir()
     plan.write(folder)

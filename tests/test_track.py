@@ -26,10 +26,9 @@ from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import inertia
-from twin.simulation.dynamics import track
+from twin.simulation.dynamics import computed_torque
 from twin.simulation.dynamics.arm import arm as arm_of
-from twin.simulation.dynamics.plant import ModelPlant, MujocoPlant
-from twin.simulation.dynamics.track import (
+from twin.simulation.dynamics.computed_torque import (
     ENCODER,
     EXACT_LIMIT,
     TIP_LIMIT,
@@ -41,6 +40,7 @@ from twin.simulation.dynamics.track import (
     plant_of,
     run,
 )
+from twin.simulation.dynamics.effort_plants import ModelPlant, MujocoPlant
 
 FOLDER = Path(__file__).parents[1] / "cad/pa10"
 LIMITS = np.array([177, 94, 174, 137, 255, 165, 255]) * DEG
@@ -487,7 +487,7 @@ def test_command_prints_and_writes(column, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_command_disagrees_beyond_a_millimetre(column, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(track, "Conditions", partial(Conditions, w=8.0))
+    monkeypatch.setattr(computed_torque, "Conditions", partial(Conditions, w=8.0))
     arguments = ["track", str(column), "--out", str(tmp_path / "out"), "--json"]
     assert cli.main(arguments) == 1
     data = json.loads(capsys.readouterr().out)

@@ -40,13 +40,13 @@ from twin.simulation.controllers.trainer import (
 )
 from twin.simulation.devices.joint_packets import JointPackets
 from twin.simulation.devices.joint_packets import pack as pack_joints
-from twin.simulation.machine import states
+from twin.simulation.machine import state_packets
 from twin.simulation.machine.itp import number_of, pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import PATIENCE, Address, MachineLink, StateReader
 from twin.simulation.machine.modelled import Modelled
 from twin.simulation.machine.outbox import Outbox
-from twin.simulation.machine.states import State
+from twin.simulation.machine.state_packets import State
 from twin.simulation.session.training import measure
 from twin.simulation.setup import Setup
 from twin.simulation.world import Recording, Signals
@@ -490,9 +490,9 @@ STATE = State(Level.PEDAL_DN, True, 12, 0.012, 34, 30, 4, 1, 2, Q, Q + 0.01, 100
 
 
 def test_a_state_comes_back():
-    data = states.pack(STATE)
-    assert len(data) == states.size(7) == 216
-    back = states.unpack(data, 7)
+    data = state_packets.pack(STATE)
+    assert len(data) == state_packets.size(7) == 216
+    back = state_packets.unpack(data, 7)
     for name in ("level", "pedal", "tick", "t", "sequence", "accepted", "refused", "held", "late"):
         assert getattr(back, name) == getattr(STATE, name)
     for name in ("q", "wanted", "dac"):
@@ -513,7 +513,7 @@ def test_a_state_comes_back():
 )
 def test_a_wrong_state_is_refused(data, message):
     with pytest.raises(DeviceError, match=message):
-        states.unpack(data(states.pack(STATE)), 7)
+        state_packets.unpack(data(state_packets.pack(STATE)), 7)
 
 
 def test_a_pedal_that_is_up_can_be_packed(parts):
@@ -521,8 +521,8 @@ def test_a_pedal_that_is_up_can_be_packed(parts):
     arm.step(0.0, [(pack(1, 0, STILL), "master")])
     r = arm.receiver
     counts = (r.sequence, r.accepted, r.refused, arm.held, 0)
-    packed = states.pack(State(arm.plc.level, r.pedal(0.0), 1, 0.0, *counts, arm.q, arm.wanted, arm.dac))
-    assert not states.unpack(packed, 7).pedal
+    packed = state_packets.pack(State(arm.plc.level, r.pedal(0.0), 1, 0.0, *counts, arm.q, arm.wanted, arm.dac))
+    assert not state_packets.unpack(packed, 7).pedal
 
 
 class Sender:
@@ -542,7 +542,7 @@ class Sender:
         assert self.ready.wait(5)
         assert self.peer
         for state in sent:
-            self.peer.sendall(state if isinstance(state, bytes) else states.pack(state))
+            self.peer.sendall(state if isinstance(state, bytes) else state_packets.pack(state))
 
     def __exit__(self, *_):
         self.listener.close()
@@ -596,7 +596,7 @@ def test_a_pause_of_the_reading_program_is_no_silence_of_the_machine(monkeypatch
 def test_a_machine_that_has_gone_and_one_that_was_never_there():
     with Sender() as sender:
         reader = StateReader("127.0.0.1", sender.port, 7)
-        sender.send(states.pack(STATE)[:100], states.pack(STATE)[100:])  # in two pieces
+        sender.send(state_packets.pack(STATE)[:100], state_packets.pack(STATE)[100:])  # in two pieces
         soon(lambda: reader.answers)
         assert sender.peer
         sender.peer.close()

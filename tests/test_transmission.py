@@ -19,7 +19,7 @@ from made.audit_seeds import copied, found
 from made.importing_same import assert_same, made
 from made.transmissions import MATRIX, raven, screwed
 from twin import api, cli
-from twin.analysis.joints import by_joints
+from twin.analysis.joint_samples import by_joints
 from twin.cad.build import read_mechanism
 from twin.core.errors import DescriptionError, MechanismError, ProtocolError, StageError
 from twin.exchange.audit import audit

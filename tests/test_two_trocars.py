@@ -26,7 +26,7 @@ from twin.planning import phase_path as paths
 from twin.planning.protocol import load_protocol
 from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
-from twin.ui.headset.track import trocars as told
+from twin.ui.headset.playback import trocars as told
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
 from twin.ui.session.patient import patient_of

@@ -14,7 +14,7 @@ from twin.core.units import DEG, UM
 from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.robots import load_formula
-from twin.validation.sweep import STANDINS, sweep
+from twin.validation.stroke import STANDINS, sweep
 
 
 @pytest.fixture(scope="module")

@@ -27,12 +27,12 @@ import twin
 from twin.cli.terminal import Terminal
 from twin.core.errors import TwinError
 from twin.core.foreign.consent import NO_CODE
-from twin.simulation.machine import server as machines
+from twin.simulation.machine import machine_server as machines
 from twin.ui.access import limits
 from twin.ui.access.rules import AccessRules
-from twin.ui.session import session as session_files
+from twin.ui.session import recorded_session as session_files
 from twin.ui.session.desk import Desk
-from twin.ui.session.session import RecordedSession
+from twin.ui.session.recorded_session import RecordedSession
 from twin.ui.viewer import admission, message_filter
 from twin.ui.viewer import server as servers
 from twin.ui.viewer.front import ShownRobot

@@ -17,11 +17,11 @@ from twin.core.errors import WorldError
 from twin.core.units import DEG, MM
 from twin.model.console import CameraRangeTable
 from twin.simulation.controllers.camera import Drag, Dragging, hands
-from twin.ui.session import console
-from twin.ui.session.console import HeldError, LiveConsole
+from twin.ui.session import scene_control
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.pens import IDLE, ROLL, Pens
-from twin.ui.viewer.console import ARROWS, ConsoleFront, hand_text, status
+from twin.ui.session.scene_control import HeldError, LiveConsole
+from twin.ui.viewer.console_page import ARROWS, ConsoleFront, hand_text, status
 from twin.ui.viewer.server import serve
 
 ARMS = {"right": "psm1", "left": "psm2"}
@@ -63,7 +63,7 @@ class Desk:
 
 @pytest.fixture
 def desk(bare_theatre, monkeypatch):
-    monkeypatch.setattr(console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
     return Desk(bare_theatre)
 
 
@@ -187,7 +187,7 @@ def test_the_camera_goes_to_its_sliders_by_both_hands(desk):
 
 @pytest.mark.slow
 def test_the_camera_stops_at_the_range_of_its_scene_and_the_pedal_is_released(bare_theatre, monkeypatch):
-    monkeypatch.setattr(console, "_BUDGET", np.inf)
+    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)
     scene, depth = bare_theatre.scene, LiveConsole(bare_theatre).camera_at[2] / MM
     limits = CameraRangeTable(
         pan_deg=(-40, 40), tilt_deg=(-40, 40), depth_mm=(depth - 10, depth + 10), roll_deg=(-88, 88)
@@ -277,7 +277,7 @@ def fronted(loaded):
 @pytest.fixture(scope="module")
 def front(bare_theatre):
     with pytest.MonkeyPatch.context() as patch, fronted(bare_theatre) as front:
-        patch.setattr(console, "_BUDGET", np.inf)
+        patch.setattr(scene_control, "_BUDGET", np.inf)
         yield front
 
 

@@ -85,7 +85,7 @@ def frames_of(shown: Window) -> set[float]:
 
 
 def writer(server: viser.ViserServer, handles: list[viser.FrameHandle]):
-    from twin.ui.viewer.frames import FrameWriter  # here, or no test could say what viser lacks
+    from twin.ui.viewer.pose_frames import FrameWriter  # here, or no test could say what viser lacks
 
     return FrameWriter(server, handles)
 
@@ -181,12 +181,14 @@ def test_poses_of_other_shapes_are_refused(server, p, q):
 def test_viser_has_the_private_names(server, path):
     thing: Any = server.scene.add_frame("/link")
     for name in path.split("."):
-        assert hasattr(thing, name), f"viser {viser.__version__} has no {path}: adapt _Node in twin/ui/viewer/frames.py"
+        assert hasattr(thing, name), (
+            f"viser {viser.__version__} has no {path}: adapt _Node in twin/ui/viewer/pose_frames.py"
+        )
         thing = getattr(thing, name)
 
 
 def test_viser_has_the_messages_and_the_size_of_an_update(server):
-    told = f"of viser {viser.__version__}: adapt _Node in twin/ui/viewer/frames.py"
+    told = f"of viser {viser.__version__}: adapt _Node in twin/ui/viewer/pose_frames.py"
     messages = import_module("viser._messages")
     for kind, part in PARTS.items():
         assert hasattr(messages, kind), f"no {kind} in the messages {told}"
@@ -204,4 +206,4 @@ def test_private_names_are_where_they_are_guarded():
     """Batched poses, access control before the socket, the messages that come in: each refuses a viser that differs."""
     words = ("viser._", "from viser import _", "_queue_scene_message", "_websock")
     found = {p.relative_to(TWIN).as_posix() for p in TWIN.rglob("*.py") if any(w in p.read_text() for w in words)}
-    assert found == {"ui/viewer/frames.py", "ui/viewer/server.py", "ui/viewer/message_filter.py"}
+    assert found == {"ui/viewer/pose_frames.py", "ui/viewer/server.py", "ui/viewer/message_filter.py"}

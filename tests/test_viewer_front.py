@@ -15,7 +15,7 @@ from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.timeline import Clock, prepare
-from twin.ui.viewer import recording
+from twin.ui.viewer import view_export
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.panels import curves
@@ -131,7 +131,7 @@ def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were(visible):
         server=SimpleNamespace(get_scene_serializer=lambda: serializer),
     )  # fmt: skip
     with pytest.raises(TwinError, match="the disk is full"):
-        recording.page(front)  # type: ignore[arg-type]
+        view_export.page(front)  # type: ignore[arg-type]
     assert (clock.time, clock.playing, front.gizmo.visible, stood[-1]) == (0.7, True, visible, 0.7)
 
 

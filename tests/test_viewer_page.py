@@ -20,7 +20,7 @@ from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.instruments import read
 from twin.ui.session.trocars import rcm_at
-from twin.ui.viewer import recording
+from twin.ui.viewer import view_export
 
 pytestmark = pytest.mark.browser
 
@@ -424,7 +424,7 @@ def test_a_screenshot_and_a_section(sils):
     until(lambda: sils.ink() < before, "less of the robot")
     sils.front.scenery._cut = None
     sils.front.ask("cut", lambda: None)
-    png = recording.screenshot(sils.clients[0], "shot", lambda part: None)
+    png = view_export.screenshot(sils.clients[0], "shot", lambda part: None)
     image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
     assert image.shape == (1080, 1920, 3)
     assert np.mean(np.ptp(image, axis=2) > 25) > 0.005
@@ -450,8 +450,8 @@ def test_browsers_come_and_go(browser, sils):
 
 
 def test_a_turntable_is_a_moving_picture(sils, monkeypatch):
-    monkeypatch.setattr(recording, "TURN", 4)
-    gif = Image.open(io.BytesIO(recording.turntable(sils.clients[0], "turn", lambda part: None)))
+    monkeypatch.setattr(view_export, "TURN", 4)
+    gif = Image.open(io.BytesIO(view_export.turntable(sils.clients[0], "turn", lambda part: None)))
     assert gif.n_frames == 4
     frames = []
     for k in range(4):
@@ -466,7 +466,7 @@ def test_a_recording_plays_without_python(browser, tmp_path):
         front.ask("load", lambda: front.load(front.hand, None))
         until(lambda: front.hand.playback is not None, "the plan", 120)
         done = []
-        front.ask("page", lambda: done.append(recording.page(front)))
+        front.ask("page", lambda: done.append(view_export.page(front)))
         until(lambda: bool(done), "the recording", 120)
     path = Path(tmp_path) / "hibou.html"
     path.write_text(done[0], encoding="utf-8")

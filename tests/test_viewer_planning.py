@@ -12,10 +12,10 @@ from made.dome_console import dome_console
 from test_plan_mode import Here
 from twin.cli.scene import load
 from twin.core.units import MM
-from twin.ui.session import console, plan_view
+from twin.ui.session import plan_view, scene_control
 from twin.ui.session.plan_mode import Preview
 from twin.ui.session.plan_work import DT, SHOWN, CheckedTarget, Clear, PlannedMotion, Proven, TargetCheck
-from twin.ui.viewer.console import ConsoleFront
+from twin.ui.viewer.console_page import ConsoleFront
 from twin.ui.viewer.nodes import BLUE, RED
 from twin.ui.viewer.server import serve
 
@@ -58,14 +58,14 @@ class Planner:
 
 def plan_here(console, arm):
     """Let a console make its plans by `Planner` in this process."""
-    console.planning._stream.close()
-    console.planning._stream = Here(Planner(console.members[arm]))
+    scene_control.planning._stream.close()
+    scene_control.planning._stream = Here(Planner(scene_control.members[arm]))
 
 
 @contextmanager
 def opened(scene):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(console, "_BUDGET", np.inf)
+        patch.setattr(scene_control, "_BUDGET", np.inf)
         front = ConsoleFront("test", scene, serve("test", "127.0.0.1", 0))
         plan_here(front.console, ARM)
         try:

@@ -10,7 +10,7 @@ import pytest
 
 import twin
 from twin.simulation.controllers.trainer import Mode
-from twin.ui.viewer.trainer import TrainerPanel
+from twin.ui.viewer.trainer_panel import TrainerPanel
 
 NAMES = ("raven_left", "raven_right")
 

@@ -20,8 +20,8 @@ from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import MM
 from twin.kinematics import singularity
 from twin.kinematics.closed_loops.dragging import Bound
-from twin.ui.session import workspace
-from twin.ui.session.workspace import Cloud, WorkspaceJob, evaluate, poses
+from twin.ui.session import workspace_cloud
+from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, evaluate, poses
 
 REACH = {"sils": 0.3, "sher": 0.05, "pa10": 0.8, "lapbot": 0.15, "hibou": 0.1}
 ENDLESS = 10**9
@@ -75,7 +75,7 @@ def joined(chunks) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([c.points for c in chunks]), np.concatenate([c.condition for c in chunks])
 
 
-def wait(cloud: Cloud, until=lambda c: c.error or c.evaluated == c.count) -> list[workspace.WorkspaceChunk]:
+def wait(cloud: Cloud, until=lambda c: c.error or c.evaluated == c.count) -> list[workspace_cloud.WorkspaceChunk]:
     """Poll until a chunk is the one that is waited for; return all."""
     chunks, end = [], time.monotonic() + 300  # a nice process on a busy machine
     while not chunks or not until(chunks[-1]):
@@ -112,7 +112,7 @@ def test_poses_begin_at_the_present_one_and_fill_the_box_evenly_from_the_start(s
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["sils", "sher", "pa10", "lapbot"])
 def test_agrees_pose_by_pose_with_the_equations(name, monkeypatch):
-    monkeypatch.setattr(workspace, "CHUNK", 150)
+    monkeypatch.setattr(workspace_cloud, "CHUNK", 150)
     job, kin = job_of(name), twin.load(name).kinematics()
     points, condition, out = [], [], 0
     for T in poses(job, 0, job.count):
@@ -290,7 +290,7 @@ def test_close_leaves_no_process_and_start_begins_another(sils):
 VIEWER = """
 import time
 import numpy as np
-from twin.ui.session.workspace import Cloud, WorkspaceJob
+from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob
 
 if __name__ == "__main__":
     try:

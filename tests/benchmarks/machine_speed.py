@@ -20,8 +20,8 @@ import twin
 from twin.api.machine import machine_parts
 from twin.simulation.hazards.hand import Hand, wander
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.machine import Machine
-from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.simulated_machine import Machine
 
 ARMS, RUN, HOMED = ("raven_left", "raven_right"), 200, 100
 

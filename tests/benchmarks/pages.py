@@ -16,7 +16,7 @@ from typing import Any
 
 from race import Row, Table
 
-from twin.core import machine
+from twin.core import machine_code
 
 RECORD = Path(__file__).with_name("recorded.json")
 FALL = 0.4
@@ -46,7 +46,7 @@ def here() -> dict[str, Any]:
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "processor": models[0] if models else platform.processor(),
         "processors": len(os.sched_getaffinity(0)),
-        "doubles a vector": machine.lanes() // 2,
+        "doubles a vector": machine_code.lanes() // 2,
         "load": round(os.getloadavg()[0], 1),
         "versions": versions,
     }

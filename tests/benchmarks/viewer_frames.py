@@ -22,7 +22,7 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from twin.ui.viewer.frames import FrameWriter
+from twin.ui.viewer.pose_frames import FrameWriter
 
 ROUNDS, FRAMES, LINKS, RATE = 3, 240, 20, 60.0
 ANGLE = 1e-3

@@ -18,7 +18,7 @@ import numpy as np
 
 import twin
 from twin.core.units import MM
-from twin.ui.session.workspace import Cloud, WorkspaceJob
+from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob
 
 ROUNDS, ALONE, RATE = 4, 4.0, 60.0
 

@@ -8,10 +8,10 @@ import twin
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.camera import Dragging, HandsToCamera
-from twin.simulation.controllers.following import FollowingArm, HandToPose
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
 from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, World

@@ -169,7 +169,7 @@ def seeded(case, path, rng, count=1):
     Return None if no faults were found, or if one of several faults has no effect alone.
     """
     from twin.core.errors import TwinError
-    from twin.validation.explain.judge import Judge
+    from twin.validation.explain.row_deviations import Judge
 
     choices = functions(case.formula)
     f = choices[rng.integers(len(choices))]
@@ -202,7 +202,7 @@ def seeded(case, path, rng, count=1):
 
 def same_function(formula, other, truth):
     """Return whether two formulas give equal residuals at perturbed values, which no mechanism has."""
-    from twin.validation.explain.judge import Judge, worst
+    from twin.validation.explain.row_deviations import Judge, worst
 
     shaken = truth.perturbed(5)
     a, b = (
@@ -241,8 +241,8 @@ def outcome(case, faulty, folder, budget):
     parameters become different, or if assumed ones have another value.
     """
     from twin.validation.explain.deadline import Deadline
-    from twin.validation.explain.judge import Judge
     from twin.validation.explain.repair import Search
+    from twin.validation.explain.row_deviations import Judge
     from twin.validation.explain.varied import coincidences
 
     truth = case.truth

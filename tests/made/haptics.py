@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.formula.flow import attach
-from twin.simulation.controllers.console import console
+from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.hand_force import FORCE, STATE, ForceParameters, hand_force
 from twin.simulation.limits import JointLimits
 from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows

@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 
 from made import organs as made
 from twin.exchange.formats.glb.write import bends_glb
-from twin.usd.write.bends import write_bends
+from twin.usd.write.deformables import write_bends
 from unity import mono
 
 pytestmark = pytest.mark.witness

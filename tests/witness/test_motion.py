@@ -13,7 +13,7 @@ from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.write import xml
 from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
-from twin.simulation.dynamics.plant import ModelPlant
+from twin.simulation.dynamics.effort_plants import ModelPlant
 
 pytestmark = pytest.mark.witness
 TICK, TICKS, FAR = 1e-3, 10_000, 1e-6

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.analysis.cluster import cluster
-from twin.analysis.joints import by_joints
+from twin.analysis.joint_samples import by_joints
 from twin.analysis.workspace import PoseGrid, UnreachedError, Workspace, box, centre
 from twin.analysis.workspace import workspace as over_grid
 from twin.api.robot import Progress, Robot, silent

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from twin.analysis.limits import beyond_limits
+from twin.analysis.declared_limits import beyond_limits
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, silent
 from twin.codegen import Kernel, Stage

@@ -13,8 +13,8 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.planning.protocol import Protocol
-    from twin.simulation.dynamics.result import Tracking
-    from twin.simulation.dynamics.track import Conditions, PlantName
+    from twin.simulation.dynamics.computed_torque import Conditions, PlantName
+    from twin.simulation.dynamics.tracking_result import Tracking
 
 _SEEDS = (0, 1)
 """Seeds of the runs in which the errors of masses and friction have random signs."""
@@ -51,9 +51,9 @@ def track(
     from twin.planning.protocol import Protocol
     from twin.reference import inertia as masses
     from twin.simulation.dynamics.arm import arm as arm_of
-    from twin.simulation.dynamics.result import Tracking
-    from twin.simulation.dynamics.track import Conditions, DesiredMotion, Run, run
-    from twin.simulation.dynamics.track import curve as over
+    from twin.simulation.dynamics.computed_torque import Conditions, DesiredMotion, Run, run
+    from twin.simulation.dynamics.computed_torque import curve as over
+    from twin.simulation.dynamics.tracking_result import Tracking
 
     if not 0 <= mismatch < 1:
         raise TwinError(f"mismatch {100 * mismatch:g} %: give at least 0 % and less than 100 %")
@@ -98,7 +98,7 @@ def track(
 
 def _cases(exact: Conditions, mismatch: float) -> dict[str, Conditions]:
     """Return {name in reports: conditions}: the exact model, and models with wrong masses."""
-    from twin.simulation.dynamics.result import EXACT
+    from twin.simulation.dynamics.tracking_result import EXACT
 
     percent = 100 * mismatch
     cases = {EXACT: exact, f"links {percent:+g} %": exact.realistic(mismatch)}

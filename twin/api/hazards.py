@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from twin.simulation.hazards.log import Log
     from twin.simulation.hazards.summary import Hazards
     from twin.simulation.hazards.trends import Trends
-    from twin.simulation.machine.machine import Parts
     from twin.simulation.machine.settings import Mode, Policy
+    from twin.simulation.machine.simulated_machine import Parts
 
 FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from twin.planning.link_motion import LinkMotion
     from twin.planning.protocol import Protocol, Solver
     from twin.planning.trajectory import Trajectory
-    from twin.validation.explain.result import Explanation
+    from twin.validation.explain.explanation import Explanation
     from twin.validation.result import Report
     from twin.validation.retimed import CheckedPlan
     from twin.validation.rows import Tolerances
-    from twin.validation.sweep import Strokes
+    from twin.validation.stroke import Strokes
 
 
 def plan(
@@ -187,7 +187,7 @@ def explain(
         TwinError: there are no equations, or the CAD cannot be read.
     """
     from twin.validation.explain.explain import explain as explain_
-    from twin.validation.explain.judge import Tolerance
+    from twin.validation.explain.row_deviations import Tolerance
     from twin.validation.rows import Tolerances
 
     if tolerance is not None and not tolerance > 0:
@@ -232,7 +232,7 @@ def strokes(
     Raises:
         TwinError: there is no such joint or simplified model.
     """
-    from twin.validation.sweep import STANDINS, Strokes, sweep
+    from twin.validation.stroke import STANDINS, Strokes, sweep
 
     for name in standins:
         if name not in STANDINS:

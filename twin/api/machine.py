@@ -14,8 +14,8 @@ from twin.core.processes import Apart
 if TYPE_CHECKING:
     from twin.simulation.hazards.fault import Fault
     from twin.simulation.machine.link import Address, MachineLink
-    from twin.simulation.machine.machine import Machine, Parts
     from twin.simulation.machine.settings import Mode, Policy
+    from twin.simulation.machine.simulated_machine import Machine, Parts
 
 
 def machine_parts(
@@ -43,7 +43,7 @@ def machine_parts(
     from twin.reference import inertia
     from twin.simulation.dynamics.arm import arm
     from twin.simulation.machine import settings
-    from twin.simulation.machine.machine import Parts
+    from twin.simulation.machine.simulated_machine import Parts
 
     if robot.files is None:
         raise TwinError(
@@ -81,12 +81,12 @@ def machine(
 
     All masses are multiplied by `mass`, and all friction by `friction`; the base is rotated by `tilt` in rad about x.
     The model in the control software keeps the nominal values. `faults` change signals of
-    `twin.simulation.machine.machine.LOCATIONS`.
+    `twin.simulation.machine.simulated_machine.LOCATIONS`.
 
     Raises:
         TwinError: `mass` is not above 0, `friction` is negative, or a fault has an unknown signal.
     """
-    from twin.simulation.machine.machine import Machine
+    from twin.simulation.machine.simulated_machine import Machine
 
     physics = parts.plant.physics.changed(mass, friction, tilt)
     return Machine(parts, physics=physics, faults=faults)
@@ -106,7 +106,7 @@ class ChildMachine:
             DeviceError: the machine cannot be created (see `machine_parts` and `machine`), or its process has ended.
         """
         from twin.simulation.machine.link import Address
-        from twin.simulation.machine.server import HOST
+        from twin.simulation.machine.machine_server import HOST
 
         self._process = Apart(_run, robot, tuple(faults))
         try:
@@ -130,7 +130,7 @@ class ChildMachine:
 
 def _run(line: Connection, name: str, faults: Sequence[Fault]) -> None:
     """Run a machine in the child process until the parent process closes the connection."""
-    from twin.simulation.machine.server import Server
+    from twin.simulation.machine.machine_server import Server
 
     try:
         made = machine(machine_parts(load(name)), faults=faults)

@@ -169,7 +169,7 @@ def _grouped(path: Path) -> bool:
 
 def _groups(path: Path) -> tuple[GroupTables, Recomputed]:
     from twin.core.units import MM
-    from twin.simulation.controllers.console import console as the_console
+    from twin.simulation.controllers.console_equations import console as the_console
     from twin.validation import accuracy, groups
 
     printed = groups.load(path)
@@ -180,10 +180,10 @@ def _groups(path: Path) -> tuple[GroupTables, Recomputed]:
 
 
 def _inertias(path: Path) -> Study:
-    from twin.validation.masses import audit
+    from twin.validation.masses import published_moments
 
-    exhibit = audit.load(path)
-    rows, findings = audit.recompute(exhibit)
+    exhibit = published_moments.load(path)
+    rows, findings = published_moments.recompute(exhibit)
     lines = []
     sum_printed = 0.0
     sum_negated = 0.0
@@ -411,8 +411,8 @@ def console(
     Raises:
         TwinError: there is no such console, equation or variant.
     """
-    from twin.simulation.controllers import console as equations
-    from twin.validation.console import judge
+    from twin.simulation.controllers import console_equations as equations
+    from twin.validation.console_clauses import judge
 
     if name != "davinci":
         raise TwinError(unknown("console", name, ("davinci",)))

@@ -444,7 +444,7 @@ class Robot:
         Raises:
             MechanismError: the description has no such matrix, or the matrix cannot be inverted.
         """
-        from twin.cad.motors import transmissions
+        from twin.cad.actuators import transmissions
 
         chosen = transmissions(self.cad.description, variant)
         return self.with_mechanism(replace(self.mechanism, transmissions=chosen))

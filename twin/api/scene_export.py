@@ -264,7 +264,7 @@ def _start(bundle: Bundle) -> dict[str, float]:
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> JsonObject:
     """Return the maximum deviation between the link poses in the scene's USD stage and in the robots' bundles."""
-    from twin.exchange.audit.scene import SceneRobot, deviation
+    from twin.exchange.audit.scene_folder import SceneRobot, deviation
 
     shown: dict[str, SceneRobot] = {}
     for place in scene.places:

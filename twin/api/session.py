@@ -130,7 +130,7 @@ def machines_of(scene: Scene, robots: Mapping[str, Robot], running: Mapping[str,
 
 
 def _require_scale(scale: float | None) -> None:
-    from twin.simulation.controllers.following import SCALE
+    from twin.simulation.controllers.tool_following import SCALE
 
     if scale is not None and not SCALE[0] <= scale <= SCALE[1]:
         raise TwinError(f"--scale {scale:g}: give {SCALE[0]:g} to {SCALE[1]:g} for a console")

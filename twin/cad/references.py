@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from twin.cad.actuators import actuators, transmissions
 from twin.cad.description import Description, FrameSpec
-from twin.cad.motors import actuators, transmissions
 from twin.core.errors import unknown
 from twin.model.transmission import faults
 from twin.schema import Keys, error_at

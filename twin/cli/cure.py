@@ -11,7 +11,7 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
-    from twin.validation.explain.result import Explanation, Reading
+    from twin.validation.explain.explanation import Explanation, Reading
     from twin.validation.result import Report
 
 SECONDS = 5.0
@@ -53,7 +53,7 @@ class Cures:
     def _look(self, robot: Robot, report: Report, progress: Progress) -> str:
         from twin.validation.explain.deadline import Deadline
         from twin.validation.explain.explain import explain
-        from twin.validation.explain.judge import Tolerance
+        from twin.validation.explain.row_deviations import Tolerance
 
         deadline = Deadline(self.seconds)
 

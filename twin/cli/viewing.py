@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import viser
 
     from twin.model.scene import Scene
-    from twin.ui.viewer.console import ConsoleFront
+    from twin.ui.viewer.console_page import ConsoleFront
     from twin.ui.viewer.front import Front
     from twin.ui.viewer.loop import ViewerPage
     from twin.ui.viewer.watch import WatchFront
@@ -192,7 +192,7 @@ def _what(
     def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
         from twin.cli.commands.session import report
         from twin.ui.session.exercise import Exercise
-        from twin.ui.viewer.console import ConsoleFront
+        from twin.ui.viewer.console_page import ConsoleFront
 
         loaded = machines.connected(scenes.with_organs(scenes.load(scene), task), args.machine)
         exercise = Exercise(task, report=report, fulcrum=args.fulcrum or "compensated")
@@ -228,7 +228,7 @@ def _spectator(scene: Scene, server: viser.ViserServer, stopping: threading.Even
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:
-    from twin.ui.viewer import recording
+    from twin.ui.viewer import view_export
 
     with show.progress(quiet) as progress:
         progress("plan", 0.0)
@@ -241,7 +241,7 @@ def _page(front: Front, path: Path, quiet: bool) -> int:
         if failed:
             names = ", ".join(failed)
             raise TwinError(f"{names}: no recording is possible: {front.panels.why}")
-        html = recording.page(front, lambda part: progress("record", part))
+        html = view_export.page(front, lambda part: progress("record", part))
     with assets.atomic_folder(path.parent) as work:
         (work / path.name).write_text(html, encoding="utf-8")
     megabytes = len(html) / 1e6

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from twin.codegen.emit import Stage, emit
-from twin.core.machine import compiled, lanes
+from twin.core.machine_code import compiled, lanes
 from twin.core.processors import usable
 from twin.core.spatial import Array
 

@@ -24,7 +24,7 @@ from twin.formula import symbolic
 from twin.formula.contract import POSE_SYMBOL, ActiveJoint, Coordinates, Equation, Formula, Stage
 from twin.formula.lift import scope
 from twin.formula.loader import text_of
-from twin.formula.rows import POSE, PlainRows, entries
+from twin.formula.plain_function import POSE, PlainRows, entries
 from twin.formula.scalar import Value
 from twin.formula.symbol import from_sx, to_sx
 

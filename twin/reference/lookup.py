@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from twin.core.machine import Call, compiled
+from twin.core.machine_code import Call, compiled
 from twin.core.spatial import Array
 
 BALL = 5

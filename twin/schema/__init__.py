@@ -1,9 +1,9 @@
 """Strict pydantic models for hand-written TOML; their errors name the line and suggest a fix."""
 
-from twin.schema.explain import first_mistake as first_mistake
 from twin.schema.lines import Key as Key
 from twin.schema.lines import Keys as Keys
 from twin.schema.lines import key_lines as key_lines
+from twin.schema.mistakes import first_mistake as first_mistake
 from twin.schema.tables import Identifier as Identifier
 from twin.schema.tables import NotNegative as NotNegative
 from twin.schema.tables import Origin as Origin

@@ -32,8 +32,8 @@ from twin.core.foreign.text import check_depth, read_text
 from twin.core.json_types import JsonObject
 from twin.core.provenance import EARLIER, Parameter, Provenance
 from twin.core.units import SI
-from twin.schema.explain import explain, explain_syntax
 from twin.schema.lines import Key, Keys, key_lines, nearest_line, spell
+from twin.schema.mistakes import explain, explain_syntax
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -22,7 +22,6 @@ from twin.model.scene import Place, Scene
 from twin.model.task import ConsoleTask, goal_of
 from twin.simulation import blocks, contact_scene, machine_scene, operating_scene
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
-from twin.simulation.controllers.following import FollowingArm, HandToPose
 from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
@@ -30,9 +29,10 @@ from twin.simulation.controllers.pedals import Pedals
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum, InstrumentPivot
 from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.controllers.through_port import ThroughPort
+from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.controllers.tool_grip import GripToTool
 from twin.simulation.limits import JointLimits
-from twin.simulation.machine.machine import Parts
+from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.session.play import play_of

@@ -16,8 +16,8 @@ from twin.model.trainer import MODEL, TrainerTable
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.pedals import TAP
 from twin.simulation.controllers.trainer import MODE, Tips, Trainer, TrainerLimits, ViewSwitch
-from twin.simulation.machine.machine import Parts
 from twin.simulation.machine.modelled import Modelled
+from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.world import Block, Placed, Signals
 
 SETTINGS = {MODE: 0.0}

@@ -23,10 +23,10 @@ from twin.model.movable import together
 from twin.model.scene import Scene
 from twin.reference import ReferenceModel
 from twin.usd import gf
-from twin.usd.write.bends import write_bends
+from twin.usd.write.deformables import write_bends
 from twin.usd.write.geometry import mesh_paths, write_geometry
 from twin.usd.write.layers import describe, new_layer, save
-from twin.usd.write.physics import write_inertia
+from twin.usd.write.physics_layer import write_inertia
 
 ORGANS = "organs"
 """Name of the prim, and of the layer, that contains the deformables."""

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.validation.console import Laws
+from twin.validation.console_clauses import Laws
 
 _REPEATS = 100
 """Number of repetitions of the test, for the long-run standard deviation."""

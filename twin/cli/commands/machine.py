@@ -12,7 +12,7 @@ from twin.core.units import DEG
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
-    from twin.simulation.machine.machine import Parts
+    from twin.simulation.machine.simulated_machine import Parts
 
 EXAMPLES = """\
   twin machine raven_left --port 36000 --state-port 36001 --start
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from twin import api
     from twin.api.machine import machine as made
     from twin.cli import show
-    from twin.simulation.machine.server import HOST, Server
+    from twin.simulation.machine.machine_server import HOST, Server
 
     if args.duration is not None and not args.duration > 0:
         raise TwinError(f"--duration {args.duration:g}: give a number of seconds above 0")

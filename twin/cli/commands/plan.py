@@ -127,11 +127,11 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
     folder = show.folder(args, scene.name, "_".join(arms))
     with show.progress(args.quiet or args.json) as progress:
         planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
-    from twin.ui.report import style, together
+    from twin.ui.report import style, together_figures
 
     with assets.atomic_folder(folder) as work:
         planned.write(work)
-        (work / _DISTANCES).write_bytes(style.png(together.figure(planned)))
+        (work / _DISTANCES).write_bytes(style.png(together_figures.figure(planned)))
         drawn = _drawn(f"scene {scene.name}", planned.rounds, work)
     code = show.finish(planned, args, folder, [*planned.files(), _DISTANCES, *drawn])
     if not args.json:

@@ -31,7 +31,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Seed faults, validate and store the score; the exit code is 1 for a low score or for a false alarm."""
     from twin.analysis.mutation.fault import FAMILIES
-    from twin.analysis.mutation.run import selftest as seed
+    from twin.analysis.mutation.trials import selftest as seed
     from twin.cli import show
 
     if args.count < 1:

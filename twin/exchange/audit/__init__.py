@@ -26,12 +26,19 @@ import numpy as np
 from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.claims import check_claims, check_proof_clips, check_readme
-from twin.exchange.audit.compare import Reference, compare, compare_hashes, compare_rest, compare_shapes, references
 from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.context import Context
+from twin.exchange.audit.file_comparison import (
+    Reference,
+    compare,
+    compare_hashes,
+    compare_rest,
+    compare_shapes,
+    references,
+)
 from twin.exchange.audit.folder import SCENE, FolderFiles, find
+from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.motion import Content, check_names
-from twin.exchange.audit.physics import FilePhysics
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
@@ -86,7 +93,7 @@ def audit(
     tell = progress or _silent
     given = xacro or Settings()
     if (path / SCENE).is_file():
-        from twin.exchange.audit.scene import audit_scene  # imports audits of formats, which import this package
+        from twin.exchange.audit.scene_folder import audit_scene  # imports audits of formats, which import this package
 
         contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell, given))
     else:

@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.mechanism_data import FileJoint
 from twin.exchange.audit.motion import FileClip, LinkShape
-from twin.exchange.audit.physics import FileJoint
 from twin.exchange.audit.poses import Array
 
 

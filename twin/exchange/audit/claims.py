@@ -10,8 +10,8 @@ from typing import Any
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.between import halved
+from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
-from twin.exchange.audit.physics import FileJoint, FilePhysics
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import holding

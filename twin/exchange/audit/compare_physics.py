@@ -18,8 +18,8 @@ from scipy.spatial import KDTree
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Rgba, apart
+from twin.exchange.audit.mechanism_data import TOOL, WORLD, FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
-from twin.exchange.audit.physics import TOOL, WORLD, FileJoint, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured, quantity
 from twin.exchange.format import Holds

@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.physics import FilePhysics
+from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.format import Holds

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import (
+from twin.exchange.audit.mechanism_data import (
     FREE_JOINT,
     FileDrive,
     FileFrame,

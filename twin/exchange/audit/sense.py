@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.exchange.audit.mechanism_data import FileDrive, FileMass
 from twin.exchange.audit.motion import Content, LinkShape
-from twin.exchange.audit.physics import FileDrive, FileMass
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
 DENSEST = 23_000.0

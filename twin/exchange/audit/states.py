@@ -17,8 +17,8 @@ from typing import TypeVar
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.mechanism_data import FileFrame, FileJoint, FilePhysics, JointLine
 from twin.exchange.audit.motion import Content, FileClip, largest
-from twin.exchange.audit.physics import FileFrame, FileJoint, FilePhysics, JointLine
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, quantity, um
 from twin.exchange.format import Holds

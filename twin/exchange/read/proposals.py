@@ -21,7 +21,7 @@ from twin.core.errors import CadError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.exchange.read.pairs import GROSS, Pair, Round, perpendicular, same_axis, shared
+from twin.exchange.read.fitting_faces import GROSS, Pair, Round, perpendicular, same_axis, shared
 from twin.exchange.read.text import frame as given
 from twin.model.joint import JointType
 

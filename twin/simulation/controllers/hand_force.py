@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.formula import symbolic
 from twin.formula.symbol import from_sx, to_sx
-from twin.simulation.controllers.console import DAMPING, LARGEST, STIFFNESS, Console
+from twin.simulation.controllers.console_equations import DAMPING, LARGEST, STIFFNESS, Console
 from twin.simulation.controllers.passive import bounded, clipped, observed, smoothing, stored
 from twin.simulation.limits import JointLimits
 from twin.simulation.local_plane import COUNT, SIZE, WIDTH

@@ -14,7 +14,7 @@ from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.flow import Evaluator, attach
 from twin.formula.symbol import from_sx, to_sx
-from twin.simulation.controllers.console import Console
+from twin.simulation.controllers.console_equations import Console
 
 Law = Callable[..., Any]
 

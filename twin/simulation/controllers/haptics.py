@@ -15,7 +15,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.flow import attach
 from twin.kinematics import Kinematics
-from twin.simulation.controllers.console import console
+from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, ForceParameters, hand_force
 from twin.simulation.controllers.passive import require_passive
 from twin.simulation.limits import JointLimits

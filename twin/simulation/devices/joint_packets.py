@@ -28,8 +28,8 @@ from twin.core.errors import DeviceError
 from twin.core.spatial import Array
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import PATIENCE
-from twin.simulation.machine.server import HOST
-from twin.simulation.machine.states import State
+from twin.simulation.machine.machine_server import HOST
+from twin.simulation.machine.state_packets import State
 
 HEAD = struct.Struct("<4sBBHQd")
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
-from twin.simulation.machine.states import State
+from twin.simulation.machine.state_packets import State
 from twin.simulation.world import Block, Signals
 
 ANSWERS, LEVEL, SEQUENCE, TICK = range(4)

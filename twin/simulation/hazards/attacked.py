@@ -20,8 +20,8 @@ from twin.simulation.hazards.hand import Hand
 from twin.simulation.hazards.trainee import HazardTrainee, Reaction
 from twin.simulation.machine.beside import Beside
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.machine import Machine, Parts
-from twin.simulation.machine.plant import TICK, Physics
+from twin.simulation.machine.motor_plant import TICK, Physics
+from twin.simulation.machine.simulated_machine import Machine, Parts
 
 _HOMED = 100
 """Tick at which the operator presses the pedal; an arm that starts at home completes homing earlier."""

@@ -18,13 +18,13 @@ from twin.simulation.hazards import trainee
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault, Operation
 from twin.simulation.hazards.trainee import Reaction, Response
-from twin.simulation.machine.machine import LOSABLE
+from twin.simulation.machine.simulated_machine import LOSABLE
 
 _Range = tuple[float, float]
 _Count = Annotated[int, Field(gt=0)]
 
 Signal = Literal["wire", "packet", "usb", "encoder", "level", "tool", "joints", "dac"]
-"""Signals of a machine, see `twin.simulation.machine.machine.LOCATIONS`."""
+"""Signals of a machine, see `twin.simulation.machine.simulated_machine.LOCATIONS`."""
 
 FREE = "none"
 """Class of the sessions without a fault."""

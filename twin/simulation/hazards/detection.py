@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from twin.core.spatial import Array
-from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.motor_plant import TICK
 
 _SMOOTH = 0.02
 """Time constant in s of the low-pass of the model's speed."""

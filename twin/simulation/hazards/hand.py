@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.simulation.machine.itp import pack
-from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.motor_plant import TICK
 from twin.simulation.machine.settings import Settings
 
 _RADIUS, _RADIAN = 0.012, 0.2

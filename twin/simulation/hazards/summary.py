@@ -15,7 +15,7 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.attacked import HARM
 from twin.simulation.hazards.campaign import FREE, CampaignTable, Scenario
 from twin.simulation.hazards.roc import Roc, curves, dangerous, in_time
-from twin.simulation.machine.machine import LOCATIONS
+from twin.simulation.machine.simulated_machine import LOCATIONS
 
 Row = JsonMapping
 

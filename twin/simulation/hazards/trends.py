@@ -27,8 +27,8 @@ from twin.simulation.hazards.campaign import SpreadQuantity
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.hand import Hand, wander
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.machine import Parts
-from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.simulated_machine import Parts
 
 PUBLISHED = (2.43, 1.72)
 """Mean and spread in mm of the error without faults over all motion scales; the paper's 3 mm limit implies both."""

@@ -10,7 +10,7 @@ import numpy as np
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.machine.comparison import MachineComparison
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.machine import Machine
+from twin.simulation.machine.simulated_machine import Machine
 
 
 class Beside:

@@ -6,8 +6,8 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.machine.machine import Parts
-from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.simulated_machine import Parts
 
 
 class MachineComparison:

@@ -14,9 +14,9 @@ from collections import deque
 from dataclasses import dataclass
 
 from twin.core.errors import DeviceError
-from twin.simulation.machine.plant import TICK
-from twin.simulation.machine.server import HOST
-from twin.simulation.machine.states import State, size, unpack
+from twin.simulation.machine.machine_server import HOST
+from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.state_packets import State, size, unpack
 
 PATIENCE = 0.5
 """Time in s without a new state after which the machine counts as disconnected (ASSUMED)."""

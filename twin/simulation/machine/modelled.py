@@ -19,7 +19,7 @@ from twin.simulation.devices.machine_states import ANSWERS, LEVEL, SEQUENCE, TIC
 from twin.simulation.machine.comparison import MachineComparison
 from twin.simulation.machine.itp import ahead, number_of, pack
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.machine import Machine, Parts
+from twin.simulation.machine.simulated_machine import Machine, Parts
 from twin.simulation.world import Block, Signals
 
 _KEPT = 4096

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from twin.core.spatial import Array
 from twin.simulation.machine.itp import number_of, pack
-from twin.simulation.machine.machine import Parts
+from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.world import Block, Signals
 
 

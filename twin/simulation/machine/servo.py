@@ -22,7 +22,7 @@ from twin.core.spatial import Array
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 from twin.simulation.machine.arithmetic import Arithmetic
-from twin.simulation.machine.motion import motion
+from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.settings import Mode, Policy, Settings
 
 

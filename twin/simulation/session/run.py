@@ -18,7 +18,7 @@ from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.surgeon_hands import Eye, Seat, SurgeonHands
-from twin.simulation.machine.machine import Parts
+from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
 from twin.simulation.session.play import play_of

@@ -9,7 +9,7 @@ from twin.core.errors import unknown
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.bends import Bends
+from twin.ui.headset.deformable_packets import Bends
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.headset.twin import Twin

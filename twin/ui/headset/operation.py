@@ -19,22 +19,22 @@ from twin.core.units import MM
 from twin.model.tool import DOES
 from twin.model.trainer import MODEL
 from twin.simulation.console_scene import HANDS
-from twin.simulation.controllers.following import SCALE
+from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
 from twin.ui.access.responses import File
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.bends import Bends
+from twin.ui.headset.deformable_packets import Bends
 from twin.ui.headset.mqtt import ScaleTopic
 from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
-from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.loaded_scene import LoadedScene
+from twin.ui.session.scene_control import HeldError, LiveConsole
 from twin.ui.session.timeline import HEARTBEAT, RATE
 
 REPORT = "/report-{}.html"

@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.ui.headset.protocol import RefusedError, floats
 from twin.ui.session.desk import Desk
-from twin.ui.session.workspace import Cloud, WorkspaceJob, without_meshes
+from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, without_meshes
 
 POSES = 100_000
 """Number of evaluated poses."""

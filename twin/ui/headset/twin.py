@@ -22,9 +22,9 @@ from twin.ui.headset import description
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.ghost import Ghost
 from twin.ui.headset.hold import ClientHold, hold_of, move_of
+from twin.ui.headset.playback import DisplayedState, StreamedPlayback, apart, measured, path, trocars
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import ReachablePoints
-from twin.ui.headset.track import DisplayedState, StreamedPlayback, apart, measured, path, trocars
 from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
 from twin.ui.session.desk import Desk, MoveResult

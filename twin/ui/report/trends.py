@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.simulation.hazards.trends import PUBLISHED, ScaleRow, Trends
-from twin.simulation.machine.plant import TICK
+from twin.simulation.machine.motor_plant import TICK
 from twin.ui.report.curves import thin
 from twin.ui.report.style import INK, PALETTE, sheet, styled
 

@@ -15,7 +15,7 @@ from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.trainer import MODEL
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.states import State
+from twin.simulation.machine.state_packets import State
 from twin.simulation.world import Block, Placed, Signals, World
 
 _TICK = 1 / 60

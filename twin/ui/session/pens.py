@@ -16,11 +16,11 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers import camera
-from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import GripParameters
+from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.devices.given import HandState
-from twin.ui.session.console import HeldError, LiveConsole
 from twin.ui.session.plan_view import RESTS
+from twin.ui.session.scene_control import HeldError, LiveConsole
 
 STEP = 0.02
 """Maximum translation in m of a handle in one call of `say`. The console could ignore a larger motion as a jump."""

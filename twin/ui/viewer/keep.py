@@ -33,7 +33,7 @@ from twin.planning.protocol import (
 )
 from twin.planning.protocol.course import angles_of
 from twin.schema import Identifier, error_at
-from twin.ui.session.session import RecordedSession as RecordedSession
+from twin.ui.session.recorded_session import RecordedSession as RecordedSession
 from twin.ui.viewer.rewrite import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}

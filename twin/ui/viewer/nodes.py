@@ -13,8 +13,8 @@ from twin.core.spatial import Array
 from twin.model.body import Body
 from twin.model.mechanism import Mechanism
 from twin.model.movable import Movable
-from twin.ui.session.shapes import Look, behind, looks
-from twin.ui.viewer.frames import FrameWriter
+from twin.ui.session.display_meshes import Look, behind, looks
+from twin.ui.viewer.pose_frames import FrameWriter
 
 GREEN = (38, 150, 90)
 RED = (225, 0, 0)

@@ -15,9 +15,9 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.simulation.console_scene import HANDS
 from twin.ui.session import plan_view
-from twin.ui.session.console import LiveConsole, PlanStep
 from twin.ui.session.pens import Pens
 from twin.ui.session.plan_mode import Preview
+from twin.ui.session.scene_control import LiveConsole, PlanStep
 from twin.ui.viewer.nodes import BLUE, GREEN, RED, RobotNodes
 
 _TREE = (123, 135, 148)

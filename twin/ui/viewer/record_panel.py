@@ -11,7 +11,7 @@ import viser
 
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
-from twin.ui.session.session import MOST, RecordedSession
+from twin.ui.session.recorded_session import MOST, RecordedSession
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.keep import append_phase, identifier, save_posture
 

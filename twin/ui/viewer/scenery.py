@@ -15,7 +15,7 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.ui.session.patient import none_there, patient_of
 from twin.ui.session.trocars import in_trocars, rcm_at
-from twin.ui.viewer import recording
+from twin.ui.viewer import view_export
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
@@ -150,8 +150,8 @@ class Scenery:
             turn = gui.add_button("Turntable (GIF)")
             page = gui.add_button("Recording without Python (HTML)")
             self._progress = gui.add_progress_bar(0.0, visible=False)
-            shot.on_click(lambda e: self._busy(lambda p: recording.screenshot(e.client, front.title, p)))
-            turn.on_click(lambda e: self._busy(lambda p: recording.turntable(e.client, front.title, p)))
+            shot.on_click(lambda e: self._busy(lambda p: view_export.screenshot(e.client, front.title, p)))
+            turn.on_click(lambda e: self._busy(lambda p: view_export.turntable(e.client, front.title, p)))
             page.on_click(lambda e: front.ask("page", lambda: self._page(e.client)))
 
     def _switch(self, name: str, box: viser.GuiCheckboxHandle, do):
@@ -172,7 +172,7 @@ class Scenery:
 
     def _page(self, client: viser.ClientHandle | None) -> None:
         def work(progress) -> None:
-            html = recording.page(self.front, progress)
+            html = view_export.page(self.front, progress)
             if client is not None:
                 client.send_file_download(f"{self.front.title}.html".replace(" ", "_"), html.encode())
 

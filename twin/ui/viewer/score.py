@@ -10,7 +10,7 @@ import viser
 
 from twin.core.json_types import JsonMapping
 from twin.core.spoken import spoken
-from twin.ui.session.console import LiveConsole
+from twin.ui.session.scene_control import LiveConsole
 
 _TONES = {"good": "#1f8a55", "bad": "#d62f2f", "plain": "inherit"}
 _BOX = "padding:0 1em .5em;font-size:.9em"

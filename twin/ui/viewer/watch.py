@@ -19,7 +19,7 @@ from twin.reference import ReferenceModel
 from twin.simulation.plants.tissue import clips_of
 from twin.ui.session.feed import FieldSurface
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.viewer.console import AWAY, hand_text, status
+from twin.ui.viewer.console_page import AWAY, hand_text, status
 from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.room import OUTSIDE, extent, furnish

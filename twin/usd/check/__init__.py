@@ -20,7 +20,7 @@ from pathlib import Path
 from twin.core.errors import StageError
 from twin.core.findings import Finding, Kind, by_severity
 from twin.usd.check.bodies import check_bodies, check_meshes
-from twin.usd.check.joints import check_joints
+from twin.usd.check.joint_frames import check_joints
 from twin.usd.check.layout import check_names, check_ops, check_transforms, check_units
 from twin.usd.check.samples import check_samples
 from twin.usd.check.structure import check_structure

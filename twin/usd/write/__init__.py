@@ -20,8 +20,8 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.usd.write.geometry import RESERVED, write_geometry
 from twin.usd.write.layers import root_layer
-from twin.usd.write.motion import BakedMotion, MotionFiles, write_motion
-from twin.usd.write.physics import write_physics
+from twin.usd.write.motion_layer import BakedMotion, MotionFiles, write_motion
+from twin.usd.write.physics_layer import write_physics
 
 __all__ = ["BakedMotion", "MotionFiles", "StageFiles", "write_motion", "write_stage"]
 

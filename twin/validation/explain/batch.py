@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Site
-from twin.validation.explain.judge import Judge, evaluate
 from twin.validation.explain.numeric import unguarded
+from twin.validation.explain.row_deviations import Judge, evaluate
 from twin.validation.explain.rows import Key
 from twin.validation.explain.shifts import DIFFERENCE, FEWEST, SINGULAR, STARTS, STEPS, TIGHT, Shift, cost, shifted
 from twin.validation.explain.source import Edit

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
-from twin.validation.explain.judge import Judge, evaluate
+from twin.validation.explain.row_deviations import Judge, evaluate
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 

@@ -17,12 +17,12 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL
 from twin.formula.scalar import Value
+from twin.validation.explain.explanation import Convention
 from twin.validation.explain.invariants import said, said_pose
-from twin.validation.explain.judge import Judge, Place, worst
 from twin.validation.explain.numeric import Matrix, to_array, turn
 from twin.validation.explain.offsets import axes_text, offsets
 from twin.validation.explain.plain import enter, leave
-from twin.validation.explain.result import Convention
+from twin.validation.explain.row_deviations import Judge, Place, worst
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.suspects import suspects
 from twin.validation.explain.truth import Truth

@@ -12,7 +12,7 @@ from twin.kinematics import compile_formula
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Boundary, Judged
-from twin.validation.explain.judge import Judge
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Step
 from twin.validation.explain.suspects import passed
 

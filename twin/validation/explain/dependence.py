@@ -15,8 +15,8 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.candidate import Candidate, residuals
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit, Source
 

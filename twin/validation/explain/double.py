@@ -24,9 +24,9 @@ from twin.formula.scalar import Scalar
 from twin.validation.explain.batch import Batch, Choice, Cut, evaluated
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Expression, Site
-from twin.validation.explain.judge import Judge, worst
 from twin.validation.explain.numeric import unguarded
 from twin.validation.explain.required import Required
+from twin.validation.explain.row_deviations import Judge, worst
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import FEWEST, Shift, shifted
 from twin.validation.explain.source import Edit

@@ -19,8 +19,8 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.reference import ReferenceModel
-from twin.validation.explain.judge import Judge
-from twin.validation.explain.result import PartOff
+from twin.validation.explain.explanation import PartOff
+from twin.validation.explain.row_deviations import Judge
 
 CODES = ("cad.noise", "cad.meeting", "cad.tilt")
 """Codes of findings about joints whose parts do not meet."""

@@ -27,13 +27,7 @@ from twin.validation.explain.conventions import conventions, general
 from twin.validation.explain.coverage import coverage, margins
 from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.drawing import Corrected, correct, drawing
-from twin.validation.explain.heldout import held_out
-from twin.validation.explain.identify import identify
-from twin.validation.explain.invariants import invariants
-from twin.validation.explain.judge import Judge, Place, Tolerance
-from twin.validation.explain.noise import limits
-from twin.validation.explain.repair import Search
-from twin.validation.explain.result import (
+from twin.validation.explain.explanation import (
     Change,
     Convention,
     Explanation,
@@ -42,6 +36,12 @@ from twin.validation.explain.result import (
     Repair,
     Row,
 )
+from twin.validation.explain.heldout import held_out
+from twin.validation.explain.identify import identify
+from twin.validation.explain.invariants import invariants
+from twin.validation.explain.noise import limits
+from twin.validation.explain.repair import Search
+from twin.validation.explain.row_deviations import Judge, Place, Tolerance
 from twin.validation.explain.rows import Key
 from twin.validation.explain.source import Edit, diff, patched
 from twin.validation.explain.suspects import shared

@@ -7,7 +7,7 @@ from dataclasses import replace
 from twin.core.errors import TwinError
 from twin.reference import ReferenceModel
 from twin.validation.explain.candidate import Candidate, Found
-from twin.validation.explain.judge import Judge, evaluate, worst
+from twin.validation.explain.row_deviations import Judge, evaluate, worst
 from twin.validation.explain.rows import Key
 from twin.validation.explain.truth import gather, sample
 

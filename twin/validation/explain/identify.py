@@ -10,8 +10,8 @@ import numpy as np
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.judge import Judge, worst
-from twin.validation.explain.result import Identified, Moved
+from twin.validation.explain.explanation import Identified, Moved
+from twin.validation.explain.row_deviations import Judge, worst
 from twin.validation.explain.rows import Place
 
 _BLIND = 1e-7

@@ -16,9 +16,9 @@ from twin.core.units import MM, decimals
 from twin.formula.scalar import Value
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
-from twin.validation.explain.judge import Judge, Place, returned_values, worst
 from twin.validation.explain.numeric import Matrix, to_array
 from twin.validation.explain.plain import copied
+from twin.validation.explain.row_deviations import Judge, Place, returned_values, worst
 from twin.validation.explain.rows import Key
 from twin.validation.explain.source import OUT
 from twin.validation.explain.truth import Truth

@@ -16,7 +16,7 @@ from twin.cad.noise import Noise, redrawn
 from twin.core.spatial import Array
 from twin.reference import ReferenceModel
 from twin.reference.newton import minimise
-from twin.validation.explain.judge import Judge, Residuals
+from twin.validation.explain.row_deviations import Judge, Residuals
 from twin.validation.explain.truth import gather
 
 _DRAWS = 12

@@ -16,9 +16,9 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.validation.explain.explanation import Convention
 from twin.validation.explain.invariants import said_pose
-from twin.validation.explain.judge import Judge, Place
-from twin.validation.explain.result import Convention
+from twin.validation.explain.row_deviations import Judge, Place
 
 _QUARTERS = (np.pi / 2, -np.pi / 2, np.pi)
 _MOST = 3

@@ -22,8 +22,8 @@ from twin.formula.scalar import Scalar, Value
 from twin.validation.explain import plain
 from twin.validation.explain.candidate import aliases, residuals
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 

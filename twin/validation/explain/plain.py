@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.formula.rows import PlainRows, entries
+from twin.formula.plain_function import PlainRows, entries
 from twin.formula.scalar import METHODS, Scalar, Value
 from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.source import Source

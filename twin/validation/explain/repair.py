@@ -25,9 +25,9 @@ from twin.validation.explain.dependence import Dependence
 from twin.validation.explain.double import Double
 from twin.validation.explain.edits import edits, pool
 from twin.validation.explain.expression import Site
-from twin.validation.explain.judge import Judge, evaluate, worst
 from twin.validation.explain.pairs import Pairs
 from twin.validation.explain.required import Required
+from twin.validation.explain.row_deviations import Judge, evaluate, worst
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects

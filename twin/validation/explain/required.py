@@ -19,8 +19,8 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import residuals
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix, unguarded
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import DIFFERENCE, Shift, shifted, solution
 from twin.validation.explain.source import Edit, Source, Statement

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import CodeType
 
 from twin.formula.contract import Equation, Stage
-from twin.formula.rows import PlainRows
+from twin.formula.plain_function import PlainRows
 from twin.formula.scalar import Value
 from twin.validation.explain.source import Source
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from twin.formula.contract import POSE_SYMBOL
-from twin.validation.explain.judge import Judge
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Place, Step
 
 

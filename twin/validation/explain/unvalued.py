@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.findings import Finding, error
 from twin.formula.contract import unread
 from twin.formula.scalar import Value
-from twin.validation.explain.judge import Judge, worst
+from twin.validation.explain.row_deviations import Judge, worst
 
 
 def unvalued(judge: Judge) -> list[Finding]:

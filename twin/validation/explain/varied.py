@@ -14,8 +14,8 @@ import numpy as np
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL, Formula
-from twin.validation.explain.judge import Judge
 from twin.validation.explain.numeric import Matrix, Rebuilder
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.truth import Truth
 
 _SAME = 1e-9

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from twin.validation.explain.candidate import Found
-from twin.validation.explain.result import Identified
+from twin.validation.explain.explanation import Identified
 from twin.validation.explain.rows import Key
 
 Lead = Literal["edits", "numbers", "edits or numbers", ""]

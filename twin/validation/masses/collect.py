@@ -12,7 +12,7 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.reference import inertia
-from twin.validation.masses import audit
+from twin.validation.masses import published_moments
 from twin.validation.masses.possible import JudgedInertia, StatedInertia, judged, least_mass, stated
 
 PLAIN = 1.02
@@ -85,10 +85,10 @@ def of_exhibit(path: Path) -> MassSource:
     Raises:
         DescriptionError: the file is invalid.
     """
-    exhibit = audit.load(path)
+    exhibit = published_moments.load(path)
     rows: list[tuple[str, Array, Array]] = []
     for body in exhibit.body:
-        first, tensor = audit.moments(body)
+        first, tensor = published_moments.moments(body)
         rows.append((f"row {body.name}", first, tensor))
     return of_moments(exhibit.title, rows)
 
@@ -99,7 +99,7 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
     Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The
     products of all rows are negated if this reduces the sum of the minimum masses by more than the factor `PLAIN`.
     """
-    negated = [(name, first, audit.negated(tensor)) for name, first, tensor in rows]
+    negated = [(name, first, published_moments.negated(tensor)) for name, first, tensor in rows]
     masses = [least_mass(tensor, first) for _, first, tensor in rows]
     masses_negated = [least_mass(tensor, first) for _, first, tensor in negated]
     total = sum(masses)

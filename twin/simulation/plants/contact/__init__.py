@@ -4,8 +4,8 @@
 the World.
 """
 
+from twin.simulation.plants.contact.collision_shapes import Solid
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.plants.contact.plant import Contact
-from twin.simulation.plants.contact.shapes import Solid
 
 __all__ = ["Contact", "Gripper", "Solid"]

@@ -15,9 +15,9 @@ from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.flow import attach
 from twin.simulation.local_plane import COUNT, SIZE, WIDTH, LocalPlane, rows
+from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.plants.contact.levers import ToolLevers
-from twin.simulation.plants.contact.shapes import NONE, GeomOwner
 from twin.simulation.proxy import proxy
 
 NAME = "planes"

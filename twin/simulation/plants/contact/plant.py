@@ -14,9 +14,9 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.model.body import Body, Mesh
 from twin.model.movable import Movable
+from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner, Solid, add_object, add_part
 from twin.simulation.plants.contact.feel import Feel
 from twin.simulation.plants.contact.gripper import Gripper
-from twin.simulation.plants.contact.shapes import NONE, GeomOwner, Solid, add_object, add_part
 from twin.simulation.world import Block, Signals
 
 _LINK_MASS, _LINK_INERTIA = 10.0, 0.1

@@ -16,7 +16,7 @@ from twin.model.body import Body
 from twin.model.hull import require_hull
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
-from twin.simulation.plants.contact.shapes import add_part
+from twin.simulation.plants.contact.collision_shapes import add_part
 from twin.simulation.plants.tissue.organ import MOST, NOTHING, RADIUS, SAMPLE, Organ, Touch, require_valid
 
 PERIOD = 8e-3

@@ -14,9 +14,9 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba, surface_area
 from twin.exchange.audit.context import Context
+from twin.exchange.audit.mechanism_data import FileFrame, FileJoint, FileMass, FilePhysics
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Content, LinkShape, check_poses
-from twin.exchange.audit.physics import FileFrame, FileJoint, FileMass, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.glb.audit.clips import Clips

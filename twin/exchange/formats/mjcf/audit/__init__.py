@@ -15,9 +15,9 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.chain import ChainStep, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.context import Context, played
+from twin.exchange.audit.mechanism_data import WORLD
 from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.motion import Content, FileClip, LinkShape
-from twin.exchange.audit.physics import WORLD
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.mjcf.audit.physics import BALL, FREE, HINGE, SLIDE, compiled_physics

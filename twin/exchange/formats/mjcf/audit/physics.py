@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import (
+from twin.exchange.audit.mechanism_data import (
     FileDrive,
     FileFrame,
     FileJoint,

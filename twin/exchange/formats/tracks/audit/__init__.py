@@ -19,8 +19,8 @@ from twin.core.foreign.admit import admit
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.context import Context
+from twin.exchange.audit.mechanism_data import TOOL, FileDrive, FileFrame, FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, FileClip, check_poses, check_quaternions, check_rate, check_times
-from twin.exchange.audit.physics import TOOL, FileDrive, FileFrame, FileJoint, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.tracks.audit.rcm import check_rcm

@@ -21,10 +21,10 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.chain import ChainStep, along, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.context import Context, played
+from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FileMass, FileMotor, FilePhysics, JointLine, unit
+from twin.exchange.audit.mechanism_data import along as lines_of
 from twin.exchange.audit.meshes import check_mesh, joined, read_obj
 from twin.exchange.audit.motion import Content, FileClip, LinkShape
-from twin.exchange.audit.physics import FileDrive, FileJoint, FileMass, FileMotor, FilePhysics, JointLine, unit
-from twin.exchange.audit.physics import along as lines_of
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, Closures, check_gap, read_closures

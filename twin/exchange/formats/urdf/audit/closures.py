@@ -17,7 +17,7 @@ import numpy as np
 from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import FileJoint, along
+from twin.exchange.audit.mechanism_data import FileJoint, along
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 

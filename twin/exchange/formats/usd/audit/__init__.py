@@ -27,7 +27,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
 from twin.exchange.formats.usd.audit.header import trouble
-from twin.exchange.formats.usd.audit.joints import joint_gaps, joint_values
+from twin.exchange.formats.usd.audit.joint_gaps import joint_gaps, joint_values
 from twin.exchange.formats.usd.audit.physics import stage_physics
 
 GAP_TOL = 1e-5

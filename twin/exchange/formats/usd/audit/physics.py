@@ -8,9 +8,9 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.physics import FileDrive, FileFrame, FileJoint, FileMass, FileMotor, FilePhysics, along
+from twin.exchange.audit.mechanism_data import FileDrive, FileFrame, FileJoint, FileMass, FileMotor, FilePhysics, along
 from twin.exchange.audit.poses import Array
-from twin.exchange.formats.usd.audit.joints import AXES, SIX, is_locked, is_stated, joint_ends
+from twin.exchange.formats.usd.audit.joint_gaps import AXES, SIX, is_locked, is_stated, joint_ends
 
 
 def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> FilePhysics:

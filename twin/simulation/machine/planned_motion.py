@@ -9,7 +9,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.arithmetic import Arithmetic
-from twin.simulation.machine.plant import MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant, Physics
 from twin.simulation.machine.servo import Servo, compensation
 from twin.simulation.machine.settings import Settings
 

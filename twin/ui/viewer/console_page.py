@@ -1,7 +1,7 @@
 """The page of a scene that is controlled from its console: the same World as in `twin serve`, with viser's controls.
 
 Users move two handles (`twin.ui.session.pens`) by arrows at the tools, by sliders and by pedals. The motions of the
-handles are the input of the World (`twin.ui.session.console`).
+handles are the input of the World (`twin.ui.session.scene_control`).
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from twin.model.console import CameraTable
 from twin.model.task import goal_of
 from twin.reference import ReferenceModel
 from twin.simulation.console_scene import HANDS, drag
-from twin.simulation.controllers.following import SCALE
 from twin.simulation.controllers.jaw import GripParameters
 from twin.simulation.controllers.pivot import FULCRUMS
+from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.tasks.align import task as alignment
 from twin.simulation.tasks.align.task import Alignment
 from twin.ui.session import plan_view
-from twin.ui.session.console import LiveConsole
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.pens import Pens
+from twin.ui.session.scene_control import LiveConsole
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes, object_nodes
 from twin.ui.viewer.planning import PlanningPanel
 from twin.ui.viewer.room import FIRST, OUTSIDE, extent, furnish
 from twin.ui.viewer.score import ScorePanel
-from twin.ui.viewer.trainer import TrainerPanel
+from twin.ui.viewer.trainer_panel import TrainerPanel
 
 ARROWS = 90.0
 """Size in pixels of the arrows at a tool, independent of their distance from the camera."""

@@ -33,7 +33,7 @@ _PEN = 3.3
 
 
 class Laws(Protocol):
-    """Interface of a judged console, as implemented by `twin.simulation.controllers.console`.
+    """Interface of a judged console, as implemented by `twin.simulation.controllers.console_equations`.
 
     Attributes:
         name, title, source: identifier, title and source document.

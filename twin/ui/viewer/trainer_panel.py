@@ -10,8 +10,8 @@ import viser
 from twin.core.json_types import JsonObject
 from twin.core.units import MM
 from twin.simulation.controllers.trainer import Mode
-from twin.ui.session.console import LiveConsole
 from twin.ui.session.pens import Pens
+from twin.ui.session.scene_control import LiveConsole
 from twin.ui.viewer.deviation import DeviationCurve, largest
 
 _MODES = (

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.analysis.mutation import cad, formula, timing, units, usd
+from twin.analysis.mutation import cad, formula, trajectory_faults, units, usd
 from twin.analysis.mutation.bench import Bench
 from twin.analysis.mutation.fault import FAMILIES, Detection, Family, SeededFault
-from twin.analysis.mutation.result import Score
+from twin.analysis.mutation.score import Score
 from twin.api.robot import load
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -116,7 +116,7 @@ def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> I
         return usd.faults(bench.case().written or bench.stage, rng, n)
     if family == "units":
         return units.faults(bench.robot, bench.file, rng, n)
-    return timing.faults(bench.trajectory, bench.chosen, bench.planned, rng, n)
+    return trajectory_faults.faults(bench.trajectory, bench.chosen, bench.planned, rng, n)
 
 
 def _judged(

@@ -11,8 +11,8 @@ import numpy as np
 from twin.core.format import quantity
 from twin.core.spatial import Array
 from twin.core.units import UM
-from twin.simulation.dynamics.result import Tracking
-from twin.simulation.dynamics.track import TIP_LIMIT, Run
+from twin.simulation.dynamics.computed_torque import TIP_LIMIT, Run
+from twin.simulation.dynamics.tracking_result import Tracking
 from twin.ui.report.curves import thin
 from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, sheet, styled
 from twin.validation.result import PhaseSummary

@@ -18,9 +18,9 @@ import numpy as np
 
 from twin.core.errors import DeviceError
 from twin.simulation.machine.itp import PACKET
-from twin.simulation.machine.machine import Machine
-from twin.simulation.machine.plant import TICK
-from twin.simulation.machine.states import State, pack
+from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.simulated_machine import Machine
+from twin.simulation.machine.state_packets import State, pack
 
 HOST = "127.0.0.1"
 

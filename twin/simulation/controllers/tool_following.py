@@ -18,7 +18,7 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.kinematics import Kinematics
-from twin.simulation.controllers.console import Console, console
+from twin.simulation.controllers.console_equations import Console, console
 from twin.simulation.controllers.hand_step import HandPace, HandStep
 from twin.simulation.controllers.pedals import TOOLS
 from twin.simulation.controllers.pivot import InstrumentPivot

@@ -14,8 +14,8 @@ from pxr import Tf, Usd
 
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size
-from twin.exchange.audit.bends import audit_bends
-from twin.exchange.audit.compare import references
+from twin.exchange.audit.deformables import audit_bends
+from twin.exchange.audit.file_comparison import references
 from twin.exchange.audit.folder import SCENE
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.poses import Array

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from twin.core.units import MM
 from twin.planning.group_result import PlannedTogether
-from twin.ui.report.scene import LEAST, RobotPhases, distances
+from twin.ui.report.scene_figures import LEAST, RobotPhases, distances
 from twin.ui.report.style import at, mark, styled
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from twin.core.spatial import Array
 from twin.reference.dynamics import Dynamics, State
 from twin.reference.loops import LENGTH_SCALE
 from twin.simulation.dynamics.arm import Arm
-from twin.simulation.dynamics.plant import STEP, ModelPlant, MujocoPlant, Plant
+from twin.simulation.dynamics.effort_plants import STEP, ModelPlant, MujocoPlant, Plant
 
 ENCODER = 2 * np.pi / (4096 * 4 * 50)
 """Rotation of the link in rad for one encoder step: 4096 lines, fourfold evaluation, gear ratio 50.

@@ -24,7 +24,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
-from twin.simulation.machine.motion import motion
+from twin.simulation.machine.equations_of_motion import motion
 
 TICK = 1e-3
 """Duration of a tick in s."""

@@ -16,7 +16,7 @@ from twin.core.units import DEG
 from twin.model.mechanism import Mechanism
 from twin.usd import gf
 from twin.usd.write.layers import TIME_CODES_PER_SECOND, describe, new_layer, root_layer, save
-from twin.usd.write.physics import drive_kind
+from twin.usd.write.physics_layer import drive_kind
 
 MAX_STEP = 90 * DEG
 """Maximum rotation in rad between two samples. Players use the shorter rotation, which is wrong above 180 deg."""

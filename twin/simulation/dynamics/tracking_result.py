@@ -16,7 +16,7 @@ from twin.core.quantity import mm, um
 from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM, UM
 from twin.simulation.dynamics.arm import Arm
-from twin.simulation.dynamics.track import (
+from twin.simulation.dynamics.computed_torque import (
     ENCODER,
     EXACT_LIMIT,
     TIP_LIMIT,

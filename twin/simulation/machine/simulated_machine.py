@@ -35,7 +35,7 @@ from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.itp import FIELDS, Packet
 from twin.simulation.machine.levels import Level, Plc, Reader
-from twin.simulation.machine.plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
 from twin.simulation.machine.receiver import Receiver
 from twin.simulation.machine.servo import Servo, compensation
 from twin.simulation.machine.settings import Settings
