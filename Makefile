@@ -22,10 +22,11 @@ test: .venv/.synced-dev
 	$(RUN) pytest -n auto $(SHARED) $(COVERAGE) --ignore tests/witness
 
 # Only the files that have such tests are read: a process needs half a minute to collect all.
-SLOW = $$(grep -lE 'pytest\.mark\.(slow|wheel|nightly)|from made\.lanes import' tests/test_*.py)
+FILES = $$(ls tests/*/test_*.py | grep -v ^tests/witness/)
+SLOW = $$(grep -lE 'pytest\.mark\.(slow|wheel|nightly)|from made\.lanes import' $(FILES))
 PAGES ?= browser and not alone and not nightly
-BROWSER = $$(grep -l 'pytest\.mark\.browser' tests/test_*.py)
-ALONE = $$(grep -l 'pytest\.mark\.alone' tests/test_*.py)
+BROWSER = $$(grep -l 'pytest\.mark\.browser' $(FILES))
+ALONE = $$(grep -l 'pytest\.mark\.alone' $(FILES))
 
 # One worker more than processors: its tests often wait for a network, a server, another process.
 test-slow: .venv/.synced-dev  ## what the default suite leaves out
@@ -35,7 +36,7 @@ test-nightly: .venv/.synced-dev  ## the slow lane with long counts and all cases
 	$(NIGHTLY) $(RUN) pytest -n $(WORKERS) $(SHARED) -m "(nightly or slow or wheel) and not alone" $(SLOW) --durations 40
 
 # Counts of the nightly lane; those of the slow lane are in the files of the tests. TWIN_KILLS is none of them: with it,
-# tests/test_kill.py measures a time, and no other test may run beside it.
+# tests/cli/test_kill.py measures a time, and no other test may run beside it.
 NIGHTLY := TWIN_CAD_FAULTS=10 TWIN_DAVINCI_POSES=2000 TWIN_DRAGS=42 TWIN_FAULTS=16 TWIN_LOOKALIKES=12 TWIN_MARGINS=7 \
 	TWIN_NEAR_MISSES=48 TWIN_NOISY_MUTANTS=4 TWIN_RAVEN_POSES=1000 TWIN_REWRITES=60 TWIN_SEARCHES=12 TWIN_SWAPS=7
 

@@ -56,7 +56,7 @@ class Shares(LoadFileScheduling):
 
 
 def pytest_xdist_make_scheduler(config, log):
-    """Share tests by file, as `--dist loadfile` asks for, and by the page in tests/test_docs_pages.py."""
+    """Share tests by file, as `--dist loadfile` asks for, and by the page in tests/project/test_docs_pages.py."""
     if config.getvalue("dist") == "loadfile":
         return Shares(config, log)
     return None

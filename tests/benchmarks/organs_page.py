@@ -30,12 +30,12 @@ HERE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(HERE / "tests"))
 
 from made import headset_page, organs, streaming
-from test_tissue_pages import Pressed
 from twin import api
 from twin.cli import scene as scenes
 from twin.ui.headset import served
 from twin.ui.headset.files import page_files
 from twin.ui.headset.scene_frame import unpack_scene
+from ui.test_tissue_pages import Pressed
 
 BAR_HZ, BAR_MS = 59.0, 50.0
 

@@ -249,7 +249,7 @@ class NewUser:
         return done.returncode, done.stdout + done.stderr
 
     def _twin(self, arguments: list[str]) -> tuple[int, str]:
-        """Run a command in this process: imports and drawings are read once. tests/test_cli.py starts `twin`."""
+        """Run a command in this process: imports and drawings are read once. tests/cli/test_cli.py starts `twin`."""
         try:
             return self._here(lambda: main(arguments))
         except SystemExit as end:  # --help

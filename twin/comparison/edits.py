@@ -55,7 +55,7 @@ class _Case:
         return (self.problem.first, self.problem.second)[self.edited]
 
     def with_side(self, side: Side) -> Problem:
-        """Return the pair with another side in place of the edited one."""
+        """Return the pair with another side instead of the edited one."""
         sides = [self.problem.first, self.problem.second]
         sides[self.edited] = side
         return Problem(sides[0], sides[1], self.matching, self.problem.tolerance)

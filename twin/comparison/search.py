@@ -139,8 +139,8 @@ def base_moved(problem: Problem, u: Unknowns) -> bool:
 def _variants(problem: Problem, solution: Solution) -> list[Solution]:
     """Return other explanations of moved base and tool frames: the free values also fit the tools, or a zero moves.
 
-    The zero of the first joint cannot be told from the base frame, nor that of the last joint from the tool frame,
-    except by the limits of the joint and by the frames of links.
+    Only the limits of the first joint and the frames of links distinguish its zero from the base frame; the same holds
+    for the zero of the last joint and the tool frame.
     """
     u = solution.unknowns
     values = values_of(u)

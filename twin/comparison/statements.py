@@ -16,6 +16,7 @@ import numpy as np
 
 from twin.comparison.side import Axis, Side
 from twin.core import spatial
+from twin.core.foreign.budget import MJCF_SUFFIXES
 from twin.core.spatial import Array
 from twin.core.units import DEG
 
@@ -155,7 +156,7 @@ def statements(side: Side) -> list[Statement]:
         if expanded is None:
             return []
         return _urdf(expanded, side.places)
-    if path.suffix.lower() not in (".urdf", ".xml", ".mjcf"):
+    if path.suffix.lower() not in (".urdf", *MJCF_SUFFIXES):
         return []
     root = _parsed(path)
     if root is None:

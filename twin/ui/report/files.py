@@ -76,7 +76,7 @@ _PICTURES = (
     "trends",
     "workspace",
 )
-"""Kinds of results with a picture; the picture is drawn by `figure(result)` of the module with the kind's name."""
+"""Kinds of results with a picture; the picture is drawn by `figure(result)` of the module <kind>_figures."""
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
@@ -98,7 +98,7 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     shown = [page.name]
     figure = None
     if result.kind in _PICTURES and drawable():
-        module = import_module(f"twin.ui.report.{result.kind}")
+        module = import_module(f"twin.ui.report.{result.kind}_figures")
         figure = module.figure(result)
         picture = folder / f"{name}.png"
         picture.write_bytes(png(figure))

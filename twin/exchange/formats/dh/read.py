@@ -40,7 +40,7 @@ _AFTER: dict[str, tuple[Step, ...]] = {
 """Constant motions of a row after that of its joint. Turns about z and moves along z can be exchanged."""
 
 _COORDINATE: Step = ("", "")
-"""Stands for the motion of the joint."""
+"""The motion of the joint."""
 
 _TITLES = {
     "standard": "standard (distal)",

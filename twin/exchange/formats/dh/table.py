@@ -535,7 +535,7 @@ _OPERATORS: dict[type, Callable[[float, float], float]] = {
 
 
 def _parsed(text: str, moving: bool) -> _Number | None:
-    """Return the number of a cell, and if `moving`, the factor of its coordinate; None if it is no number.
+    """Return the number of a cell, and if `moving`, the factor of its coordinate; None if it is not a number.
 
     The number of "q1 + pi/2" is pi/2.
     """

@@ -1,0 +1,234 @@
+"""Worlds of Gazebo and MuJoCo with several models in them: one is chosen, nothing of it is lost, the rest is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin import cli
+from twin.cad.build import read_mechanism
+from twin.core.errors import SourceError
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+from twin.reference import ReferenceModel
+
+WORLDS = Path(__file__).parents[1] / "data/importing/worlds"
+ROBOTS = {
+    "two_arms": "right",
+    "props": None,
+    "nested": None,
+    "include": None,
+    "relative": None,
+    "loop": None,
+}
+
+
+def at(m, body):
+    return (m.rest[m.base] @ m.rest[body])[:3, 3]
+
+
+def test_every_world_has_its_robot():
+    assert {p.stem for p in WORLDS.glob("*.sdf")} == set(ROBOTS)
+
+
+@pytest.mark.parametrize("name", sorted(ROBOTS))
+def test_every_world_becomes_a_robot_folder(name, tmp_path, capsys):
+    root = ["--root", ROBOTS[name]] if ROBOTS[name] else []
+    target = tmp_path / name
+    assert cli.main(["new", name, "--from", str(WORLDS / f"{name}.sdf"), "--out", str(target), "--quiet", *root]) == 0
+    capsys.readouterr()
+    m = read_mechanism(target / f"cad/{name}.toml").mechanism
+    model = ReferenceModel(m)
+    assert model.home().worst_gap < 1e-9
+    assert cli.main(["info", str(target), "--quiet"]) == 0
+
+
+def test_several_robots_are_listed_and_one_is_chosen(capsys, tmp_path):
+    with pytest.raises(SourceError, match=r"2 models with joints: left, right\. Choose one with --root NAME\."):
+        read(WORLDS / "two_arms.sdf")
+    with pytest.raises(SourceError, match=r"--root: there is no model 'rigth'\. Did you mean 'right'\?"):
+        read(WORLDS / "two_arms.sdf", root="rigth")
+    imported = read(WORLDS / "two_arms.sdf", root="left")
+    assert [j.name for j in imported.mechanism.joints] == ["base_free", "lift"]
+    np.testing.assert_allclose(at(imported.mechanism, "base"), [0, 0.5, 0], atol=1e-12)
+    props = {f.where: f.severity for f in imported.findings if f.code == "import.prop"}
+    assert props == {"right": "warning", "ground_plane": "info"}
+
+
+def test_what_is_no_robot_is_left_out_and_told():
+    imported = read(WORLDS / "props.sdf")
+    assert [j.name for j in imported.mechanism.joints] == ["base_free", "shoulder"]
+    assert {f.where for f in imported.findings if f.code == "import.prop"} == {"table", "can"}
+    assert len([f for f in imported.findings if f.code == "import.include"]) == 2
+
+
+def test_nested_models_stand_where_their_frames_say():
+    m = read(WORLDS / "nested.sdf").mechanism
+    joints = {j.name: j for j in m.joints}
+    assert {n: (j.parent, j.child) for n, j in joints.items()} == {
+        "base_free": ("world", "base"),
+        "shoulder": ("base", "upper"),
+        "wrist": ("upper", "hand_palm"),
+        "hand_close": ("hand_palm", "hand_finger"),
+        "hand_bend": ("hand_palm", "hand_thumb_tip"),
+        "roll": ("hand_finger", "nail"),
+    }
+    # the flange is 0.2 m along x of the upper arm, which is turned by a quarter about z
+    np.testing.assert_allclose(at(m, "hand_palm"), [0.1, 0.2, 0.35], atol=1e-12)
+    np.testing.assert_allclose(at(m, "hand_finger"), [0.12, 0.2, 0.35], atol=1e-12)
+    np.testing.assert_allclose(at(m, "hand_thumb_tip"), [0.08, 0.21, 0.35], atol=1e-12)
+    np.testing.assert_allclose(at(m, "nail"), [0.12, 0.2, 0.36], atol=1e-12)
+    close_ = m.rest["hand_palm"] @ joints["hand_close"].T_parent_joint
+    np.testing.assert_allclose(close_[:3, 2], [-1, 0, 0], atol=1e-12)
+    assert [f.name for f in m.frames if f.name not in ("flange", "tool")] == []
+
+
+def test_included_models_are_parts_with_their_own_names():
+    m = read(WORLDS / "include.sdf").mechanism
+    assert {j.name: j.limits for j in m.joints if j.type == "revolute"} == {
+        "one_knuckle": (0, 1.2),
+        "two_knuckle": (0, 1.2),
+    }
+    np.testing.assert_allclose(at(m, "two_tip"), [-0.05, 0, 0.04], atol=1e-12)
+    axes = [(m.rest[j.parent] @ j.T_parent_joint)[:3, 2] for j in m.joints if j.type == "revolute"]
+    np.testing.assert_allclose(axes, [[1, 0, 0], [-1, 0, 0]], atol=1e-12)
+
+
+def test_an_include_that_is_missing_or_endless_is_an_error(tmp_path):
+    text = (WORLDS / "include.sdf").read_text()
+    (tmp_path / "hand.sdf").write_text(text)
+    with pytest.raises(SourceError, match=r"model 'hand': include model://finger is missing"):
+        read(tmp_path / "hand.sdf")
+    folder = tmp_path / "finger"
+    folder.mkdir()
+    (folder / "model.sdf").write_text(
+        '<sdf version="1.9"><model name="finger"><include><uri>model://finger</uri></include></model></sdf>'
+    )
+    with pytest.raises(SourceError, match="more than 8 levels; check that no model includes itself"):
+        read(tmp_path / "hand.sdf")
+
+
+def test_relative_poses_lead_through_joints_and_frames():
+    m = read(WORLDS / "relative.sdf").mechanism
+    # of the base: j1 is 0.5 above, turned by a quarter about y: its x points down, its z along x
+    np.testing.assert_allclose(at(m, "base"), [3, 2, 2], atol=1e-12)
+    np.testing.assert_allclose(at(m, "a"), [3, 2, 2.4], atol=1e-12)
+    np.testing.assert_allclose(at(m, "b"), [3.2, 2, 2.4], atol=1e-12)
+    np.testing.assert_allclose((m.rest["a"] @ m.joint("j2").T_parent_joint)[:3, 2], [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose((m.rest["base"] @ m.joint("j1").T_parent_joint)[:3, 2], [0, 1, 0], atol=1e-12)
+    assert m.frame("eye").body == "b"
+
+
+def test_the_loop_of_a_world_closes():
+    imported = close(read(WORLDS / "loop.sdf"))
+    assert [j.name for j in imported.mechanism.loops] == ["meet"]
+    assert [j.name for j in imported.mechanism.active] == ["drive"]
+    model = ReferenceModel(imported.mechanism)
+    assert model.solve(np.array([0.3])).q_full["pivot"] == pytest.approx(0.3, abs=1e-9)
+
+
+# -- MJCF -------------------------------------------------------------------------------------------------
+
+ARM = """<body name="{n}" pos="0 {y} 0"><joint name="{n}_a" axis="0 0 1"/><geom size=".1" mass="1"/>
+<body name="{n}_fore" pos=".3 0 0"><joint name="{n}_b" axis="0 1 0"/><geom size=".1" mass="1"/></body></body>"""
+
+
+def mjcf(folder, bodies, more="", assets=""):
+    path = folder / "scene.xml"
+    path.write_text(f"<mujoco>{assets}<worldbody><geom type='plane' size='1 1 1'/>{bodies}</worldbody>{more}</mujoco>")
+    return path
+
+
+def arms(count, driven=True):
+    bodies = "".join(ARM.format(n=f"arm{i}", y=i) for i in range(count))
+    motors = "".join(f'<motor joint="arm{i}_a"/>' for i in range(count))
+    return bodies, f"<actuator>{motors}</actuator>" if driven else ""
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_several_robots_of_an_mjcf_are_listed_and_one_is_chosen(driven, tmp_path):
+    path = mjcf(tmp_path, *arms(2, driven))
+    with pytest.raises(SourceError, match=r"the file has 2 robots: 'arm0', 'arm1'\. Choose one with --root NAME"):
+        read(path, guarded=False)
+    one = close(read(path, root="arm1_fore", guarded=False))
+    assert [b.name for b in one.mechanism.bodies] == ["world", "arm1", "arm1_fore"]
+    assert {f.where for f in one.findings if f.code == "import.prop"} == {"'arm0'"}
+    both = close(read(path, root="world", guarded=False))
+    assert len(both.mechanism.joints) == 4
+    with pytest.raises(SourceError, match=r"--root: there is no body 'arm7'\. Did you mean"):
+        read(path, root="arm7", guarded=False)
+
+
+def test_what_an_equality_ties_is_one_robot_and_a_loose_thing_is_none(tmp_path):
+    bodies, motors = arms(2)
+    tie = '<equality><connect body1="arm0_fore" body2="arm1_fore" anchor="0 .5 0"/></equality>'
+    assert len(read(mjcf(tmp_path, bodies, motors + tie), guarded=False).mechanism.joints) == 5
+    mug = '<body name="mug" pos="1 1 1"><freejoint/><geom size=".1"/></body>'
+    table = '<body name="table"><geom type="box" size="1 1 .1"/></body>'
+    imported = read(mjcf(tmp_path, arms(1)[0] + mug + table, arms(1)[1]), guarded=False)
+    assert {b.name for b in imported.mechanism.bodies} == {"world", "arm0", "arm0_fore", "table"}
+    assert {f.where: f.severity for f in imported.findings if f.code == "import.prop"} == {"'mug'": "warning"}
+
+
+def test_missing_meshes_and_textures_of_an_mjcf_are_warnings(tmp_path):
+    assets = (
+        '<compiler meshdir="parts"/><asset><mesh name="m" file="nowhere.stl"/><mesh file="spare.obj"/>'
+        '<texture name="t" type="2d" file="no.png"/><material name="wood" texture="t"/></asset>'
+    )
+    bodies = (
+        '<body name="a"><joint name="q"/><geom type="mesh" mesh="m" material="wood"/>'
+        '<body name="b"><joint name="r" axis="0 1 0"/><inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/>'
+        '<geom type="mesh" mesh="m"/><geom size="0.1"/></body></body>'
+    )
+    imported = close(read(mjcf(tmp_path, bodies, assets=assets), guarded=False))
+    told = [(f.code, f.severity) for f in imported.findings if f.code in ("import.mesh", "import.texture")]
+    assert told.count(("import.mesh", "warning")) == 3
+    assert ("import.texture", "warning") in told
+    assert any("nowhere.stl is missing" in f.message for f in imported.findings)
+    assert imported.mechanism.body("a").inertia is None
+    assert imported.mechanism.body("b").inertia.mass == 2
+    assert len(imported.mechanism.body("b").meshes) == 1
+
+
+def test_a_leg_with_springs_balls_and_two_loops_is_read_whole():
+    imported = close(read(WORLDS / "cassie.xml", guarded=False))
+    m = imported.mechanism
+    assert [j.name for j in m.loops] == ["equality0", "equality1"]
+    assert [j.name for j in m.active] == ["hip", "knee", "foot_crank"]
+    types = {j.name: j.type for j in m.joints}
+    assert (types["joint0"], types["rod_ball"], types["shin_spring"]) == ("free", "spherical", "revolute")
+    assert max(g[0] for g in ReferenceModel(m).home().gap.values()) < 1e-9
+    told = [f.message for f in imported.findings if f.code == "import.friction"]
+    assert any("shin_spring" in t and "stiffness 1500" in t for t in told)
+    assert any(f.code == "import.free" for f in imported.findings)
+    assert {"hip", "knee", "foot_crank"} == set(next(v for k, v in m.postures.items() if k != "home"))
+
+
+def test_a_mocap_body_and_what_holds_the_robot_to_it_are_left_out(tmp_path):
+    path = tmp_path / "held.xml"
+    path.write_text(
+        """<mujoco><worldbody><body name="hand" mocap="true" pos="0 0 1"><geom size=".1"/></body>
+        <body name="arm"><joint name="j" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+        <equality><weld name="grip" body1="hand" body2="arm"/></equality></mujoco>"""
+    )
+    found = read(path, guarded=False)
+    assert [b.name for b in found.mechanism.bodies] == ["world", "arm"]
+    assert [j.name for j in found.mechanism.joints] == ["j"]
+    assert {(f.code, f.where) for f in found.findings if f.severity == "warning"} >= {
+        ("import.mocap", "hand"),
+        ("import.equality", "grip"),
+    }
+
+
+def test_a_skin_is_for_display_and_left_out(tmp_path):
+    path = tmp_path / "skin.xml"
+    path.write_text(
+        """<mujoco><worldbody><body name="arm"><joint name="j" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+        <deformable><skin name="s" vertex="0 0 0 1 0 0 0 1 0" face="0 1 2"><bone body="arm" bindpos="0 0 0"
+        bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/></skin></deformable></mujoco>"""
+    )
+    found = read(path, guarded=False)
+    assert [j.name for j in found.mechanism.joints] == ["j"]
+    assert any(f.code == "import.skin" and f.severity == "warning" for f in found.findings)

@@ -1,0 +1,177 @@
+"""The kinds of tasks, and a task and a device that other packages bring."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+import twin
+from made.foreign_task import installed
+from twin.api.session import operate_console, replay_session
+from twin.cli import main
+from twin.cli.parser import parser
+from twin.core.entry_points import names
+from twin.core.errors import DescriptionError, TwinError
+from twin.model import scene as scenes
+from twin.model import task as tasks
+from twin.simulation import blocks
+from twin.simulation.session.play import Play, play_of
+
+ROOT = Path(__file__).parents[2]
+CACHES = (tasks.kinds, tasks.task_table, scenes.scene_table, parser)
+
+
+@pytest.fixture
+def outside(tmp_path, monkeypatch):
+    """Install the packages of a task and of a device outside of the tree; return the folder on `sys.path`."""
+    folder = installed(tmp_path / "site")
+    monkeypatch.syspath_prepend(str(folder))
+    for made_once in CACHES:
+        made_once.cache_clear()
+    yield folder
+    for made_once in CACHES:
+        made_once.cache_clear()
+    for name in [n for n in sys.modules if n.split(".")[0] in ("wait_task", "pulse_device")]:
+        del sys.modules[name]
+
+
+def scene_file(folder, text):
+    """Write the da Vinci's scene with more sections; return its file."""
+    shutil.copytree(ROOT / "cad/davinci", folder)
+    file = folder / "scene.toml"
+    file.write_text(file.read_text(encoding="utf-8") + text, encoding="utf-8")
+    return file
+
+
+MORE = """
+[task.still]
+title = "keep both hands still"
+wait = { rest_s = 0.4 }
+provenance = "ASSUMED"
+note = "a test"
+
+[device.pulse]
+use = "pulse"
+settings = { every_s = 0.1 }
+
+[hazard.loose_clutch]
+use = "fault"
+settings = { signal = "pedals.clutch", start = 0.1, stop = 0.2, operation = "overwrite", value = 1.0 }
+"""
+
+
+def test_each_folder_is_a_kind_of_task_with_its_play():
+    folders = {f.name for f in (ROOT / "twin/simulation/tasks").iterdir() if (f / "__init__.py").is_file()}
+    assert folders == {kind.name for kind in tasks.kinds()}
+    assert sorted(folders) == names(tasks.FOLDER, tasks.GROUP)
+    for kind in tasks.kinds():
+        assert isinstance(play_of(tasks.ConsoleTask("t", "t", 0.0, 0.0, kind, None)), Play)
+
+
+def _task_literals(path):
+    """Return the lines with two or more keys of kinds of tasks in a list, or a choice by such a key."""
+    kinds = {kind.name for kind in tasks.kinds()}
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        values = []
+        if isinstance(node, ast.Tuple | ast.List | ast.Set):
+            values = [e.value for e in node.elts if isinstance(e, ast.Constant)]
+        elif isinstance(node, ast.Dict):
+            values = [key.value for key in node.keys if isinstance(key, ast.Constant)]
+        if sum(v in kinds for v in values if isinstance(v, str)) > 1:
+            found.append((path.relative_to(ROOT).as_posix(), node.lineno, values))
+    return found
+
+
+def test_no_list_of_tasks_is_literal():
+    files = [*ROOT.glob("twin/**/*.py"), *ROOT.glob("tests/*.py"), *ROOT.glob("docs/*.py")]
+    checked = [path for path in files if "_data" not in path.parts and path.name != "test_tasks.py"]
+    assert [line for path in sorted(checked) for line in _task_literals(path)] == []
+
+
+def test_a_literal_list_of_tasks_is_found(monkeypatch, tmp_path):
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    path = tmp_path / "literal.py"
+    path.write_text('a = ("guide", "align")\nb = {"target": 1, "transfer": 2}\nc = ["procedure"]\n')
+    assert sorted(line for _, line, _ in _task_literals(path)) == [1, 2]
+
+
+def test_a_task_of_another_package_is_in_help_and_messages(outside, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main(["operate", "--help"])
+    assert "align, guide, procedure, target, transfer, wait" in " ".join(capsys.readouterr().out.split())
+    file = scene_file(tmp_path / "scene", MORE.replace("wait = { rest_s = 0.4 }\n", ""))
+    with pytest.raises(DescriptionError, match="`guide`, `align`, `procedure` or `wait`; this task has none of them"):
+        twin.load_scene(file)
+
+
+def test_a_task_and_a_device_of_other_packages_are_played_and_replayed(outside, tmp_path):
+    scene = twin.load_scene(scene_file(tmp_path / "scene", MORE))
+    assert "task still rest" in {parameter.name for parameter in scene.parameters}
+    found = operate_console(scene, "still")
+    content = found.content()
+    assert (found.word, found.verdict) == ("The hands were still", "agree")
+    assert content["waited_s"] == pytest.approx(0.4, abs=0.05)
+    assert "waited 0.4 s" in "".join(part for part in found.text() if isinstance(part, str))
+    kept = found.ran.kept
+    clutch = kept["pedals.clutch"][:, 0]
+    assert clutch[(kept.t > 0.11) & (kept.t < 0.19)].all()
+    assert not clutch[kept.t > 0.21].any()
+    file = tmp_path / "a.session"
+    file.write_bytes(found.recorded)
+    again = replay_session(file, scene)
+    assert again.ran.difference is None
+    assert again.outcome.content() == found.outcome.content()
+
+
+def test_a_device_of_another_package_beats_in_the_world(outside, tmp_path):
+    from twin.api.act import members_of, robots_at
+    from twin.simulation import console_scene
+    from twin.simulation.session import run
+    from twin.simulation.setup import Setup
+
+    scene = twin.load_scene(scene_file(tmp_path / "scene", MORE))
+    setup = Setup(scene, members_of(robots_at(console_scene.led_by(scene))), scene.tasks["still"])
+    world = console_scene.world(setup, run.surgeon(setup))
+    world.step(250)
+    assert world.signals["pulse.phase"][0] == 2.0
+    assert console_scene.identity(setup) != console_scene.identity(Setup(twin.load_scene("davinci"), setup.members))
+
+
+UNUSABLE = {"puls": "there is no device 'puls'. Did you mean 'pulse'", "hand": "it has no function from_scene"}
+
+
+@pytest.mark.parametrize("use", UNUSABLE)
+def test_a_device_that_cannot_be_used_is_named(outside, tmp_path, use):
+    from twin.simulation.setup import Setup
+
+    scene = twin.load_scene(scene_file(tmp_path / "scene", MORE.replace('use = "pulse"', f'use = "{use}"')))
+    with pytest.raises(TwinError, match=UNUSABLE[use]):
+        blocks.blocks(Setup(scene, {}), "devices")
+
+
+BROKEN = {
+    "wait = wait_task.task:NOTHING": "cannot be imported",
+    "wait = json:dumps": "not a twin.model.task.TaskKind",
+    "rest = wait_task.task:KIND": "give both one name",
+}
+
+
+@pytest.mark.parametrize("line", BROKEN)
+def test_a_kind_of_task_that_cannot_be_used_is_named(line, outside):
+    (outside / "wait_task-1.0.dist-info/entry_points.txt").write_text(f"[twin.tasks]\n{line}\n", encoding="utf-8")
+    with pytest.raises(TwinError, match=BROKEN[line]):
+        tasks.kinds()
+
+
+def test_a_key_that_has_a_meaning_already_is_refused(outside):
+    file = outside / "wait_task/task.py"
+    file.write_text(file.read_text().replace('name="wait"', 'name="guide"'), encoding="utf-8")
+    metadata = outside / "wait_task-1.0.dist-info/entry_points.txt"
+    metadata.write_text("[twin.tasks]\nguide = wait_task.task:KIND\n", encoding="utf-8")
+    with pytest.raises(TwinError, match="the key 'guide' of a task has a meaning already"):
+        tasks.kinds()
