@@ -58,8 +58,8 @@ class Planner:
 
 def plan_here(console, arm):
     """Let a console make its plans by `Planner` in this process."""
-    scene_control.planning._stream.close()
-    scene_control.planning._stream = Here(Planner(scene_control.members[arm]))
+    console.planning._stream.close()
+    console.planning._stream = Here(Planner(console.members[arm]))
 
 
 @contextmanager
