@@ -60,10 +60,11 @@ def test_the_chain_of_an_entry_holds_its_numbers_after_the_correction(path):
     things = entry.get("joint", []) + entry.get("body", []) + entry.get("dh", [])
     named = {thing["name"]: thing for thing in things}
     assert len(named) == len(things)
+    assert ("convention" in entry) == ("dh" in entry)
     for joint in entry.get("joint", []):
         assert {"name", "type", "parent", "child", "xyz", "rpy"} <= set(joint)
         assert ("axis" in joint) == (joint["type"] != "fixed")
-    for number in entry["number"]:
+    for number in entry.get("number", []):
         end = next(end for end in PLACES if number["place"].endswith(" " + end))
         key, i = PLACES[end]
         value = named[number["place"].removesuffix(" " + end)][key]
