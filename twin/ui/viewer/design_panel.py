@@ -30,14 +30,17 @@ class DesignPanel:
     """Panel for changes of equations and mechanism; changes are not written to files."""
 
     def __init__(self, front: Front, tab: viser.GuiTabHandle) -> None:
-        self.front, self.gui, self._tab = front, front.server.gui, tab
+        self.front = front
+        self.gui = front.server.gui
+        self._tab = tab
         self._handles: list = []
         self._other: Desk | None = None
         self._other_nodes: RobotNodes | None = None
         self._cloud = Cloud()
         self._points: list[np.ndarray] = []
         self._condition: list[np.ndarray] = []
-        self._drawn, self._of = 0.0, ""
+        self._draw_time = 0.0
+        self._of = ""
         self.rebuild()
         front.after_frame.append(self._poll)
 
@@ -226,14 +229,20 @@ class DesignPanel:
         moved = self._other.move_tool(desk.asked if desk.asked is not None else desk.assembly.T_base_tool)
         self._other_nodes.write(self._other.assembly.link_poses)
         b = read(self._other)
-        rows: list[tuple[str, ...]] = [("", "A (active)", "B (orange)")]
-        rows.append(("condition", *(f"{r.condition:.2f}" if r.condition else "-" for r in (reading, b))))
-        rows.append(("differs by", *(differs(r) for r in (reading, b))))
-        for i, limit in enumerate(reading.limits):
-            rows.append((limit.joint, *(f"{r.limits[i].value:.3f} {r.limits[i].unit}" for r in (reading, b))))
-        lines = ("".join(f"<td style='padding:0 .6em 0 0'>{cell}</td>" for cell in row) for row in rows)
-        cells = "".join(f"<tr>{line}</tr>" for line in lines)
-        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{cells}</table>{refused(moved)}"
+        rows = [
+            ("", "A (active)", "B (orange)"),
+            ("condition", _condition(reading), _condition(b)),
+            ("differs by", differs(reading), differs(b)),
+        ]
+        for limit, limit_b in zip(reading.limits, b.limits, strict=True):
+            value = f"{limit.value:.3f} {limit.unit}"
+            value_b = f"{limit_b.value:.3f} {limit_b.unit}"
+            rows.append((limit.joint, value, value_b))
+        html = ""
+        for row in rows:
+            cells = "".join(f"<td style='padding:0 .6em 0 0'>{cell}</td>" for cell in row)
+            html += f"<tr>{cells}</tr>"
+        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{html}</table>{refused(moved)}"
 
     # -- workspace ------------------------------------------------------------------------------------
 
@@ -257,13 +266,19 @@ class DesignPanel:
             self._points, self._condition, self._of = [], [], a.name
             desk = a.desk
             assert desk.kin is not None
-            T = desk.assembly.T_base_tool.copy()
-            poses = int(count.value.replace(" ", ""))
             parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
-            limits, variants = desk.mechanism.limits, dict(desk.kin.variants)
-            half, mechanism = edge.value * MM, without_meshes(desk.mechanism)
-            bounds = desk.solver.bounds
-            self._cloud.start(WorkspaceJob(a.source, variants, parameters, limits, T, half, poses, bounds, mechanism))
+            job = WorkspaceJob(
+                a.source,
+                dict(desk.kin.variants),
+                parameters,
+                desk.mechanism.limits,
+                desk.assembly.T_base_tool.copy(),
+                edge.value * MM,
+                int(count.value.replace(" ", "")),
+                desk.solver.bounds,
+                without_meshes(desk.mechanism),
+            )
+            self._cloud.start(job)
 
         def hide() -> None:
             self._cloud.cancel()
@@ -283,13 +298,13 @@ class DesignPanel:
         self._points.append(chunk.points)
         self._condition.append(chunk.condition)
         done = chunk.evaluated >= chunk.count
-        if not done and self.front.now - self._drawn < _REDRAW:
+        if not done and self.front.now - self._draw_time < _REDRAW:
             return
-        self._drawn = self.front.now
-        points, condition = np.concatenate(self._points), np.concatenate(self._condition)
+        self._draw_time = self.front.now
+        points = np.concatenate(self._points)
+        condition = np.concatenate(self._condition)
         self._progress.value = 100.0 * chunk.evaluated / chunk.count
-        looked, reached = (f"{n:,}".replace(",", " ") for n in (chunk.evaluated, len(points)))
-        self._found.content = f"{looked} poses, **{reached}** reachable"
+        self._found.content = f"{_grouped(chunk.evaluated)} poses, **{_grouped(len(points))}** reachable"
         if not len(points):
             return
         some = slice(None, None, max(1, len(points) // _SHOWN))
@@ -308,6 +323,11 @@ class DesignPanel:
         self.front.rebuilt(a)
 
 
+def _grouped(number: int) -> str:
+    """Return a number with a space between groups of three digits."""
+    return f"{number:,}".replace(",", " ")
+
+
 def differs(reading: RobotReading) -> str:
     """Return a text on the largest difference between equations and mechanism: value with unit, and quantity."""
     if reading.residual is None:
@@ -316,6 +336,12 @@ def differs(reading: RobotReading) -> str:
         return escape(reading.scope)
     what = f" ({escape(reading.residual.what)})" if reading.residual.what else ""
     return readout.amount(reading.residual) + what
+
+
+def _condition(reading: RobotReading) -> str:
+    if not reading.condition:
+        return "-"
+    return f"{reading.condition:.2f}"
 
 
 def refused(moved: MoveResult) -> str:

@@ -33,7 +33,9 @@ class Panels:
     """All controls and displays of the page."""
 
     def __init__(self, front: Front) -> None:
-        self.front, self.gui, self.why = front, front.server.gui, ""
+        self.front = front
+        self.gui = front.server.gui
+        self.why = ""
         gui = self.gui
         gui.set_panel_label(front.title)
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
@@ -105,7 +107,8 @@ class Panels:
         def planned(event: viser.GuiEvent) -> None:
             if event.client is None:  # the list of another robot is shown
                 return
-            a, protocol = front.hand, self._chosen()
+            a = front.hand
+            protocol = self._chosen()
             front.ask("load", lambda: front.load(a, protocol))
 
         self._protocol.on_update(planned)
@@ -120,11 +123,19 @@ class Panels:
     def _list_protocols(self) -> None:
         """List the protocols of the active robot, and select the one that was loaded last."""
         a = self.front.hand
-        listed, files = self._protocols[a.name], a.desk.robot.files
-        loaded = a.protocol or (files and a.desk.robot.source.description.default_protocol)
-        self._protocol.options = list(listed) or ["none"]
-        self._protocol.disabled = not listed
-        self._protocol.value = next((n for n, p in listed.items() if p == loaded), self._protocol.options[0])
+        protocols = self._protocols[a.name]
+        loaded = a.protocol
+        if not loaded and a.desk.robot.files is not None:
+            loaded = a.desk.robot.source.description.default_protocol
+        names = list(protocols) or ["none"]
+        selected = names[0]
+        for name, source in protocols.items():
+            if source == loaded:
+                selected = name
+                break
+        self._protocol.options = names
+        self._protocol.disabled = not protocols
+        self._protocol.value = selected
 
     def _chosen(self) -> str | None:
         """Return the argument of `Robot.protocol` for the selected protocol; None if none is selected."""
@@ -140,9 +151,10 @@ class Panels:
     def preparing(self, a: ShownRobot, protocol: str | None) -> None:
         """Show that a protocol of a robot is being planned; None: its default protocol."""
         self._run.disabled = True
-        self._state.content = (
-            f"planning **{Path(protocol).stem if protocol else 'the default protocol'}** of {a.name} …"
-        )
+        name = "the default protocol"
+        if protocol:
+            name = Path(protocol).stem
+        self._state.content = f"planning **{name}** of {a.name} …"
 
     def failed(self, a: ShownRobot, error: str) -> None:
         """Show why the protocol of a robot cannot be played."""
@@ -155,16 +167,12 @@ class Panels:
         if a is front.hand and a.playback is not None:
             if self._time is not None:
                 self._time.remove()
+            duration = round(front.clock.duration, 3)
+            marks = tuple(round(t0, 3) for _, t0, _ in a.playback.phases)
             with self._folder:
-                self._time = self.gui.add_slider(
-                    "t [s]",
-                    0.0,
-                    round(front.clock.duration, 3),
-                    0.001,
-                    0.0,
-                    marks=tuple(round(t0, 3) for _, t0, _ in a.playback.phases),
-                )
-            time, self._phases.content = self._time, ""
+                self._time = self.gui.add_slider("t [s]", 0.0, duration, 0.001, 0.0, marks=marks)
+            time = self._time
+            self._phases.content = ""
 
             def scrub(event: viser.GuiEvent) -> None:
                 if event.client is None:
@@ -191,7 +199,9 @@ class Panels:
             self.ready(self.front.hand)
 
     def _move(self) -> None:
-        gui, front, a = self.gui, self.front, self.front.hand
+        gui = self.gui
+        front = self.front
+        a = front.hand
         for handle in self._sliders:
             handle.remove()
         self._sliders = []
@@ -207,13 +217,21 @@ class Panels:
             go = gui.add_button_group(" ", ("go", "keep here"))
             self._sliders += [note, postures, go]
             for i, joint in enumerate(a.desk.joints):
-                scale, unit = (DEG, "°") if joint.is_angle else (MM, "mm")
-                low, high = joint.limits or ((-np.pi, np.pi) if joint.is_angle else (-0.5, 0.5))
-                step = 0.01
-                slider = gui.add_slider(
-                    f"{joint.name} [{unit}]", round(low / scale, 2), round(high / scale, 2), step,
-                    round(float(np.clip(a.desk.assembly.q[i] / scale, low / scale, high / scale)), 2),
-                )  # fmt: skip
+                scale = MM
+                unit = "mm"
+                low = -0.5
+                high = 0.5
+                if joint.is_angle:
+                    scale = DEG
+                    unit = "°"
+                    low = -np.pi
+                    high = np.pi
+                if joint.limits is not None:
+                    low, high = joint.limits
+                low /= scale
+                high /= scale
+                value = round(float(np.clip(a.desk.assembly.q[i] / scale, low, high)), 2)
+                slider = gui.add_slider(f"{joint.name} [{unit}]", round(low, 2), round(high, 2), 0.01, value)
                 slider.on_update(self._mover(i, scale, slider))
                 self._joint.append(slider)
                 self._sliders.append(slider)
@@ -223,7 +241,8 @@ class Panels:
                 front.clock.playing = False
                 front.ask("posture", lambda: a.desk.go(postures.value))
             elif len(a.desk.postures) < MOST_POSTURES:
-                name = f"kept {sum(p.startswith('kept') for p in a.desk.postures) + 1}"
+                kept = [name for name in a.desk.postures if name.startswith("kept")]
+                name = f"kept {len(kept) + 1}"
                 a.desk.keep(name)
                 postures.options = a.desk.postures
                 postures.value = name
@@ -241,7 +260,8 @@ class Panels:
             if event.client is None:
                 return
             front.clock.playing = False
-            value, desk = slider.value * scale, front.hand.desk
+            value = slider.value * scale
+            desk = front.hand.desk
             front.go_on(f"joint {i}", lambda: desk.move_joint(i, value))
 
         return moved
@@ -282,20 +302,22 @@ class Panels:
         """Show the readings of the active robot, the time, and the curves."""
         front = self.front
         desk = front.hand.desk
-        variants = ""
+        variants = []
         if desk.kin is not None:
-            variants = ", ".join(
-                f"{n}: {v}" for n, v in desk.kin.variants.items() if len(desk.kin.choices.get(n, ())) > 1
-            )
-        text = readout.table(reading, variants)
+            for equation, variant in desk.kin.variants.items():
+                if len(desk.kin.choices.get(equation, ())) > 1:
+                    variants.append(f"{equation}: {variant}")
+        text = readout.table(reading, ", ".join(variants))
         if text != self._readout.content:
             self._readout.content = text
-        scales = [DEG if j.is_angle else MM for j in desk.joints]
-        for slider, value, scale in zip(self._joint, desk.assembly.q, scales, strict=True):
-            shown = float(np.clip(round(value / scale, 2), slider.min, slider.max))
-            if abs(slider.value - shown) > 0.005 and not front.wished("joint"):
-                slider.value = shown
-        clock, playback = front.clock, front.hand.playback
+        for slider, joint, q in zip(self._joint, desk.joints, desk.assembly.q, strict=True):
+            scale = DEG if joint.is_angle else MM
+            value = float(np.clip(round(q / scale, 2), slider.min, slider.max))
+            # a slider that a user drags is not moved
+            if abs(slider.value - value) > 0.005 and not front.wished("joint"):
+                slider.value = value
+        clock = front.clock
+        playback = front.hand.playback
         if self._time is not None and playback is not None:
             if abs(self._time.value - clock.time) > 5e-4:
                 self._time.value = round(min(clock.time, self._time.max), 3)
@@ -315,13 +337,19 @@ class Panels:
         playback = self.front.hand.playback
         if playback is None:
             return
-        names, values = curves(playback, self._what.value, [j.name for j in self.front.hand.desk.joints],
-                               [j.is_angle for j in self.front.hand.desk.joints])  # fmt: skip
+        joints = []
+        angles = []
+        for joint in self.front.hand.desk.joints:
+            joints.append(joint.name)
+            angles.append(joint.is_angle)
+        names, values = curves(playback, self._what.value, joints, angles)
         step = max(1, len(playback.t) // _POINTS)
-        t, rows = playback.t[::step], values[:, ::step]
+        t = playback.t[::step]
+        rows = values[:, ::step]
         k = int(np.argmin(np.abs(t - self.front.clock.time)))
         rows = np.where(np.isfinite(rows), rows, 0.0)  # the plot cannot show NaN
-        low, high = float(rows.min()), float(rows.max())
+        low = float(rows.min())
+        high = float(rows.max())
         now = np.full(len(t), low)  # a separate curve that is a vertical line at the clock's time
         now[k] = max(high, low + LEAST_SPAN)
         data = (t, *rows, now)
@@ -332,7 +360,9 @@ class Panels:
         if self._plot is not None:
             self._plot.remove()
         series = [uplot.Series(label="t")]
-        series += [uplot.Series(label=n, stroke=PALETTE[i % len(PALETTE)], width=1.5) for i, n in enumerate(names)]
+        for i, name in enumerate(names):
+            color = PALETTE[i % len(PALETTE)]
+            series.append(uplot.Series(label=name, stroke=color, width=1.5))
         series.append(uplot.Series(label="now", stroke="#888888", width=1.0))
         self._legend.content = readout.legend(names, PALETTE)
         with self._curves_tab:
@@ -357,13 +387,28 @@ def curves(playback: Playback, what: str, joints: list[str], angles: list[bool])
     `joints` are the names of the active joints; `angles` states for each active joint whether its value is an angle.
     """
     if what == "tip":
-        return [f"{a} [mm]" for a in "xyz"], playback.tip.T / MM
+        return ["x [mm]", "y [mm]", "z [mm]"], playback.tip.T / MM
     if what == "RCM error":
         worst = float(np.nanmax(playback.rcm_error, initial=0.0))
-        unit, scale = next((u for u in _SMALL if worst >= u[1]), _SMALL[-1])
+        unit, scale = _unit_of(worst)
         return [f"shaft to RCM [{unit}]"], playback.rcm_error[None] / scale
-    per = {"displacement": "", "speed": "/s", "acceleration": "/s²"}[what]
-    values = {"displacement": playback.q, "speed": playback.qd, "acceleration": playback.qdd}[what]
-    scale = np.array([DEG if a else MM for a in angles])
-    names = [f"{n} [{'°' if a else 'mm'}{per}]" for n, a in zip(joints, angles, strict=True)]
-    return names, (values / scale).T
+    per, values = {
+        "displacement": ("", playback.q),
+        "speed": ("/s", playback.qd),
+        "acceleration": ("/s²", playback.qdd),
+    }[what]
+    names = []
+    scales = []
+    for joint, is_angle in zip(joints, angles, strict=True):
+        unit = "°" if is_angle else "mm"
+        names.append(f"{joint} [{unit}{per}]")
+        scales.append(DEG if is_angle else MM)
+    return names, (values / np.array(scales)).T
+
+
+def _unit_of(distance: float) -> tuple[str, float]:
+    """Return the largest unit, with its size in m, in which a distance is at least 1; otherwise the smallest unit."""
+    for unit, size in _SMALL:
+        if distance >= size:
+            return unit, size
+    return _SMALL[-1]

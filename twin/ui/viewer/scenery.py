@@ -14,7 +14,7 @@ from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.ui.session.patient import none_there, patient_of
-from twin.ui.session.trocars import in_trocars, rcm_at
+from twin.ui.session.trocars import InTrocar, in_trocars, rcm_at
 from twin.ui.viewer import view_export
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
@@ -31,21 +31,30 @@ class Scenery:
     """The surroundings of all robots, and the cameras of the browsers."""
 
     def __init__(self, front: Front, props: Mechanism | None) -> None:
-        self.front, self.scene = front, front.server.scene
-        found = [front.nodes[a.name].to_world(c) for a in front.actors for c in corners(front.nodes[a.name].box)]
+        self.front = front
+        self.scene = front.server.scene
+        boxes = []
+        for nodes in front.nodes.values():
+            boxes.append(np.array([nodes.to_world(corner) for corner in corners(nodes.box)]))
         self.props: RobotNodes | None = None
         if props is not None:
             poses = ReferenceModel(props).home().link_poses
             self.props = RobotNodes(front.server, f"/{props.name}", props, poses)
-            found += list(corners(self.props.box))
-        low, high = np.min(found, axis=0), np.max(found, axis=0)
-        self.middle, self.size = 0.5 * (low + high), float(np.linalg.norm(high - low))
-        floor = float(low[2]) if props is None else min(0.0, float(low[2]))
+            boxes.append(corners(self.props.box))
+        points = np.concatenate(boxes)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
+        self.middle = 0.5 * (low + high)
+        self.size = float(np.linalg.norm(high - low))
+        floor = float(low[2])
+        if props is not None:
+            floor = min(0.0, floor)
         self.grid = furnish(front.server, self.middle, self.size, floor)
         self._floor = floor
         self._patients: dict[str, RobotNodes] = {}
         self._patient_shown = False
-        self._gizmo_wanted, self._through_lens = True, False
+        self._gizmo_wanted = True
+        self._through_lens = False
         self._trail: dict[str, list[viser.SceneNodeHandle]] = {}
         self._trail_shown = True
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
@@ -73,35 +82,48 @@ class Scenery:
 
     def follow(self) -> None:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
-        shown = set()
-        for a in self.front.actors if self._trail_shown else ():
-            size = self.front.nodes[a.name].size
-            found = in_trocars(a.desk, rcm_at(a.playback, self.front.clock.time))
-            for t in found:
-                key = f"{a.name}/{t.name}" if len(found) > 1 else a.name
-                shown.add(key)
-                end = t.place + 0.12 * size * t.axis if t.tip is None else t.tip
-                ends = np.array([[end, t.place - 0.12 * size * t.axis]], np.float32)
-                if key not in self._lines:
-                    of = f"_{t.name}" if len(found) > 1 else ""
-                    self._lines[key] = self.scene.add_line_segments(
-                        f"/{a.name}/shaft_axis{of}", ends, ORANGE, thickness=2.0, thickness_units="screen"
-                    )
-                    self._balls[key] = self.scene.add_icosphere(
-                        f"/{a.name}/rcm{of}", 0.007 * size, ORANGE, cast_shadow=False
-                    )
-                self._lines[key].points = ends
-                self._balls[key].position = t.place
-                missed = np.linalg.norm(np.cross(t.place - end, t.axis))
-                self._balls[key].visible, self._lines[key].visible = True, bool(missed < 2 * MM)
-        for key in self._lines.keys() - shown:
-            self._lines[key].visible = self._balls[key].visible = False
+        drawn: set[str] = set()
+        if self._trail_shown:
+            for a in self.front.actors:
+                trocars = in_trocars(a.desk, rcm_at(a.playback, self.front.clock.time))
+                for trocar in trocars:
+                    drawn.add(self._draw_trocar(a, trocar, len(trocars) > 1))
+        for key in self._lines.keys() - drawn:
+            self._lines[key].visible = False
+            self._balls[key].visible = False
+
+    def _draw_trocar(self, a: ShownRobot, trocar: InTrocar, several: bool) -> str:
+        """Draw a trocar and its shaft; return the key of their scene nodes. `several`: the robot has other trocars."""
+        key = a.name
+        suffix = ""
+        if several:
+            key = f"{a.name}/{trocar.name}"
+            suffix = f"_{trocar.name}"
+        size = self.front.nodes[a.name].size
+        tip = trocar.tip
+        if tip is None:
+            tip = trocar.place + 0.12 * size * trocar.axis
+        ends = np.array([[tip, trocar.place - 0.12 * size * trocar.axis]], np.float32)
+        if key not in self._lines:
+            self._lines[key] = self.scene.add_line_segments(
+                f"/{a.name}/shaft_axis{suffix}", ends, ORANGE, thickness=2.0, thickness_units="screen"
+            )
+            self._balls[key] = self.scene.add_icosphere(
+                f"/{a.name}/rcm{suffix}", 0.007 * size, ORANGE, cast_shadow=False
+            )
+        self._lines[key].points = ends
+        self._balls[key].position = trocar.place
+        error = np.linalg.norm(np.cross(trocar.place - tip, trocar.axis))
+        self._balls[key].visible = True
+        self._lines[key].visible = bool(error < 2 * MM)
+        return key
 
     # -- the panel ------------------------------------------------------------------------------------
 
     def panel(self) -> None:
         """Create the controls for camera views, displayed objects, section, displayed size and place, and pictures."""
-        gui, front = self.front.server.gui, self.front
+        gui = self.front.server.gui
+        front = self.front
         views = gui.add_dropdown("camera", VIEWS)
         look = gui.add_button("Look from there")
         look.on_click(lambda e: self.look(views.value, e.client))
@@ -110,9 +132,9 @@ class Scenery:
             boxes = {
                 "floor": (True, lambda v: setattr(self.grid, "visible", v)),
                 "table and patient": (False, self.patient),
-                "link names": (False, lambda v: [n.labels(v) for n in front.nodes.values()]),
-                "link frames": (False, lambda v: [n.frames(v) for n in front.nodes.values()]),
-                "joint axes": (False, lambda v: [n.axes(v) for n in front.nodes.values()]),
+                "link names": (False, self._labels),
+                "link frames": (False, self._frames),
+                "joint axes": (False, self._axes),
                 "gizmo at the tool": (True, self.gizmo),
                 "dark": (False, self.dark),
             }
@@ -139,9 +161,11 @@ class Scenery:
             yaw = gui.add_slider("turn [°]", -180, 180, 1, 0)
 
             def put(e: viser.GuiEvent) -> None:
-                p, s, turn = np.array(place.value) * MM, scale.value, yaw.value * DEG
+                position = np.array(place.value) * MM
+                size = scale.value
+                angle = yaw.value * DEG
                 if e.client is not None:
-                    front.ask("place", lambda: self._put(front.hand, p, turn, s))
+                    front.ask("place", lambda: self._put(front.hand, position, angle, size))
 
             for handle in (scale, place, yaw):
                 handle.on_update(put)
@@ -153,6 +177,18 @@ class Scenery:
             shot.on_click(lambda e: self._busy(lambda p: view_export.screenshot(e.client, front.title, p)))
             turn.on_click(lambda e: self._busy(lambda p: view_export.turntable(e.client, front.title, p)))
             page.on_click(lambda e: front.ask("page", lambda: self._page(e.client)))
+
+    def _labels(self, visible: bool) -> None:
+        for nodes in self.front.nodes.values():
+            nodes.labels(visible)
+
+    def _frames(self, visible: bool) -> None:
+        for nodes in self.front.nodes.values():
+            nodes.frames(visible)
+
+    def _axes(self, visible: bool) -> None:
+        for nodes in self.front.nodes.values():
+            nodes.axes(visible)
 
     def _switch(self, name: str, box: viser.GuiCheckboxHandle, do):
         return lambda _: self.front.ask(name, lambda: do(box.value))
@@ -191,8 +227,12 @@ class Scenery:
         self.front.server.gui.configure_theme(
             dark_mode=on, control_width="large", show_logo=False, show_share_button=False
         )
-        self.grid.cell_color = (58, 64, 72) if on else (205, 211, 219)
-        self.grid.section_color = (80, 88, 98) if on else (186, 194, 204)
+        if on:
+            self.grid.cell_color = (58, 64, 72)
+            self.grid.section_color = (80, 88, 98)
+        else:
+            self.grid.cell_color = (205, 211, 219)
+            self.grid.section_color = (186, 194, 204)
 
     def gizmo(self, on: bool) -> None:
         """Show or hide the handle (gizmo) at the tool; it is always hidden in the endoscope view."""
@@ -242,7 +282,11 @@ class Scenery:
 
     def update(self) -> None:
         """Update the shown section, if any, to the present poses of the robots."""
-        state = None if self._cut is None else (*self._cut, *(id(a.desk.assembly) for a in self.front.actors))
+        state = None
+        if self._cut is not None:
+            # a move replaces the assembly of a robot
+            states = [id(a.desk.assembly) for a in self.front.actors]
+            state = (*self._cut, *states)
         if state == self._cut_drawn:
             return
         self._cut_drawn = state
@@ -258,8 +302,10 @@ class Scenery:
 
     def look(self, view: str, client: viser.ClientHandle | None) -> None:
         """Move the camera of a browser to a preset view; if `client` is None, move the cameras of all browsers."""
-        clients = [client] if client is not None else list(self.front.server.get_clients().values())
-        eye, at, up = self.camera(view)
+        clients = list(self.front.server.get_clients().values())
+        if client is not None:
+            clients = [client]
+        eye, target, up = self.camera(view)
         inside = view == "endoscope"
         self._through_lens = inside
         self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would cover the endoscope view
@@ -267,7 +313,7 @@ class Scenery:
             with c.atomic():
                 c.camera.up_direction = up
                 c.camera.position = eye
-                c.camera.look_at = at
+                c.camera.look_at = target
                 c.camera.fov = (ENDOSCOPE if inside else FIRST) * DEG
                 c.camera.near = 0.001 if inside else 0.01
 
@@ -276,16 +322,21 @@ class Scenery:
         a = self.front.hand
         node = self.front.nodes[a.name]
         tip, axis = a.desk.shaft()
-        lens, sight, above = (node.to_world(x) for x in a.desk.camera())
-        R = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))  # x axis of the base in world, with scale
         size = node.size * a.scale
-        p, up = node.to_world(tip), np.array([0.0, 0.0, 1.0])
+        up = np.array([0.0, 0.0, 1.0])
+        if view in OUTSIDE:
+            return self.middle + self.size * OUTSIDE[view], self.middle, up
+        if view == "endoscope":
+            lens, sight, above = (node.to_world(point) for point in a.desk.camera())
+            return lens, sight, (above - lens) / np.linalg.norm(above - lens)
+        p = node.to_world(tip)
+        if view == "microscope":
+            return p + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), p, up
         along = node.to_world(tip + axis) - p
         along /= np.linalg.norm(along)
-        side = R / np.linalg.norm(R) if abs(along[2]) > 0.9 else up
-        return {
-            **{name: (self.middle + self.size * way, self.middle, up) for name, way in OUTSIDE.items()},
-            "along the shaft": (p - 0.6 * size * along + 0.04 * size * side, p, side),
-            "endoscope": (lens, sight, (above - lens) / np.linalg.norm(above - lens)),
-            "microscope": (p + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), p, up),
-        }[view]
+        side = up
+        # beside a vertical shaft, the vertical cannot be the upward direction of the picture
+        if abs(along[2]) > 0.9:
+            x_base = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))
+            side = x_base / np.linalg.norm(x_base)
+        return p - 0.6 * size * along + 0.04 * size * side, p, side
