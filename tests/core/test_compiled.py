@@ -393,15 +393,15 @@ SCATTERED = """
 import mmap
 import twin
 from twin.codegen import kernel
-from twin.core import machine
-from twin.analysis.tolerance import Spread, Tolerances
+from twin.core import machine_code
+from twin.analysis.tolerance import ErrorPropagation, Spread
 texts = []
-kernel.compiled = lambda text: texts.append(text) or machine.compiled(text)
+kernel.compiled = lambda text: texts.append(text) or machine_code.compiled(text)
 mechanism = twin.load("hibou").mechanism
-Tolerances(mechanism, Spread(1e-5, 1e-5, 1e-6, 1e-5)).budget("home", mechanism.posture("home"), 1000)
+ErrorPropagation(mechanism, Spread(1e-5, 1e-5, 1e-6, 1e-5)).budget("home", mechanism.posture("home"), 1000)
 kept, taken = [], []
 for i in range(60):
-    kept.append(machine.compiled(max(texts, key=len)))
+    kept.append(machine_code.compiled(max(texts, key=len)))
     taken.append(mmap.mmap(-1, 512 << 20))
     if i % 2:
         taken[-2].close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +217,16 @@ def test_files_for_others_to_include_are_no_robots(two_arms):
     (content,) = report.files
     assert content["file"].endswith("two.xacro")
     assert not [f for f in report.findings if f.severity == "error"], report.findings
+
+
+def test_a_xacro_without_consent_leaves_the_audit_of_the_other_files(two_arms, tmp_path, monkeypatch):
+    shutil.copy(HERE / "data/importing/good.urdf", two_arms.parent / "good.urdf")
+    monkeypatch.setenv("TWIN_NO_CODE", "1")
+    report = audit(two_arms.parent)
+    assert sorted(Path(content["file"]).name for content in report.files) == ["good.urdf"]
+    (refused,) = [f for f in report.findings if f.code == "urdf.xacro"]
+    assert refused.severity == "error"
+    assert "two.xacro" in refused.message
 
 
 def test_new_makes_a_folder_from_a_xacro(two_arms, tmp_path, capsys):

@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import twin
@@ -19,6 +20,7 @@ from twin.core.errors import DescriptionError, TwinError
 from twin.model import scene as scenes
 from twin.model import task as tasks
 from twin.simulation import blocks
+from twin.simulation.hazards.fault import Fault
 from twin.simulation.session.play import Play, play_of
 
 ROOT = Path(__file__).parents[2]
@@ -142,6 +144,49 @@ def test_a_device_of_another_package_beats_in_the_world(outside, tmp_path):
     assert console_scene.identity(setup) != console_scene.identity(Setup(twin.load_scene("davinci"), setup.members))
 
 
+def test_a_setting_that_is_missing_is_named(outside, tmp_path):
+    from twin.simulation.setup import Setup
+
+    scene = twin.load_scene(scene_file(tmp_path / "scene", MORE.replace("settings = { every_s = 0.1 }", "")))
+    with pytest.raises(TwinError, match=r"scene\.toml: devices: 'pulse': the setting 'every_s' is missing"):
+        blocks.blocks(Setup(scene, {}), "devices")
+
+
+HAZARD = """
+[hazard.slip]
+use = "fault"
+settings = { signal = "hand.pose", start = 0.1, stop = 0.2, operation = "add", value = 0.1 }
+"""
+WRONG_HAZARDS = {
+    "overwrit": "fault of hand.pose: there is no operation 'overwrit'. Did you mean 'overwrite'",
+    "skip": "fault of hand.pose: acts on the packets of a machine",
+}
+
+
+@pytest.mark.parametrize("operation", WRONG_HAZARDS)
+def test_a_fault_that_cannot_act_in_a_scene_is_named(tmp_path, operation):
+    from twin.simulation.setup import Setup
+
+    scene = twin.load_scene(scene_file(tmp_path / "scene", HAZARD.replace('"add"', f'"{operation}"')))
+    with pytest.raises(TwinError, match=WRONG_HAZARDS[operation]):
+        blocks.hazards(Setup(scene, {}))
+
+
+@pytest.mark.parametrize(("target", "value"), [(3, 1.0), (None, [1.0, 2.0])])
+def test_a_fault_that_does_not_suit_its_signal_is_named(target, value):
+    fault = Fault("x", 0.1, 0.2, "add", value, target)
+    with pytest.raises(TwinError, match=r"fault of x: .* a signal of 1 numbers"):
+        fault.change(0.15, np.zeros(1))
+
+
+def test_blocks_of_a_scene_without_a_console_are_refused(tmp_path):
+    shutil.copytree(ROOT / "cad/dome", tmp_path / "dome")
+    file = tmp_path / "dome/scene.toml"
+    file.write_text(file.read_text(encoding="utf-8") + HAZARD, encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"hazard\.slip: blocks belong to the World of a console"):
+        twin.load_scene(file)
+
+
 UNUSABLE = {"puls": "there is no device 'puls'. Did you mean 'pulse'", "hand": "it has no function from_scene"}
 
 
@@ -168,10 +213,11 @@ def test_a_kind_of_task_that_cannot_be_used_is_named(line, outside):
         tasks.kinds()
 
 
-def test_a_key_that_has_a_meaning_already_is_refused(outside):
+@pytest.mark.parametrize("key", ["guide", "title", "value", "model_dump"])
+def test_a_key_that_has_a_meaning_already_is_refused(outside, key):
     file = outside / "wait_task/task.py"
-    file.write_text(file.read_text().replace('name="wait"', 'name="guide"'), encoding="utf-8")
+    file.write_text(file.read_text().replace('name="wait"', f'name="{key}"'), encoding="utf-8")
     metadata = outside / "wait_task-1.0.dist-info/entry_points.txt"
-    metadata.write_text("[twin.tasks]\nguide = wait_task.task:KIND\n", encoding="utf-8")
-    with pytest.raises(TwinError, match="the key 'guide' of a task has a meaning already"):
+    metadata.write_text(f"[twin.tasks]\n{key} = wait_task.task:KIND\n", encoding="utf-8")
+    with pytest.raises(TwinError, match=f"the key '{key}' of a task has a meaning already"):
         tasks.kinds()

@@ -219,6 +219,11 @@ def load_scene(path: Path) -> Scene:
     for name, t in table.task.items():
         if table.console is None and t.kind.console:
             raise error_at(path, ("task", name), "a task needs a console: add a section [console]")
+    if table.console is None:
+        for section in ("device", "controller", "plant", "hazard"):
+            for name in getattr(table, section):
+                text = "blocks belong to the World of a console: add a section [console], or remove this section"
+                raise error_at(path, (section, name), text)
     props = None if table.props is None else path.parent / table.props
     if props is not None and not props.is_file():
         raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")

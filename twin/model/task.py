@@ -14,7 +14,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, get_origin
 
 from pydantic import Field, create_model, model_validator
 
@@ -87,7 +87,7 @@ class TaskKind:
             the value names something that the scene does not have.
         steps: function from name and goal of a task to the names of its parts, in the order of `surgeon.target`.
         timed: whether a task of this kind has the keys `tolerance_mm` and `hold_s`.
-        console: whether it needs a console; otherwise, it has a World of its own.
+        console: whether it needs a console; only a procedure has a World of its own and needs none.
         grasps: whether the instruments grasp movable objects.
         props: whether the props are read also for sessions without forces.
         judged: whether a page judges the task while it is performed.
@@ -125,7 +125,7 @@ def kinds() -> tuple[TaskKind, ...]:
     for name, kind in entry_points(GROUP).items():
         if not isinstance(kind, TaskKind):
             raise TwinError(f"the entry point '{name}' of {GROUP} is {kind!r}, not a twin.model.task.TaskKind")
-        if kind.name in found or kind.name in TaskTable.model_fields:
+        if kind.name in found or kind.name in TaskTable.model_fields or hasattr(TaskTable, kind.name):
             text = f"the key '{kind.name}' of a task has a meaning already"
             raise TwinError(f"{text}; the entry point '{name}' of {GROUP} needs another")
         if kind.name != name:
@@ -183,8 +183,10 @@ def _goals() -> str:
     lists = []
     tables = []
     for kind in kinds():
-        of_its_sort = lists if "list" in str(kind.field[0]) else tables
-        of_its_sort.append(f"`{kind.name}`")
+        if get_origin(kind.field[0]) is list:
+            lists.append(f"`{kind.name}`")
+        else:
+            tables.append(f"`{kind.name}`")
     others = [f"{' or '.join(lists)} with at least one entry", *tables]
     return f"{', '.join(others[:-1])} or {others[-1]}"
 

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
+from pkgutil import iter_modules
 
-from twin.core.entry_points import entry_points, names
+from twin.core.entry_points import entry_points
 from twin.core.errors import TwinError, unknown
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Hazard
@@ -52,9 +53,11 @@ def _made(setup: Setup, folder: str) -> list[object]:
     scene = setup.scene
     made = []
     for name, table in scene.blocks.get(folder, {}).items():
-        from_scene = _function(folder, table.use)
         try:
+            from_scene = _function(folder, table.use)
             made.append(from_scene(name, table.settings, setup))
+        except KeyError as error:
+            raise TwinError(f"{scene.file}: {folder}: '{name}': the setting {error} is missing") from error
         except (TwinError, TypeError, ValueError) as error:
             raise TwinError(f"{scene.file}: {folder}: '{name}': {error}") from error
     return made
@@ -64,13 +67,16 @@ def _function(folder: str, use: str) -> Callable[..., object]:
     """Return the function `from_scene` of a file, or of an entry point."""
     package = f"twin.simulation.{folder}"
     group = f"twin.{folder}"
+    own = [module.name for module in iter_modules(import_module(package).__path__)]
     others = entry_points(group)
+    for name in sorted(set(own) & set(others)):
+        raise TwinError(f"the entry point '{name}' of {group} has the name of a file of {package}; it needs another")
     if use in others:
         found = others[use]
-    elif use in names(package, group):
+    elif use in own:
         found = getattr(import_module(f"{package}.{use}"), "from_scene", None)
     else:
-        raise TwinError(unknown(folder.removesuffix("s"), use, names(package, group)))
+        raise TwinError(unknown(folder.removesuffix("s"), use, [*own, *others]))
     if not callable(found):
         raise TwinError(f"'{use}' of {folder} cannot be named in a scene: it has no function from_scene")
     return found

@@ -45,7 +45,7 @@ class HandStep:
 
     Attributes:
         rigid: whether the hand's pose was a rigid pose in the last call.
-        jumped: whether the hand moved more than `Pace.jump` or turned more than `Pace.twist` in the last call.
+        jumped: whether the hand moved more than `HandPace.jump` or turned more than `HandPace.twist` in the last call.
         wanted: (4, 4) tool pose in {RB} by the equations, without speed limits.
         goal: (4, 4) tool pose in {RB} after the tick: from the previous goal towards `wanted`, within the limits.
         last: (4, 4) pose of the handle one tick earlier; the caller writes into this array.

@@ -310,7 +310,7 @@ class AttackedRun:
 def trace(
     parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
 ) -> Trace:
-    """Return the record of a machine that receives the packets of a hand; for `packets` and `settled`, see `Run.go`."""
+    """Return the record of a machine that receives packets of a hand; `packets`, `settled`: see `AttackedRun.go`."""
     run = AttackedRun(parts, hand, physics, faults)
     run.go(packets, settled)
     return run.trace

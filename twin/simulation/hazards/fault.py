@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin.core.errors import WorldError
+from twin.core.errors import WorldError, unknown
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.simulation.world import Hazard
@@ -46,6 +46,8 @@ class Fault(Hazard):
     _past: deque[Array] = field(default_factory=deque, repr=False)
 
     def __post_init__(self) -> None:
+        if self.operation not in get_args(Operation):
+            raise WorldError(f"fault of {self.signal}: {unknown('operation', self.operation, get_args(Operation))}")
         if not self.start < self.stop:
             raise WorldError(
                 f"fault of {self.signal}: its stop is {self.stop:g}; it must be after its start, {self.start:g}"
@@ -72,11 +74,19 @@ class Fault(Hazard):
             self._kept = value.copy()
         if not (now or (self.operation == "add_once" and t >= self.stop)):
             return value
+        if np.shape(self.value) not in ((), value.shape):
+            raise WorldError(
+                f"fault of {self.signal}: {np.size(self.value)} values for a signal of {len(value)} numbers"
+            )
         wrong = self._wrong(value)
         if self.target is None:
             return wrong
         out = value.copy()
-        out[self.target] = wrong[self.target]
+        try:
+            out[self.target] = wrong[self.target]
+        except IndexError as error:
+            text = f"there is no number {self.target} in a signal of {len(value)} numbers"
+            raise WorldError(f"fault of {self.signal}: {text}") from error
         return out
 
     def _wrong(self, value: Array) -> Array:
@@ -91,5 +101,15 @@ class Fault(Hazard):
 
 
 def from_scene(name: str, settings: JsonMapping, setup: Setup) -> Fault:
-    """Return the fault that a section [hazard.NAME] of a scene describes; `settings` has the attributes of `Fault`."""
-    return Fault(**settings)
+    """Return the fault that a section [hazard.NAME] of a scene describes; `settings` has the attributes of `Fault`.
+
+    Raises:
+        WorldError: the fault acts on packets, which only machines have.
+    """
+    fault = Fault(**settings)
+    if fault.counts or fault.operation in ("skip", "duplicate"):
+        text = (
+            "acts on the packets of a machine; a scene needs hold, overwrite, add, add_once or delay, with times in s"
+        )
+        raise WorldError(f"fault of {fault.signal}: {text}")
+    return fault

@@ -102,4 +102,11 @@ class Play:
 
 def play_of(task: ConsoleTask) -> Play:
     """Return how a task is performed and judged, from the package of its kind."""
-    return import_module(f"{task.kind.package}.play").PLAY
+    kind = task.kind
+    try:
+        return import_module(f"{kind.package}.play").PLAY
+    except (ImportError, AttributeError) as error:
+        text = (
+            f"task '{task.name}': the kind '{kind.name}' has no PLAY in a module 'play' of the package {kind.package}"
+        )
+        raise TwinError(f"{text}: {error}") from error

@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from twin.core.errors import BudgetError, SourceError, TwinError
 from twin.core.foreign.admit import admit
 from twin.core.foreign.text import DoctypeError
 from twin.core.foreign.text import parse_xml as read_xml
@@ -603,7 +604,13 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content:
     ledger.version = "1"
     expanded: Expanded | None = None
     if is_xacro(path):
-        expanded = expand(path, context.xacro)
+        try:
+            expanded = expand(path, context.xacro)
+        except (BudgetError, SourceError):
+            raise
+        except TwinError as error:
+            # No consent, or no package `xacro`: only this file cannot be read, and the audit of a folder goes on.
+            raise ReadError(f"{error}", "urdf.xacro") from error
         for text in expanded.omitted:
             ledger.add("urdf.xacro", "warning", text, path.name)
     return played(Urdf(path, ledger, expanded), path, ledger, context)

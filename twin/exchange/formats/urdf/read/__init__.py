@@ -553,7 +553,9 @@ class _Urdf:
                 self.findings.warn("gear", text, name)
             single = len(joints) == len(actuators) == len(ratios) == 1 and ratios[0] != 0
             if single and joints[0] in driven and joints[0] not in gears and joints[0] not in self.retyped:
-                kind = TYPES.get(str(self.joints[joints[0]].get("type")))
+                # The name can be that of a part of a universal joint, which is no element of the file.
+                element = self.joints.get(joints[0])
+                kind = None if element is None else TYPES.get(str(element.get("type")))
                 if ratios[0] != 1 and kind in ("revolute", "prismatic"):
                     gears[joints[0]] = _Gear(name, str(actuators[0].get("name")), ratios[0])
             elif joints and self._all_fixed(joints):
