@@ -85,7 +85,7 @@ class Fault(Hazard):
         try:
             out[self.target] = wrong[self.target]
         except IndexError as error:
-            text = f"there is no number {self.target} in a signal of {len(value)} numbers"
+            text = f"target {self.target} is outside a signal of {len(value)} numbers"
             raise WorldError(f"fault of {self.signal}: {text}") from error
         return out
 
