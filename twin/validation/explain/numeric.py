@@ -62,6 +62,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         return self.a.shape[1] * self.a.shape[2]
 
     def __getitem__(self, key: Value) -> Value:
+        """Return entries as an array of their own, which may be changed in place without effect on the matrix."""
         rows, columns = self.shape
         if not isinstance(key, tuple):
             if columns != 1:  # as in CasADi, a single index counts column by column
@@ -72,8 +73,8 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         if isinstance(i, slice) or isinstance(j, slice):
             si = i if isinstance(i, slice) else slice(_at(i, rows), _at(i, rows) + 1)
             sj = j if isinstance(j, slice) else slice(_at(j, columns), _at(j, columns) + 1)
-            return Matrix(self.a[:, si, sj])
-        return self.a[:, _at(i, rows), _at(j, columns)]
+            return Matrix(self.a[:, si, sj].copy())
+        return self.a[:, _at(i, rows), _at(j, columns)].copy()
 
 
 def _at(i: Value, n: int) -> int:
@@ -272,35 +273,33 @@ _MOST_KEPT = 2_000_000
 
 
 def _remembering(f: types.FunctionType) -> types.FunctionType:
-    """Return a function that keeps its results if they are matrices, unless it calls functions that can be edited.
+    """Return a function that keeps its results if they are matrices; `f` must call no function that can be edited.
 
-    While edits are tried, a row of a table is evaluated thousands of times with the same values.
+    The results are kept and given as copies, so that no caller can change them. While edits are tried, a row of a table
+    is evaluated thousands of times with the same values.
     """
     results: dict[Value, Matrix] = {}
-    state: dict[str, int] = {"entries": 0}
+    state = {"entries": 0}
     # The new function has the globals of `f`, in which edits replace functions; what it needs itself is in its closure.
-    is_leaf = _is_leaf
     key_of = _key
     kept = Matrix
     most = _MOST_KEPT
 
     def remembered(*args: Value, **named: Value) -> Value:
-        if "leaf" not in state:
-            state["leaf"] = is_leaf(f)
         key = None
-        if state["leaf"] and not named:
+        if not named:
             key = key_of(args)
         if key is None:
             return f(*args, **named)
         if key in results:
-            return results[key]
+            return kept(results[key].a.copy())
         out = f(*args)
         if isinstance(out, kept):  # operators never change a matrix, but may change an array or a list
             state["entries"] += out.a.size
             if state["entries"] > most:
                 results.clear()
                 state["entries"] = out.a.size
-            results[key] = out
+            results[key] = kept(out.a.copy())
         return out
 
     out = types.FunctionType(remembered.__code__, f.__globals__, f.__name__, None, remembered.__closure__)
@@ -309,12 +308,21 @@ def _remembering(f: types.FunctionType) -> types.FunctionType:
 
 
 def _is_leaf(f: types.FunctionType) -> bool:
-    """Return whether a function calls no function of a formula."""
-    for name in f.__code__.co_names:
+    """Return whether a function, as it is in its module, calls no function of a formula."""
+    for name in _global_names(f.__code__):
         called = f.__globals__.get(name)
         if isinstance(called, types.FunctionType) and of_formula(called):
             return False
     return True
+
+
+def _global_names(code: types.CodeType) -> set[str]:
+    """Return the names that code and the functions and comprehensions in it look up outside of themselves."""
+    names = set(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            names |= _global_names(constant)
+    return names
 
 
 def _key(args: tuple[Value, ...]) -> tuple[Value, ...] | None:
@@ -355,7 +363,9 @@ class Rebuilder:
             out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, cells)
             self._done[id(f)] = out
         out.__kwdefaults__ = f.__kwdefaults__
-        if not f.__closure__ and not f.__kwdefaults__ and of_formula(f):
+        plain = not f.__closure__ and not f.__kwdefaults__ and of_formula(f)
+        # In the rebuilt globals, an edited function may stand in for one of the formula; in the module's it never does.
+        if plain and _is_leaf(f):
             out = _remembering(out)
             self._done[id(f)] = out
         return out
