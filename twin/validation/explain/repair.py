@@ -145,6 +145,8 @@ class Search:
         self.by_chance: list[tuple[Candidate, str]] = []
         """Edits that make rows agree only by chance, which are no repairs, and the condition; see `_After`."""
         self._states: dict[tuple[Edit, ...], _After | None] = {}
+        self._rejected: set[frozenset[Edit]] = set()
+        """Edits that make rows agree only by chance together with the repairs of other rows; they are no repairs."""
         self._refuted: list[tuple[Path, int, int]] = []
         self._deferred: list[tuple[list[Step], Edit]] = []
         """Edits in places where no single edit can repair a row; pairs are searched before these edits are tried."""
@@ -345,6 +347,7 @@ class Search:
         worsts = {k: worst(r) for k, r in changed.items()}
         broken = any(s > max(1.0, _WORSE * self.base.get(k, np.inf)) for k, s in worsts.items())
         c = Candidate(step, change, extra or {}, worsts, broken, {k: changed[k] for k in changed if k in self.raw})
+        c.by_chance = self._is_rejected(c)
         if not broken:
             self.dependence.judged(c, [k for k in self.failing if worsts.get(k, np.inf) <= 1])
         return c
@@ -468,32 +471,33 @@ class Search:
         late: list[Candidate] = []
         lost: list[Key] = []
         deadline = self.deadline.within(budget)
-        while left:
-            k, began = left[0], time.monotonic()
-            shared = [c for f in out for c in self._exact(f.rows, singles)[:_SHARED]]
-            pairs: list[Candidate] = []
-            complete = False
-            if budget > 0:
-                pairs, complete = self._double(k, singles, shared, deadline)
-                if not self._has_repair(k, pairs):
-                    evaluated = self.deferred()
-                    late += evaluated
-                    singles += evaluated  # each may be one of a pair
-                    pairs = list(late)
-                if not self._has_repair(k, pairs):
-                    pairs, complete = self._pairs(k, singles, shared, deadline)
-            f, absorbed = self._widest(k, left, out, [*singles, *pairs], pairs)
-            f.complete, f.seconds = f.complete and complete, time.monotonic() - began
-            out = [g for g in out if not any(g is other for other in absorbed)]
-            out.append(f)
-            lost += [] if f.cures else [k]
-            left = [x for x in left if x not in f.rows]
-        if lost:
-            return out, lost
-        found, left = self._together(out)
-        if left and budget > 0 and not deadline.passed:
-            return self._pairs_of([f for f in found if f.cures], left, budget)
-        return found, left
+        while True:
+            while left:
+                k, began = left[0], time.monotonic()
+                shared = [c for f in out for c in self._exact(f.rows, singles)[:_SHARED]]
+                pairs: list[Candidate] = []
+                complete = False
+                if budget > 0:
+                    pairs, complete = self._double(k, singles, shared, deadline)
+                    if not self._has_repair(k, pairs):
+                        evaluated = self.deferred()
+                        late += evaluated
+                        singles += evaluated  # each may be one of a pair
+                        pairs = list(late)
+                    if not self._has_repair(k, pairs):
+                        pairs, complete = self._pairs(k, singles, shared, deadline)
+                f, absorbed = self._widest(k, left, out, [*singles, *pairs], pairs)
+                f.complete, f.seconds = f.complete and complete, time.monotonic() - began
+                out = [g for g in out if not any(g is other for other in absorbed)]
+                out.append(f)
+                lost += [] if f.cures else [k]
+                left = [x for x in left if x not in f.rows]
+            if lost:
+                return out, lost
+            found, left = self._together(out)
+            if not left or budget <= 0 or deadline.passed:
+                return found, left
+            out = [f for f in found if f.cures]  # what `_together` left out is refused, so that others are found now
 
     def _widest(
         self, k: Key, left: list[Key], out: list[Found], tried: list[Candidate], pairs: list[Candidate]
@@ -528,8 +532,13 @@ class Search:
 
     def _is_general(self, c: Candidate) -> bool:
         """Return whether the rows agree after a candidate's edits not only by chance; also if that is not known."""
+        if self._is_rejected(c):
+            return False
         after = self._after(c)
         return after is None or not after.chance
+
+    def _is_rejected(self, c: Candidate) -> bool:
+        return frozenset(c.edits) in self._rejected
 
     def _covered(self) -> list[Key]:
         """Put the failing rows in groups as in `_cover`; return those in no group.
@@ -561,11 +570,23 @@ class Search:
         """Remember that a candidate's edits make rows agree only by chance; one such is told for each row."""
         after = self._after(c)
         c.by_chance = True
+        repaired = self._repaired(c)
         for known, _ in self.by_chance:
-            if known.scores.keys() & c.scores.keys() & set(self.failing):
+            if self._repaired(known) & repaired:
                 return
         if after is not None:
-            self.by_chance.append((c, after.chance))
+            self._tell(c, after.chance)
+
+    def _tell(self, c: Candidate, chance: str) -> None:
+        """Remember that a candidate's edits make rows agree only by chance, unless that is remembered already."""
+        for known, condition_of_known in self.by_chance:
+            if frozenset(known.edits) == frozenset(c.edits) and condition_of_known == chance:
+                return
+        self.by_chance.append((c, chance))
+
+    def _repaired(self, c: Candidate) -> set[Key]:
+        """Return the failing rows that agree after a candidate's edits."""
+        return {k for k in self.failing if c.scores.get(k, np.inf) <= 1}
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
         """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""
@@ -625,31 +646,33 @@ class Search:
     def _best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
         """Keep the repairs after which the fewest rows of the whole formula are wrong.
 
-        Repairs that hold only for the present values of equal or assumed parameters are left out before, also if no
-        other repair is left.
+        Readings that hold only for the present values of equal or assumed parameters are left out before, also if no
+        other repair is left. A repair of which no reading is confirmed is not proposed.
         """
-        general: list[list[tuple[Candidate, int | None]]] = []
+        general: list[tuple[list[tuple[Candidate, int | None]], list[Candidate]]] = []
         least: int | None = None
         for n, way in enumerate(cures):
-            if self.deadline.passed and n >= _LATE:  # the others are not confirmed, so not proposed
-                break
-            if not self._is_general(way[0]):
-                continue
-            readings: list[tuple[Candidate, int | None]] = []
+            confirmed: list[tuple[Candidate, int | None]] = []
+            others: list[Candidate] = []
             for i, c in enumerate(way):
-                wrong = None
-                if i == 0 or (i < _WHOLE and not self.deadline.passed):
-                    after = self._after(c)
-                    wrong = None if after is None else after.wrong
+                is_first = i == 0 and n < _LATE
+                in_time = (i < _WHOLE or not confirmed) and not self.deadline.passed
+                if not (is_first or in_time or tuple(c.edits) in self._states):
+                    others.append(c)
+                    continue
+                if not self._is_general(c):
+                    continue
+                after = self._after(c)
+                wrong = None if after is None else after.wrong
                 if wrong is not None and (least is None or wrong < least):
                     least = wrong
-                readings.append((c, wrong))
-            general.append(readings)
+                confirmed.append((c, wrong))
+            general.append((confirmed, others))
         kept = []
-        for readings in general:
-            way = [c for c, wrong in readings if wrong is None or wrong == least]
-            if way:
-                kept.append(way)
+        for confirmed, others in general:
+            readings = [c for c, wrong in confirmed if wrong is None or wrong == least]
+            if readings:
+                kept.append([*readings, *others])
         return kept
 
     def _together(self, found: list[Found]) -> tuple[list[Found], list[Key]]:
@@ -671,9 +694,10 @@ class Search:
         unusual = max(found, key=lambda f: f.cures[0][0].rank)
         together = self._state([e for f in found for e in f.cures[0][0].edits])
         if together is not None:
-            self.by_chance.append((unusual.cures[0][0], together.chance))
+            self._tell(unusual.cures[0][0], together.chance)
         for c in unusual.cures[0]:
             c.by_chance = True
+            self._rejected.add(frozenset(c.edits))
         n = found.index(unusual)
         return [*found[:n], replace(unusual, cures=[]), *found[n + 1 :]], list(unusual.rows)
 
