@@ -238,12 +238,12 @@ class _Newton:
             values, r, known = self._only(~done, values, r, known)
             if not self.left or deadline.passed:
                 break
-            ahead = self._ahead(values, r, known)
-            if ahead is None:
+            values, r, known, moved = self._ahead(values, r, known)
+            if not moved:
                 break
-            values, r, known = ahead
+        size = _largest(r, known)
         for n, i in enumerate(self.left):
-            if _largest(r, known)[n] <= 1:
+            if size[n] <= 1:
                 out.append((i, values[n][:, : len(self.choices[i].cuts)]))
         return sorted(out, key=lambda found: found[0])
 
@@ -263,13 +263,14 @@ class _Newton:
         """Return (values, residuals), where a row has no value with other first values."""
         if np.isfinite(r).all():
             return values, r
+        lacks = ~np.isfinite(r).all(axis=(1, 2))
         for factor in STARTS:
             tried = values.copy()
             tried[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
             there = self._residuals(tried)
             if there is None:
                 break
-            better = (_costs(there) < _costs(r))[:, :, None]
+            better = (lacks[:, None] & (_costs(there) < _costs(r)))[:, :, None]
             values = np.where(better, tried, values)
             r = np.where(better, there, r)
         return values, r
@@ -281,27 +282,28 @@ class _Newton:
         self.left = [i for i, keep in zip(self.left, kept, strict=True) if keep]
         return values[kept], r[kept], known[kept]
 
-    def _ahead(
-        self, values: Array, r: Array, known: NDArray[np.bool_]
-    ) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-        """Return (values, residuals, poses with residuals) after one step, of the choices that may have a solution."""
+    def _ahead(self, values: Array, r: Array, known: NDArray[np.bool_]) -> tuple[Array, Array, NDArray[np.bool_], bool]:
+        """Return (values, residuals, poses with residuals, whether a step was made), of choices that may be solved.
+
+        No step is made if the rows cannot be evaluated after it.
+        """
         slopes = []
         for u in range(values.shape[2]):
             there = values.copy()
             there[:, :, u] += DIFFERENCE
             moved = self._residuals(there)
             if moved is None:
-                return None
+                return values, r, known, False
             slopes.append((moved - r) / DIFFERENCE)
-        step, unique = _steps(np.stack(slopes, axis=3), r, self._counts(), known)
+        step, unique = _steps(np.stack(slopes, axis=3), r, self._counts(), known, self.free)
         step[~known] = 0.0
         values, r, known = self._only(unique, values, r, known)
         step = step[unique]
         if not self.left:
-            return values, r, known
+            return values, r, known, False
         new = self._residuals(values + step)
         if new is None:
-            return None
+            return values, r, known, False
         for _ in range(_HALVINGS):  # half the step where the residual grows
             worse = known & ~(_costs(new) <= _costs(r))
             if not worse.any():
@@ -309,10 +311,10 @@ class _Newton:
             step = np.where(worse[:, :, None], step / 2, step)
             new = self._residuals(values + step)
             if new is None:
-                return None
+                return values, r, known, False
         # Poses converge after different numbers of steps, so that the mean decides, not the largest residual.
         nearer = (_mean(new, known) <= 0.9 * _mean(r, known)) | (_largest(new, known) <= 1.0)
-        return self._only(nearer, values + step, new, known)
+        return *self._only(nearer, values + step, new, known), True
 
     def _counts(self) -> NDArray[np.bool_]:
         """Return which unknowns (choices, unknowns) a choice has."""
@@ -385,11 +387,17 @@ def _costs(r: Array) -> Array:
     return cost(r.reshape(-1, r.shape[2])).reshape(r.shape[:2])
 
 
-def _steps(J: Array, r: Array, counts: NDArray[np.bool_], known: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def _steps(
+    J: Array, r: Array, counts: NDArray[np.bool_], known: NDArray[np.bool_], swivel: bool = False
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return (steps (choices, poses, unknowns) of Gauss-Newton, which choices have a unique finite one).
 
-    The unknowns are eliminated one after the other (modified Gram-Schmidt), with pivots by their order.
+    The unknowns are eliminated one after the other (modified Gram-Schmidt), with pivots by their order. An unknown
+    without effect has no step. It may be the swivel, which is then the last unknown, or the only unknown of a choice,
+    at a pose where the rows agree; otherwise, the step is not unique.
     """
+    alone = counts.sum(axis=1) == 1
+    agrees = np.abs(r).max(axis=2, initial=0.0) <= TIGHT
     columns: list[Array] = []
     triangle = np.zeros((*J.shape[:2], J.shape[3], J.shape[3]))
     right = np.zeros((*J.shape[:2], J.shape[3]))
@@ -406,6 +414,10 @@ def _steps(J: Array, r: Array, counts: NDArray[np.bool_], known: NDArray[np.bool
         length = np.sqrt(np.sum(column**2, axis=2))
         triangle[..., u, u] = length
         singular = ~(length > SINGULAR * size) & known  # also if a derivative has no value
+        needed = ~(alone[:, None] & agrees)
+        if swivel and u == J.shape[3] - 1:
+            needed = np.zeros_like(needed)
+        singular &= needed | (size != 0)
         unique &= ~singular.any(axis=1) | ~counts[:, u]
         unit = column / np.where(length > 0, length, 1.0)[..., None]
         right[..., u] = np.sum(unit * rest, axis=2)

@@ -101,6 +101,8 @@ class Double:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
         pairs = []
         for a, b in combinations(self.cuts(rows, deadline), 2):
+            if deadline.passed:
+                return
             if a.function == b.function:
                 pairs.append((self._unexplained(a, b, rows), len(pairs), a, b))
         ordered = [(a, b) for _, _, a, b in sorted(pairs, key=lambda pair: pair[:2])]
@@ -147,6 +149,8 @@ class Double:
     def required(self, firsts: Sequence[Edit], rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of one of `firsts` and an edit from the value that a scalar or vector must then have."""
         for first in firsts:
+            if deadline.passed:
+                return
             search = Required(self.judge, self.step, rows, deadline, [first])
             for site in self.sites:
                 if (first.path, first.function) != (site.source.path, site.source.name):
@@ -311,6 +315,8 @@ class Double:
         """
         equation = self.step.equation.name
         for first in range(0, len(choices), _AT_ONCE):
+            if deadline.passed:
+                return
             tried = []
             for cuts in choices[first : first + _AT_ONCE]:
                 start = None if starts is None else starts[cuts][self.coarse.poses]
