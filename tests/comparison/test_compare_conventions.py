@@ -9,7 +9,7 @@ import pytest
 
 import twin
 from made import chains
-from twin.comparison.pair import Pair
+from twin.comparison.pair import SidePair
 
 KINDS = ("base frame", "tool frame", "zero", "sign", "name", "zero")
 
@@ -40,7 +40,7 @@ def changed(robot: chains.Chain, kind: str, rng: np.random.Generator) -> tuple[c
     return chains.with_zero(robot, i, size), (kind, name)
 
 
-def compared(robot: str, kinds: list[str], seed: int, folder: Path) -> tuple[Pair, list[tuple[str, str]]]:
+def compared(robot: str, kinds: list[str], seed: int, folder: Path) -> tuple[SidePair, list[tuple[str, str]]]:
     rng = np.random.default_rng([seed, sum(map(ord, robot))])
     original = chains.ROBOTS[robot]
     other = original
@@ -56,7 +56,7 @@ def compared(robot: str, kinds: list[str], seed: int, folder: Path) -> tuple[Pai
     return twin.compare(first, second).pairs[0], truth
 
 
-def resolved(found: Pair, truth: list[tuple[str, str]]) -> bool:
+def resolved(found: SidePair, truth: list[tuple[str, str]]) -> bool:
     """Return whether the changes are told, as the first explanation or as a tie, and no more than were made."""
     kinds = {item.kind for item in found.conventions}
     told = len(found.conventions)

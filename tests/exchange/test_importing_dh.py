@@ -14,7 +14,7 @@ from twin import cli
 from twin.core.errors import SourceError
 from twin.exchange.formats.dh.table import read_table
 from twin.exchange.read import read
-from twin.exchange.read.source import Table, rest_poses, stated
+from twin.exchange.read.source import DhOptions, rest_poses, stated
 
 DATA = Path(__file__).parents[1] / "data/dh"
 
@@ -116,7 +116,7 @@ def test_poses_are_those_of_the_matrices_of_the_textbooks(tmp_path_factory, rows
     heads = {"khalil": "d,r,gamma,b", "hayati": "a,d,beta"}.get(convention, "a,d")
     path = tmp_path_factory.mktemp("dh") / "arm.csv"
     path.write_text("\n".join([f"type,alpha,theta,{heads},offset", *lines]) + "\n")
-    found = read(path, dh=Table(convention, name_l, name_a))
+    found = read(path, dh=DhOptions(convention, name_l, name_a))
     last = f"link{len(rows)}"
     joints = {j.name for j in found.mechanism.active}
     T = rest_poses(found.mechanism, {name: q for name, q in values.items() if name in joints})[last]
@@ -178,7 +178,7 @@ def test_equations_of_the_user_are_kept(tmp_path):
 
 
 def test_what_the_headings_say_needs_no_option():
-    said = {name: read_table(DATA / name, Table()).convention for name in PUBLISHED}
+    said = {name: read_table(DATA / name, DhOptions()).convention for name in PUBLISHED}
     assert said == {
         "puma560.csv": "standard",
         "panda.md": "modified",
@@ -237,7 +237,7 @@ def test_the_name_of_a_coordinate_is_no_length_along_x(tmp_path, cell):
 def test_multiples_of_pi_are_read_as_papers_print_them(tmp_path, cell, radians):
     path = tmp_path / "arm.csv"
     path.write_text(f"theta;d;a;alpha\nq1;0;0;{cell}\n", encoding="utf-8")
-    assert read_table(path, Table("standard")).rows[0].values["alpha"].value == radians
+    assert read_table(path, DhOptions("standard")).rows[0].values["alpha"].value == radians
 
 
 def test_what_is_usual_is_told_where_the_table_is_silent(tmp_path):

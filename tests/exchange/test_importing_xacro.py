@@ -19,7 +19,7 @@ from twin.exchange.audit import audit
 from twin.exchange.formats.urdf.format import robots
 from twin.exchange.read import read
 from twin.exchange.read.source import rest_poses
-from twin.exchange.xacro import Settings, expand, is_xacro, settings
+from twin.exchange.xacro import XacroSettings, expand, is_xacro, settings
 
 HERE = Path(__file__).parents[1]
 
@@ -95,7 +95,7 @@ def test_macros_blocks_conditions_and_recursion_are_expanded(two_arms, rng):
     found = read(two_arms)
     assert [j.name for j in found.mechanism.active] == ["left_q1", "left_q2", "left_q3", "right_q1", "right_q2"]
     assert found.mechanism.name == "two"
-    assert_poses_of_pinocchio(found.mechanism, expand(two_arms, Settings()).data.decode(), rng)
+    assert_poses_of_pinocchio(found.mechanism, expand(two_arms, XacroSettings()).data.decode(), rng)
 
 
 def test_arguments_are_texts_of_the_user(two_arms):
@@ -126,7 +126,7 @@ def test_packages_are_found_without_ros(two_arms, tmp_path, monkeypatch, way):
     parts.rename(target)
     with pytest.raises(SourceError, match=r"arm\.xacro:13: name 'quarter' is not defined .* \(arm_parts\): give its"):
         read(two_arms)
-    given = Settings()
+    given = XacroSettings()
     if way == "packages":
         given = settings([], [str(elsewhere)])
     elif way == "the package itself":
@@ -262,7 +262,7 @@ def test_published_robots_are_read_from_their_xacro(name, state, rng):
     found = read(path)
     assert len(found.mechanism.active) == PAIRS[name][1]
     assert not [f for f in found.findings if f.severity == "error"]
-    text = expand(path, Settings()).data.decode()
+    text = expand(path, XacroSettings()).data.decode()
     renamed = {b.name: f.where for b in found.mechanism.bodies for f in found.findings if f.message.find(b.name) > 0}
     renamed = {body: link for body, link in renamed.items() if re.sub(r"\W", "_", link.lower()) == body}
     assert_poses_of_pinocchio(found.mechanism, text, rng, renamed.items())

@@ -13,8 +13,8 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
-    from twin.comparison.side import Side
-    from twin.exchange.xacro import Settings
+    from twin.comparison.side import RobotSide
+    from twin.exchange.xacro import XacroSettings
 
 TOLERANCE = 1e-5
 """Distance in m up to which two joint lines coincide: files round rotations to four or five digits."""
@@ -25,7 +25,7 @@ def compare(
     tolerance: float = TOLERANCE,
     only: Sequence[str] = (),
     strict: bool = False,
-    xacro: Settings | None = None,
+    xacro: XacroSettings | None = None,
     progress: Progress = silent,
 ) -> Comparison:
     """Compare two or more descriptions of one robot, pair by pair.
@@ -80,7 +80,7 @@ def _labels(sides: Sequence[str | Path | Robot]) -> list[str]:
     return [f"{text} ({i + 1})" for i, text in enumerate(texts)]
 
 
-def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: Settings | None) -> Side:
+def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: XacroSettings | None) -> RobotSide:
     from twin.comparison.side import from_mechanism
 
     if isinstance(given, Robot):
@@ -90,9 +90,9 @@ def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: Set
         return _robot_side(load(given), label, only)
     from twin.exchange.read import read
     from twin.exchange.read.closing import close
-    from twin.exchange.xacro import SUFFIX, Settings, expand, is_xacro
+    from twin.exchange.xacro import SUFFIX, XacroSettings, expand, is_xacro
 
-    settings = xacro or Settings()
+    settings = xacro or XacroSettings()
     text = None
     places: Mapping[str, tuple[str, int]] = {}
     given_to_reader = None
@@ -123,7 +123,7 @@ def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: Set
     return replace(side, text=text, places=places)
 
 
-def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> Side:
+def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
     from twin.comparison.side import from_mechanism
 
     if robot.files is None:

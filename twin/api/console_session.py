@@ -28,7 +28,7 @@ from twin.simulation.session import forces, measures, movement
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
-from twin.simulation.session.play import ArmPath, Outcome
+from twin.simulation.session.play import ArmPath, TaskOutcome
 from twin.simulation.session.run import Difference, Ran
 from twin.simulation.session.training import Training
 
@@ -65,7 +65,7 @@ class ConsoleSession(Result):
     arms: Mapping[str, ArmPath]
     lost: str = ""
     recorded: bytes | None = None
-    outcome: Outcome | None = None
+    outcome: TaskOutcome | None = None
     training: Sequence[Training] = ()
 
     kind = "session"

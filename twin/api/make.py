@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from twin.exchange.audit import AuditReport, DrawnStates
     from twin.exchange.write.bundle import Bundle
     from twin.exchange.write.clip import ClipAccuracy
-    from twin.exchange.xacro import Settings
+    from twin.exchange.xacro import XacroSettings
     from twin.model.mechanism import Mechanism
     from twin.planning.trajectory import Trajectory
 
@@ -126,7 +126,7 @@ def audit(
     path: str | Path,
     robot: Robot | str | Path | None = None,
     progress: Progress = silent,
-    xacro: Settings | None = None,
+    xacro: XacroSettings | None = None,
 ) -> AuditReport:
     """Compare exported files of a moving robot with each other; the readers share no code with the writers.
 
@@ -183,7 +183,7 @@ def _states(mechanism: Mechanism) -> DrawnStates:
 
 
 def _truth(
-    robot: Robot, path: Path, progress: Progress, xacro: Settings | None
+    robot: Robot, path: Path, progress: Progress, xacro: XacroSettings | None
 ) -> dict[str, tuple[Array, dict[str, Array]]]:
     """Return {protocol: (key times (k,) in s, {link: poses (k, 4, 4)})}, computed by the reference model.
 

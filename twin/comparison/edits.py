@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.comparison.fit import Problem, Solution, Unknowns, values_of
+from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import gaps
-from twin.comparison.items import Edit, Item
+from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
-from twin.comparison.side import Side
-from twin.comparison.statements import Statement, statements
+from twin.comparison.side import RobotSide
+from twin.comparison.statements import NumberStatement, statements
 from twin.core.spatial import Array
 
 _ROUNDS = 8
@@ -50,17 +50,17 @@ class _Case:
     edited: int
 
     @property
-    def side(self) -> Side:
+    def side(self) -> RobotSide:
         """The side that is edited."""
         return (self.problem.first, self.problem.second)[self.edited]
 
-    def with_side(self, side: Side) -> Problem:
+    def with_side(self, side: RobotSide) -> Problem:
         """Return the pair with another side instead of the edited one."""
         sides = [self.problem.first, self.problem.second]
         sides[self.edited] = side
         return Problem(sides[0], sides[1], self.matching, self.problem.tolerance)
 
-    def residual(self, side: Side) -> Array:
+    def residual(self, side: RobotSide) -> Array:
         """Return what remains of lines and leaf frames, in m and rad."""
         problem = self.with_side(side)
         lines = problem.residuals(self.u.signs, values_of(self.u)[None], self.u.deviating)[0]
@@ -70,7 +70,7 @@ class _Case:
                 parts.append((gap.T - np.eye(4))[:3].ravel())
         return np.concatenate(parts)
 
-    def agrees(self, side: Side, moved_tools: Sequence[int]) -> bool:
+    def agrees(self, side: RobotSide, moved_tools: Sequence[int]) -> bool:
         """Return whether all lines coincide, and all leaf frames except those on the joints `moved_tools`."""
         problem = self.with_side(side)
         if not problem.holds(problem.gap(self.u)):
@@ -80,7 +80,7 @@ class _Case:
                 return False
         return True
 
-    def moved_frames(self, statement: Statement, values: Array) -> int:
+    def moved_frames(self, statement: NumberStatement, values: Array) -> int:
         """Return the number of frames of inner links that still differ after an edit."""
         side = statement.applied(self.side, tuple(float(value) for value in values))
         assert side is not None
@@ -88,7 +88,9 @@ class _Case:
         return sum(gap.differs(problem) for gap in gaps(problem, self.u))
 
 
-def with_edits(problem: Problem, matching: Matching, solution: Solution, items: Sequence[Item]) -> list[Item]:
+def with_edits(
+    problem: Problem, matching: Matching, solution: FitSolution, items: Sequence[ComparedItem]
+) -> list[ComparedItem]:
     """Return the items, each with the edits of either side that remove it."""
     known = [statements(problem.first), statements(problem.second)]
     if not (known[0] or known[1]) or problem.first.looped:
@@ -96,7 +98,7 @@ def with_edits(problem: Problem, matching: Matching, solution: Solution, items: 
     moved_tools = [gap.joint for gap in gaps(problem, solution.unknowns) if gap.leaf and gap.differs(problem)]
     out = []
     for item in items:
-        edits: list[Edit] = []
+        edits: list[NumberEdit] = []
         others = moved_tools
         if item.kind == "tool frame":
             joint = problem.second.index(item.joint)
@@ -110,7 +112,7 @@ def with_edits(problem: Problem, matching: Matching, solution: Solution, items: 
     return out
 
 
-def _without(problem: Problem, u: Unknowns, item: Item) -> Unknowns | None:
+def _without(problem: Problem, u: Unknowns, item: ComparedItem) -> Unknowns | None:
     """Return the unknowns without the change of an item; None if no number of a file is that change."""
     if item.kind == "base frame":
         return replace(u, base=np.zeros(6))
@@ -132,11 +134,11 @@ def _without(problem: Problem, u: Unknowns, item: Item) -> Unknowns | None:
     return replace(u, deviating=tuple(u.deviating[k] for k in kept), deviations=u.deviations[kept])
 
 
-def _edits(case: _Case, known: Sequence[Statement], moved_tools: Sequence[int]) -> list[Edit]:
+def _edits(case: _Case, known: Sequence[NumberStatement], moved_tools: Sequence[int]) -> list[NumberEdit]:
     """Return the edits of one side that make it agree: of one number or, if there is none, of one attribute."""
     side = case.side
     before = case.residual(side)
-    found: list[tuple[int, Edit]] = []
+    found: list[tuple[int, NumberEdit]] = []
     for statement in known:
         for k in range(len(statement.values)):
             values = _solved(case, statement, [k], before, moved_tools)
@@ -154,7 +156,7 @@ def _edits(case: _Case, known: Sequence[Statement], moved_tools: Sequence[int]) 
 
 
 def _solved(
-    case: _Case, statement: Statement, columns: Sequence[int], before: Array, moved_tools: Sequence[int]
+    case: _Case, statement: NumberStatement, columns: Sequence[int], before: Array, moved_tools: Sequence[int]
 ) -> Array | None:
     """Return the values of a statement with which the sides agree, where only `columns` change; None if none do."""
     values = np.array(statement.values)
@@ -186,7 +188,9 @@ def _solved(
     return _rounded(case, statement, values, columns, moved_tools)
 
 
-def _derivatives(case: _Case, statement: Statement, values: Array, columns: Sequence[int], r: Array) -> Array | None:
+def _derivatives(
+    case: _Case, statement: NumberStatement, values: Array, columns: Sequence[int], r: Array
+) -> Array | None:
     """Return the derivatives (rows, columns) of the residual by the values."""
     derivatives = []
     for k in columns:
@@ -199,13 +203,13 @@ def _derivatives(case: _Case, statement: Statement, values: Array, columns: Sequ
     return np.array(derivatives).T
 
 
-def _holds(case: _Case, statement: Statement, values: Array, moved_tools: Sequence[int]) -> bool:
+def _holds(case: _Case, statement: NumberStatement, values: Array, moved_tools: Sequence[int]) -> bool:
     side = statement.applied(case.side, tuple(float(value) for value in values))
     return side is not None and case.agrees(side, moved_tools)
 
 
 def _rounded(
-    case: _Case, statement: Statement, values: Array, columns: Sequence[int], moved_tools: Sequence[int]
+    case: _Case, statement: NumberStatement, values: Array, columns: Sequence[int], moved_tools: Sequence[int]
 ) -> Array:
     """Return the values with as few decimals as are needed for agreement."""
     for digits in _DIGITS:
@@ -219,7 +223,7 @@ def _rounded(
     return values
 
 
-def _edit(side: Side, statement: Statement, column: int | None, values: Array) -> Edit:
+def _edit(side: RobotSide, statement: NumberStatement, column: int | None, values: Array) -> NumberEdit:
     what = statement.what
     old = " ".join(f"{value:.12g}" for value in statement.values)
     new = " ".join(f"{value:.12g}" for value in values)
@@ -227,7 +231,7 @@ def _edit(side: Side, statement: Statement, column: int | None, values: Array) -
         what = f"{statement.what}[{column}]"
         old = f"{statement.values[column]:.12g}"
         new = f"{values[column]:.12g}"
-    return Edit(side.label, _short(statement.file), statement.line, what, old, new)
+    return NumberEdit(side.label, _short(statement.file), statement.line, what, old, new)
 
 
 def _short(file: str) -> str:

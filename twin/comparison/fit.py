@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from twin.comparison.matching import Matching
-from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, Side
+from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -60,7 +60,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True)
-class Gap:
+class FitGap:
     """What remains between the joint lines of both sides: (joints,) distances in m and angles in rad."""
 
     distances: Array
@@ -68,11 +68,11 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Solution:
+class FitSolution:
     """Unknowns with which all lines coincide within the tolerance, and the largest remaining distances."""
 
     unknowns: Unknowns
-    gap: Gap
+    gap: FitGap
 
 
 class Problem:
@@ -84,7 +84,7 @@ class Problem:
         tolerance: distance in m up to which two lines coincide.
     """
 
-    def __init__(self, first: Side, second: Side, matching: Matching, tolerance: float) -> None:
+    def __init__(self, first: RobotSide, second: RobotSide, matching: Matching, tolerance: float) -> None:
         self.first = first
         self.second = second
         self.tolerance = tolerance
@@ -224,7 +224,7 @@ class Problem:
         direction = signs[i] * (R @ self.directions[i])
         return point, direction
 
-    def gap(self, u: Unknowns) -> Gap:
+    def gap(self, u: Unknowns) -> FitGap:
         """Return what remains between the lines."""
         values = values_of(u)[None]
         parents, children, _ = self.motions(u.signs, values, u.deviating)
@@ -250,15 +250,15 @@ class Problem:
             if axis.closing and axis.kind == "revolute":
                 opened = self._closing_rows(i, parents[:, i], children[:, i], u.signs)[1]
                 distances[i] = max(distances[i], float(np.linalg.norm(opened)))
-        return Gap(distances, angles)
+        return FitGap(distances, angles)
 
-    def holds(self, gap: Gap) -> bool:
+    def holds(self, gap: FitGap) -> bool:
         """Return whether all lines coincide within the tolerance."""
         return bool(gap.distances.max() <= self.tolerance and gap.angles.max() <= self.angle_tolerance)
 
     # -- solving --------------------------------------------------------------------------------------
 
-    def refine(self, u: Unknowns, free: Array | None = None) -> Solution:
+    def refine(self, u: Unknowns, free: Array | None = None) -> FitSolution:
         """Return the unknowns after damped Gauss-Newton steps; `free` (unknowns,) says which values may change."""
         x = values_of(u)
         if free is None:
@@ -290,11 +290,11 @@ class Problem:
                 if damping > 1e3:
                     break
         found = with_values(u, x)
-        return Solution(found, self.gap(found))
+        return FitSolution(found, self.gap(found))
 
-    def solve(self, signs: Array, deviating: tuple[int, ...] = ()) -> Solution:
+    def solve(self, signs: Array, deviating: tuple[int, ...] = ()) -> FitSolution:
         """Return the best fit with these signs and deviating joints, from two starts."""
-        best: Solution | None = None
+        best: FitSolution | None = None
         for aligned in (False, True):
             if aligned and best is not None and self.holds(best.gap):
                 break
@@ -496,6 +496,6 @@ def with_values(u: Unknowns, x: Array) -> Unknowns:
     return replace(u, base=x[:6], zeros=x[6 : 6 + count], deviations=deviations)
 
 
-def size_of(gap: Gap) -> float:
+def size_of(gap: FitGap) -> float:
     """Return the sum of all distances and angles of a gap."""
     return float(np.sum(gap.distances) + np.sum(gap.angles))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin.comparison.fit import Problem, Solution, Unknowns
+from twin.comparison.fit import FitSolution, Problem, Unknowns
 from twin.comparison.frames import FrameGap, gaps
 from twin.comparison.matching import Matching
 from twin.comparison.search import base_moved, moved_zeros, zero_of
@@ -19,7 +19,7 @@ from twin.core.units import DEG, MM
 
 
 @dataclass(frozen=True)
-class Edit:
+class NumberEdit:
     """A number of a file whose edit makes the two sides agree at one place.
 
     Attributes:
@@ -57,7 +57,7 @@ class Edit:
 
 
 @dataclass(frozen=True)
-class Item:
+class ComparedItem:
     """One convention or one difference.
 
     Attributes:
@@ -76,9 +76,9 @@ class Item:
     link: str = ""
     shift: float = 0.0
     turn: float = 0.0
-    edits: tuple[Edit, ...] = field(default=())
+    edits: tuple[NumberEdit, ...] = field(default=())
 
-    def with_edits(self, edits: Sequence[Edit]) -> Item:
+    def with_edits(self, edits: Sequence[NumberEdit]) -> ComparedItem:
         """Return the item with edits."""
         return replace(self, edits=tuple(edits))
 
@@ -95,7 +95,7 @@ class Item:
         }
 
 
-def items(problem: Problem, matching: Matching, solution: Solution) -> list[Item]:
+def items(problem: Problem, matching: Matching, solution: FitSolution) -> list[ComparedItem]:
     """Return the conventions and the differences of a solution, differences last."""
     u = solution.unknowns
     found = _names(problem, matching)
@@ -106,11 +106,11 @@ def items(problem: Problem, matching: Matching, solution: Solution) -> list[Item
     return found
 
 
-def _names(problem: Problem, matching: Matching) -> list[Item]:
+def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
     found = []
     for first, second in matching.renamed:
         text = f"joint '{first}' of {problem.first.label} is joint '{second}' of {problem.second.label}"
-        found.append(Item("name", second, text))
+        found.append(ComparedItem("name", second, text))
     order_of_first = [name for name in problem.first.order if name in problem.first.order]
     names = {}
     for j, axis in enumerate(problem.axes):
@@ -123,11 +123,11 @@ def _names(problem: Problem, matching: Matching) -> list[Item]:
             f"the order of the joints is {', '.join(mapped)} in {problem.first.label}, {', '.join(common)} in "
             f"{problem.second.label}"
         )
-        found.append(Item("order", "", text))
+        found.append(ComparedItem("order", "", text))
     return found
 
 
-def _base(problem: Problem, u: Unknowns) -> list[Item]:
+def _base(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     if not base_moved(problem, u):
         return []
     shift = u.base[3:]
@@ -137,17 +137,17 @@ def _base(problem: Problem, u: Unknowns) -> list[Item]:
     )
     link = problem.second.groups[0].bodies[0]
     length = float(np.linalg.norm(shift))
-    return [Item("base frame", "", text, link, length, float(np.linalg.norm(turn)))]
+    return [ComparedItem("base frame", "", text, link, length, float(np.linalg.norm(turn)))]
 
 
-def _joints(problem: Problem, u: Unknowns) -> list[Item]:
+def _joints(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     found = []
     for i in u.flips:
         name = problem.second.axes[i].name
         text = f"joint '{name}' turns the other way"
         if problem.kinds[i] == "prismatic":
             text = f"joint '{name}' slides the other way"
-        found.append(Item("sign", name, text, turn=np.pi))
+        found.append(ComparedItem("sign", name, text, turn=np.pi))
     for i in moved_zeros(problem, u):
         name = problem.second.axes[i].name
         shift = zero_of(problem, u, i)
@@ -157,13 +157,13 @@ def _joints(problem: Problem, u: Unknowns) -> list[Item]:
         second = problem.second.label
         text = f"the zero of joint '{name}' is moved: {first} is at {size} where {second} is at 0"
         if is_angle:
-            found.append(Item("zero", name, text, turn=abs(shift)))
+            found.append(ComparedItem("zero", name, text, turn=abs(shift)))
         else:
-            found.append(Item("zero", name, text, shift=abs(shift)))
+            found.append(ComparedItem("zero", name, text, shift=abs(shift)))
     return found
 
 
-def _tools(problem: Problem, u: Unknowns) -> list[Item]:
+def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     moved_frames: dict[int, list[FrameGap]] = {}
     for gap in gaps(problem, u):
         if gap.leaf and gap.differs(problem):
@@ -180,11 +180,11 @@ def _tools(problem: Problem, u: Unknowns) -> list[Item]:
         )
         name = problem.second.axes[joint].name
         length = float(np.linalg.norm(shift))
-        found.append(Item("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn))))
+        found.append(ComparedItem("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn))))
     return found
 
 
-def _links(problem: Problem, u: Unknowns) -> list[Item]:
+def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     found = []
     for k, i in enumerate(u.deviating):
         assert u.deviations is not None
@@ -201,7 +201,7 @@ def _links(problem: Problem, u: Unknowns) -> list[Item]:
         if before:
             text += f" ({_between(problem, before[0], i)})"
         length = float(np.linalg.norm(shift))
-        found.append(Item("link", second.name, text, link, length, float(np.linalg.norm(turn))))
+        found.append(ComparedItem("link", second.name, text, link, length, float(np.linalg.norm(turn))))
     return found
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from twin.comparison.side import Side
+from twin.comparison.side import RobotSide
 from twin.core.errors import TwinError
 
 
@@ -25,7 +25,7 @@ class Matching:
     renamed: tuple[tuple[str, str], ...]
 
 
-def match(first: Side, second: Side) -> Matching:
+def match(first: RobotSide, second: RobotSide) -> Matching:
     """Match the joints of two sides.
 
     Raises:
@@ -45,7 +45,7 @@ def match(first: Side, second: Side) -> Matching:
     return Matching(tuple(by_name), complete, tuple(renamed))
 
 
-def _by_names(first: Side, second: Side) -> list[int] | None:
+def _by_names(first: RobotSide, second: RobotSide) -> list[int] | None:
     """Return the pairs if the joints of both sides have the same names, apart from case, signs and a common prefix."""
     for key in (_plain, _bare):
         known = {key(axis.name, _prefix(first)): i for i, axis in enumerate(first.axes)}
@@ -65,7 +65,7 @@ def _bare(name: str, prefix: str) -> str:
     return _plain(name[len(prefix) :], "")
 
 
-def _prefix(side: Side) -> str:
+def _prefix(side: RobotSide) -> str:
     """Return the common beginning of the names of all joints, without digits: the name or the maker of the robot."""
     names = [axis.name for axis in side.axes]
     shortest = min(names, key=len)
@@ -76,12 +76,12 @@ def _prefix(side: Side) -> str:
     return common.rstrip("0123456789")
 
 
-def _same_kinds(first: Side, second: Side, pairs: Sequence[int]) -> bool:
+def _same_kinds(first: RobotSide, second: RobotSide, pairs: Sequence[int]) -> bool:
     kinds_of_second = [axis.kind for axis in second.axes]
     return [first.axes[i].kind for i in pairs] == kinds_of_second
 
 
-def _by_structure(first: Side, second: Side) -> list[int]:
+def _by_structure(first: RobotSide, second: RobotSide) -> list[int]:
     """Return pairs of joints at the same places of two trees with the same shape and types.
 
     Raises:
@@ -96,11 +96,11 @@ def _by_structure(first: Side, second: Side) -> list[int]:
     raise TwinError(_mismatch(first, second))
 
 
-def _parents(side: Side) -> list[tuple[int, int]]:
+def _parents(side: RobotSide) -> list[tuple[int, int]]:
     return [(axis.parent, axis.child) for axis in side.axes]
 
 
-def _mismatch(first: Side, second: Side) -> str:
+def _mismatch(first: RobotSide, second: RobotSide) -> str:
     """Return the text of the error for sides whose joints do not match."""
     names_of_first = {_plain(axis.name, "") for axis in first.axes}
     names_of_second = {_plain(axis.name, "") for axis in second.axes}

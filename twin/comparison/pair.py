@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from twin.comparison.edits import with_edits
-from twin.comparison.fit import Problem, Solution
-from twin.comparison.items import Item, items
+from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.items import ComparedItem, items
 from twin.comparison.matching import match
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.range import Worst, worst
 from twin.comparison.search import conventions, deviations
-from twin.comparison.side import Side
+from twin.comparison.side import RobotSide
 from twin.core.json_types import JsonObject
 
 Kinematics = Literal["agree", "agree after conventions", "disagree", "unexplained"]
@@ -22,7 +22,7 @@ _TIES = 4
 
 
 @dataclass(frozen=True)
-class Pair:
+class SidePair:
     """The comparison of two sides.
 
     Attributes:
@@ -35,23 +35,23 @@ class Pair:
         solution, problem: the fit.
     """
 
-    first: Side
-    second: Side
+    first: RobotSide
+    second: RobotSide
     kinematics: Kinematics
-    items: tuple[Item, ...]
+    items: tuple[ComparedItem, ...]
     ties: tuple[tuple[str, ...], ...]
     properties: Properties | None
     worst: Worst | None
     problem: Problem = field(repr=False)
-    solution: Solution | None = field(repr=False)
+    solution: FitSolution | None = field(repr=False)
 
     @property
-    def conventions(self) -> tuple[Item, ...]:
+    def conventions(self) -> tuple[ComparedItem, ...]:
         """Conventions that differ."""
         return tuple(item for item in self.items if item.kind != "link")
 
     @property
-    def differences(self) -> tuple[Item, ...]:
+    def differences(self) -> tuple[ComparedItem, ...]:
         """Differences that no convention explains."""
         return tuple(item for item in self.items if item.kind == "link")
 
@@ -83,7 +83,7 @@ class Pair:
         }
 
 
-def compare_pair(first: Side, second: Side, tolerance: float) -> Pair:
+def compare_pair(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
     """Compare two sides; `tolerance` is the distance in m up to which two joint lines coincide.
 
     Raises:
@@ -97,7 +97,7 @@ def compare_pair(first: Side, second: Side, tolerance: float) -> Pair:
         solutions = deviations(problem)
         kinematics = "disagree"
     if not solutions:
-        return Pair(first, second, "unexplained", (), (), None, None, problem, None)
+        return SidePair(first, second, "unexplained", (), (), None, None, problem, None)
     best = solutions[0]
     found = with_edits(problem, matching, best, items(problem, matching, best))
     if not found:
@@ -110,4 +110,4 @@ def compare_pair(first: Side, second: Side, tolerance: float) -> Pair:
             others.append(texts)
     largest = worst(problem, best)
     properties = compare(problem, best)
-    return Pair(first, second, kinematics, tuple(found), tuple(others[:_TIES]), properties, largest, problem, best)
+    return SidePair(first, second, kinematics, tuple(found), tuple(others[:_TIES]), properties, largest, problem, best)

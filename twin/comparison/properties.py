@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.comparison.fit import Problem, Solution, values_of
+from twin.comparison.fit import FitSolution, Problem, values_of
 from twin.comparison.search import zero_of
 from twin.comparison.side import ONE_COORDINATE
 from twin.core.json_types import JsonObject
@@ -30,7 +30,7 @@ KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of m
 
 
 @dataclass(frozen=True)
-class Row:
+class PropertyRow:
     """One compared value that differs, or that only one side states.
 
     Attributes:
@@ -61,7 +61,7 @@ class Row:
 class Properties:
     """Rows that differ, and for each kind how many values were compared."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[PropertyRow, ...]
     compared: dict[str, int]
 
     def verdict(self, kind: str) -> str:
@@ -74,9 +74,9 @@ class Properties:
         return "not stated"
 
 
-def compare(problem: Problem, solution: Solution) -> Properties:
+def compare(problem: Problem, solution: FitSolution) -> Properties:
     """Compare the properties of two sides after the conventions of a solution."""
-    rows: list[Row] = []
+    rows: list[PropertyRow] = []
     compared: dict[str, int] = dict.fromkeys(KINDS, 0)
     for i, axis in enumerate(problem.axes):
         if axis.kind in ONE_COORDINATE:
@@ -86,7 +86,7 @@ def compare(problem: Problem, solution: Solution) -> Properties:
     return Properties(tuple(rows), compared)
 
 
-def _joint(problem: Problem, solution: Solution, i: int, rows: list[Row], compared: dict[str, int]) -> None:
+def _joint(problem: Problem, solution: FitSolution, i: int, rows: list[PropertyRow], compared: dict[str, int]) -> None:
     first = problem.axes[i]
     second = problem.second.axes[i]
 
@@ -100,12 +100,12 @@ def _joint(problem: Problem, solution: Solution, i: int, rows: list[Row], compar
         high = abs(mapped[1] - second.limits[1])
         if not (low <= LIMIT or mapped[0] == second.limits[0]) or not (high <= LIMIT or mapped[1] == second.limits[1]):
             texts = [f"{angle(low)} .. {angle(high)}" for low, high in (mapped, second.limits)]
-            rows.append(Row("limits", second.name, texts[0], texts[1], True))
+            rows.append(PropertyRow("limits", second.name, texts[0], texts[1], True))
     elif (mapped is None) != (second.limits is None):
         texts = []
         for limits in (mapped, second.limits):
             texts.append("-" if limits is None else f"{angle(limits[0])} .. {angle(limits[1])}")
-        rows.append(Row("limits", second.name, texts[0], texts[1], False))
+        rows.append(PropertyRow("limits", second.name, texts[0], texts[1], False))
     _number("speeds", second.name, first.max_speed, second.max_speed, lambda v: f"{angle(v)}/s", rows, compared)
     effort_of_first = problem.first.efforts.get(first.name)
     effort_of_second = problem.second.efforts.get(second.name)
@@ -113,7 +113,7 @@ def _joint(problem: Problem, solution: Solution, i: int, rows: list[Row], compar
     _number("efforts", second.name, effort_of_first, effort_of_second, lambda v: f"{v:g} {unit}", rows, compared)
 
 
-def mapped_limits(problem: Problem, solution: Solution, i: int) -> tuple[float, float] | None:
+def mapped_limits(problem: Problem, solution: FitSolution, i: int) -> tuple[float, float] | None:
     """Return the limits of the first side as values of the second, or None."""
     limits = problem.axes[i].limits
     if limits is None:
@@ -130,21 +130,21 @@ def _number(
     first: float | None,
     second: float | None,
     shown: Callable[[float], str],
-    rows: list[Row],
+    rows: list[PropertyRow],
     compared: dict[str, int],
 ) -> None:
     if first is None and second is None:
         return
     if first is None or second is None:
         texts = ["-" if value is None else shown(value) for value in (first, second)]
-        rows.append(Row(kind, where, texts[0], texts[1], False))
+        rows.append(PropertyRow(kind, where, texts[0], texts[1], False))
         return
     compared[kind] += 1
     if abs(first - second) > RELATIVE * max(abs(first), abs(second)):
-        rows.append(Row(kind, where, shown(first), shown(second), True))
+        rows.append(PropertyRow(kind, where, shown(first), shown(second), True))
 
 
-def _masses(problem: Problem, solution: Solution, rows: list[Row], compared: dict[str, int]) -> None:
+def _masses(problem: Problem, solution: FitSolution, rows: list[PropertyRow], compared: dict[str, int]) -> None:
     """Compare mass, centre and tensor of the bodies on each joint, the first side moved by the conventions."""
     u = solution.unknowns
     _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
@@ -164,12 +164,12 @@ def _masses(problem: Problem, solution: Solution, rows: list[Row], compared: dic
         compared["centres of mass"] += 1
         if np.linalg.norm(seen.p_body_com - second.p_body_com) > CENTRE:
             texts = [_point(p) for p in (seen.p_body_com, second.p_body_com)]
-            rows.append(Row("centres of mass", where, texts[0], texts[1], True))
+            rows.append(PropertyRow("centres of mass", where, texts[0], texts[1], True))
         compared["inertias"] += 1
         size = float(np.linalg.norm(second.I_com))
         if np.linalg.norm(seen.I_com - second.I_com) > RELATIVE * max(size, float(np.linalg.norm(seen.I_com))):
             texts = [_moments(I_com) for I_com in (seen.I_com, second.I_com)]
-            rows.append(Row("inertias", where, texts[0], texts[1], True))
+            rows.append(PropertyRow("inertias", where, texts[0], texts[1], True))
 
 
 def _point(p: Array) -> str:
@@ -182,7 +182,7 @@ def _moments(tensor: Array) -> str:
     return f"moments {', '.join(values)} kg m2"
 
 
-def _couplings(problem: Problem, solution: Solution, rows: list[Row], compared: dict[str, int]) -> None:
+def _couplings(problem: Problem, solution: FitSolution, rows: list[PropertyRow], compared: dict[str, int]) -> None:
     index = {axis.name: i for i, axis in enumerate(problem.axes)}
     u = solution.unknowns
     seen: dict[str, tuple[str, float, float]] = {}
@@ -201,12 +201,12 @@ def _couplings(problem: Problem, solution: Solution, rows: list[Row], compared: 
         second = problem.second.couplings.get(name)
         texts = ["-" if coupling is None else _coupling(coupling) for coupling in (first, second)]
         if first is None or second is None:
-            rows.append(Row("couplings", name, texts[0], texts[1], False))
+            rows.append(PropertyRow("couplings", name, texts[0], texts[1], False))
             continue
         compared["couplings"] += 1
         same_ratio = abs(first[1] - second[1]) <= RATIO * abs(second[1])
         if first[0] != second[0] or not same_ratio or abs(first[2] - second[2]) > LIMIT:
-            rows.append(Row("couplings", name, texts[0], texts[1], True))
+            rows.append(PropertyRow("couplings", name, texts[0], texts[1], True))
 
 
 def _coupling(coupling: tuple[str, float, float]) -> str:

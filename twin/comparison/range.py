@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.comparison.fit import Problem, Solution, Unknowns, values_of
+from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import FrameGap, gaps
 from twin.comparison.properties import mapped_limits
 from twin.comparison.side import ONE_COORDINATE
@@ -61,7 +61,7 @@ class Worst:
         }
 
 
-def common_range(problem: Problem, solution: Solution) -> Array:
+def common_range(problem: Problem, solution: FitSolution) -> Array:
     """Return the common range (joints, 2) of the joints in m or rad, as values of the second side.
 
     Raises:
@@ -92,7 +92,7 @@ def common_range(problem: Problem, solution: Solution) -> Array:
     return ranges
 
 
-def worst(problem: Problem, solution: Solution) -> Worst | None:
+def worst(problem: Problem, solution: FitSolution) -> Worst | None:
     """Return the largest difference of the tool frames without the deviations of the solution; None without a tool."""
     tools = [gap for gap in gaps(problem, solution.unknowns) if gap.leaf]
     if not tools:

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from twin.comparison.items import Edit, Item
-from twin.comparison.pair import Pair
+from twin.comparison.items import ComparedItem, NumberEdit
+from twin.comparison.pair import SidePair
 from twin.comparison.properties import KINDS
-from twin.comparison.side import Side
+from twin.comparison.side import RobotSide
 from twin.core.findings import Finding, disagreement, error, info, warning
 from twin.core.json_types import JsonObject
 from twin.core.quantity import deg, mm
@@ -33,8 +33,8 @@ class Comparison(Result):
 
     kind: ClassVar[str] = "compare"
 
-    sides: tuple[Side, ...]
-    pairs: tuple[Pair, ...]
+    sides: tuple[RobotSide, ...]
+    pairs: tuple[SidePair, ...]
     tolerance: float
     strict: bool = False
 
@@ -50,7 +50,7 @@ class Comparison(Result):
             found.append(info("compare.alone", lonely, text))
         return found
 
-    def _findings(self, pair: Pair) -> Iterator[Finding]:
+    def _findings(self, pair: SidePair) -> Iterator[Finding]:
         where = f"{pair.first.label} and {pair.second.label}"
         if pair.kinematics == "unexplained":
             text = "no conventions, and no small number of different links, explain how the two differ"
@@ -113,7 +113,7 @@ class Comparison(Result):
         yield Line(f"\n{self.word}.", styles[self.verdict])
 
 
-def _pair_text(pair: Pair) -> Iterator[Part]:
+def _pair_text(pair: SidePair) -> Iterator[Part]:
     yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict(pair)}"
     for item in pair.conventions:
         yield f"  ▲ convention, {item.kind}: {item.text}"
@@ -138,7 +138,7 @@ def _pair_text(pair: Pair) -> Iterator[Part]:
         yield TextTable(("differs", "of", pair.first.label, pair.second.label), different)
 
 
-def _verdict(pair: Pair) -> str:
+def _verdict(pair: SidePair) -> str:
     texts = {
         "agree": "joints and links agree",
         "agree after conventions": "joints and links agree after these conventions",
@@ -148,7 +148,7 @@ def _verdict(pair: Pair) -> str:
     return texts[pair.kinematics]
 
 
-def _item_text(item: Item) -> Iterator[str]:
+def _item_text(item: ComparedItem) -> Iterator[str]:
     for label, edits in _by_side(item.edits).items():
         word = "edit"
         for edit in edits[:_SHOWN_EDITS]:
@@ -158,19 +158,19 @@ def _item_text(item: Item) -> Iterator[str]:
             yield f"      and {len(edits) - _SHOWN_EDITS} more in {label}"
 
 
-def _by_side(edits: Sequence[Edit]) -> dict[str, list[Edit]]:
+def _by_side(edits: Sequence[NumberEdit]) -> dict[str, list[NumberEdit]]:
     """Return {label of a side: its edits}."""
-    found: dict[str, list[Edit]] = {}
+    found: dict[str, list[NumberEdit]] = {}
     for edit in edits:
         found.setdefault(edit.side, []).append(edit)
     return found
 
 
-def _suggestion(item: Item) -> str:
+def _suggestion(item: ComparedItem) -> str:
     return " ".join(_edit_texts(item.edits))
 
 
-def _edit_texts(edits: Sequence[Edit]) -> list[str]:
+def _edit_texts(edits: Sequence[NumberEdit]) -> list[str]:
     """Return for each side a sentence with its edits; several edits of one side are alternatives."""
     sentences = []
     for chosen in _by_side(edits).values():

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from twin.comparison.fit import Problem, Solution, Unknowns, size_of, values_of, with_values
+from twin.comparison.fit import FitSolution, Problem, Unknowns, size_of, values_of, with_values
 from twin.comparison.frames import gaps
 from twin.comparison.invariants import Local, local
 from twin.comparison.side import ONE_COORDINATE
@@ -50,7 +50,7 @@ def sign_sets(problem: Problem, most: int) -> Iterator[tuple[int, Array]]:
             yield flips, signs
 
 
-def sparse(problem: Problem, solution: Solution) -> Solution:
+def sparse(problem: Problem, solution: FitSolution) -> FitSolution:
     """Return the solution with as few changed values as possible: each value that is not needed becomes zero."""
     u = solution.unknowns
     x = values_of(u)
@@ -79,7 +79,7 @@ def sparse(problem: Problem, solution: Solution) -> Solution:
     return best
 
 
-def cost(problem: Problem, solution: Solution) -> float:
+def cost(problem: Problem, solution: FitSolution) -> float:
     """Return the number of changed conventions, plus a fraction for each moved frame of an inner link."""
     u = solution.unknowns
     changed = float(len(u.flips) + len(moved_zeros(problem, u)))
@@ -136,7 +136,7 @@ def base_moved(problem: Problem, u: Unknowns) -> bool:
     return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
-def _variants(problem: Problem, solution: Solution) -> list[Solution]:
+def _variants(problem: Problem, solution: FitSolution) -> list[FitSolution]:
     """Return other explanations of moved base and tool frames: the free values also fit the tools, or a zero moves.
 
     Only the limits of the first joint and the frames of links distinguish its zero from the base frame; the same holds
@@ -176,7 +176,7 @@ def _shifted(zeros: Array, joint: int, by: float) -> Array:
     return shifted
 
 
-def _with_tools(problem: Problem, u: Unknowns, columns: Sequence[int]) -> Solution:
+def _with_tools(problem: Problem, u: Unknowns, columns: Sequence[int]) -> FitSolution:
     """Return the unknowns after Gauss-Newton steps of some values on lines and tool frames together."""
     r = _residual_with_tools(problem, u)
     for _ in range(_STEPS):
@@ -192,7 +192,7 @@ def _with_tools(problem: Problem, u: Unknowns, columns: Sequence[int]) -> Soluti
         values[columns] += step
         u = with_values(u, values)
         r = _residual_with_tools(problem, u)
-    return Solution(u, problem.gap(u))
+    return FitSolution(u, problem.gap(u))
 
 
 def _residual_with_tools(problem: Problem, u: Unknowns) -> Array:
@@ -217,7 +217,7 @@ def _wrong_limits(problem: Problem, u: Unknowns) -> int:
     return wrong
 
 
-def conventions(problem: Problem) -> list[Solution]:
+def conventions(problem: Problem) -> list[FitSolution]:
     """Return the solutions without deviating joints that change the fewest conventions; [] if there are none."""
     known = local(problem)
     if known.different:
@@ -225,7 +225,7 @@ def conventions(problem: Problem) -> list[Solution]:
     most = len(problem.signed)
     if most > _ALL_SIGNS:
         most = _FLIPS
-    found: list[Solution] = []
+    found: list[FitSolution] = []
     lowest = np.inf
     for flips, signs in sign_sets(problem, most):
         if flips > lowest:
@@ -241,14 +241,14 @@ def conventions(problem: Problem) -> list[Solution]:
     return cheapest(problem, found)
 
 
-def cheapest(problem: Problem, solutions: Sequence[Solution]) -> list[Solution]:
+def cheapest(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
     """Return the solutions with the fewest changes, those with most link frames and limits equal first."""
     costs = [cost(problem, solution) for solution in solutions]
     order = np.argsort(costs, kind="stable")
     return [solutions[k] for k in order if int(costs[k]) == int(min(costs))]
 
 
-def deviations(problem: Problem) -> list[Solution]:
+def deviations(problem: Problem) -> list[FitSolution]:
     """Return all solutions with the fewest deviating joints, those with the fewest conventions first.
 
     The result is empty if no `_DEVIATING` joints explain the difference.
@@ -262,9 +262,9 @@ def deviations(problem: Problem) -> list[Solution]:
     return _greedy(problem, known)
 
 
-def _deviating_sets(problem: Problem, known: Local, size: int) -> list[Solution]:
+def _deviating_sets(problem: Problem, known: Local, size: int) -> list[FitSolution]:
     """Return the solutions with `size` deviating joints, which contain those that the pairs of lines demand."""
-    hits: list[Solution] = []
+    hits: list[FitSolution] = []
     level = 0
     others = [i for i in range(problem.count) if i not in known.different]
     for flips, signs in sign_sets(problem, _FLIPS):
@@ -283,14 +283,14 @@ def _deviating_sets(problem: Problem, known: Local, size: int) -> list[Solution]
     return cheapest(problem, hits)
 
 
-def _size_of_deviation(solution: Solution) -> float:
+def _size_of_deviation(solution: FitSolution) -> float:
     deviations = solution.unknowns.deviations
     if deviations is None:
         return 0.0
     return float(np.count_nonzero(np.abs(deviations) > 1e-9))
 
 
-def _greedy(problem: Problem, known: Local) -> list[Solution]:
+def _greedy(problem: Problem, known: Local) -> list[FitSolution]:
     """Return one solution whose deviating joints are added one by one, each that lowers the gap most."""
     chosen = tuple(sorted(known.different))
     signs = np.ones(problem.count)
@@ -299,7 +299,7 @@ def _greedy(problem: Problem, known: Local) -> list[Solution]:
             signs = candidate
             break
     for _ in range(min(_DEVIATING, problem.count)):
-        best: Solution | None = None
+        best: FitSolution | None = None
         for joint in range(problem.count):
             if joint in chosen:
                 continue

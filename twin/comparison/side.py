@@ -58,7 +58,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Group:
+class JointGroup:
     """Bodies fixed to each other: their names, and their common inertia in base at the drawn state, or None."""
 
     bodies: tuple[str, ...]
@@ -66,7 +66,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Side:
+class RobotSide:
     """One description of a robot.
 
     Attributes:
@@ -90,7 +90,7 @@ class Side:
     label: str
     name: str
     axes: tuple[Axis, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[JointGroup, ...]
     frames: Mapping[str, tuple[int, Array]]
     tool: str = ""
     guessed_tool: bool = False
@@ -172,7 +172,7 @@ def from_mechanism(
     guessed_tool: bool = False,
     notes: Sequence[str] = (),
     efforts: Mapping[str, float] | None = None,
-) -> Side:
+) -> RobotSide:
     """Return the side of a mechanism.
 
     Args:
@@ -202,7 +202,7 @@ def from_mechanism(
     for joint in mechanism.joints:
         if joint.drive is not None and joint.drive.max_effort is not None:
             stated_efforts[joint.name] = joint.drive.max_effort
-    return Side(
+    return RobotSide(
         label=label,
         name=mechanism.name,
         axes=tuple(axes),
@@ -267,7 +267,7 @@ def _axis(
     )
 
 
-def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]) -> tuple[Group, ...]:
+def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]) -> tuple[JointGroup, ...]:
     count = max(group_of.values()) + 1
     names: list[list[str]] = [[] for _ in range(count)]
     inertias: list[Inertia | None] = [None] * count
@@ -281,7 +281,7 @@ def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[st
         inertias[group] = seen if sum_before is None else sum_before + seen
     groups = []
     for bodies, inertia in zip(names, inertias, strict=True):
-        groups.append(Group(tuple(bodies), inertia))
+        groups.append(JointGroup(tuple(bodies), inertia))
     return tuple(groups)
 
 

@@ -14,7 +14,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from twin.comparison.side import Axis, Side
+from twin.comparison.side import Axis, RobotSide
 from twin.core import spatial
 from twin.core.foreign.budget import MJCF_SUFFIXES
 from twin.core.spatial import Array
@@ -44,7 +44,7 @@ class _Element:
 
 
 @dataclass(frozen=True)
-class Statement:
+class NumberStatement:
     """One attribute with numbers that place a joint or a link.
 
     Attributes:
@@ -69,7 +69,7 @@ class Statement:
     joints: frozenset[str]
     links: frozenset[str]
 
-    def applied(self, side: Side, values: Sequence[float] | Array) -> Side | None:
+    def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
         """Return the side with other numbers here; None without this link in the side, or for an axis of length 0."""
         T_base_link = _frame(side, self.link)
         if T_base_link is None:
@@ -86,7 +86,7 @@ class Statement:
             frames[name] = (group, W @ T if plain(name) in self.links else T)
         return replace(side, axes=tuple(axes), frames=frames)
 
-    def _turned(self, side: Side, T_base_link: Array, values: Sequence[float] | Array) -> Side | None:
+    def _turned(self, side: RobotSide, T_base_link: Array, values: Sequence[float] | Array) -> RobotSide | None:
         length = float(np.linalg.norm(values))
         if not length > 1e-9:
             return None
@@ -134,7 +134,7 @@ def _moved_axis(axis: Axis, W: Array) -> Axis:
     return replace(axis, point=point, direction=W[:3, :3] @ axis.direction)
 
 
-def _frame(side: Side, link: str) -> Array | None:
+def _frame(side: RobotSide, link: str) -> Array | None:
     for name, (_, T) in side.frames.items():
         if plain(name) == link:
             return T
@@ -146,7 +146,7 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def statements(side: Side) -> list[Statement]:
+def statements(side: RobotSide) -> list[NumberStatement]:
     """Return the statements of a URDF, xacro or MJCF; [] for other files, and for files that cannot be read here."""
     path = side.path
     if path is None:
@@ -224,7 +224,7 @@ def _numbers(text: str | None, count: int) -> tuple[float, ...] | None:
 # -- URDF ---------------------------------------------------------------------------------------------
 
 
-def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[Statement]:
+def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberStatement]:
     """Return the statements of a URDF; `places` are the places of its elements in the files of a xacro."""
     joints = [element for element in root.children if element.tag == "joint"]
     ends: dict[str, tuple[str, str]] = {}
@@ -290,7 +290,7 @@ def _attribute(
     kind: str,
     unit: float,
     moved: tuple[str, frozenset[str], frozenset[str]],
-) -> list[Statement]:
+) -> list[NumberStatement]:
     """Return the statement of one attribute as a list, or [] if the element does not have it."""
     count = 4 if kind == "quat" else 3
     values = _numbers(element.attributes.get(attribute), count)
@@ -298,13 +298,13 @@ def _attribute(
         return []
     line = element.lines[attribute]
     link, joints, links = moved
-    return [Statement(element.file, line, f"{what} {attribute}", role, values, kind, unit, link, joints, links)]
+    return [NumberStatement(element.file, line, f"{what} {attribute}", role, values, kind, unit, link, joints, links)]
 
 
 # -- MJCF ---------------------------------------------------------------------------------------------
 
 
-def _mjcf(root: _Element, path: Path) -> list[Statement]:
+def _mjcf(root: _Element, path: Path) -> list[NumberStatement]:
     _include(root, path, _INCLUDES)
     unit = DEG
     sequence = "xyz"
@@ -313,7 +313,7 @@ def _mjcf(root: _Element, path: Path) -> list[Statement]:
             if compiler.attributes.get("angle") == "radian":
                 unit = 1.0
             sequence = compiler.attributes.get("eulerseq", sequence)
-    found: list[Statement] = []
+    found: list[NumberStatement] = []
     for world in root.children:
         if world.tag == "worldbody":
             for body in world.children:
@@ -337,7 +337,7 @@ def _include(element: _Element, path: Path, depth: int) -> None:
     element.children = children
 
 
-def _body(body: _Element, euler: str, unit: float, found: list[Statement]) -> tuple[set[str], set[str]]:
+def _body(body: _Element, euler: str, unit: float, found: list[NumberStatement]) -> tuple[set[str], set[str]]:
     """Add the statements of a body and its children; return (joints, bodies) of all of them, as plain names."""
     name = body.attributes.get("name", "")
     joints: set[str] = set()

@@ -29,7 +29,7 @@ _NAMED = re.compile(rb"<robot\b[^>]*\sname\s*=")
 
 
 @dataclass(frozen=True)
-class Settings:
+class XacroSettings:
     """What the user gives for the expansion of a xacro.
 
     Attributes:
@@ -46,7 +46,7 @@ class Settings:
         return bool(self.arguments or self.packages)
 
 
-def settings(arguments: list[str], packages: list[str]) -> Settings:
+def settings(arguments: list[str], packages: list[str]) -> XacroSettings:
     """Return the settings of the options `--arg name:=value` and `--packages DIR`.
 
     Raises:
@@ -63,7 +63,7 @@ def settings(arguments: list[str], packages: list[str]) -> Settings:
         if not Path(folder).is_dir():
             raise SourceError(f"--packages {folder}: the folder does not exist")
         folders.append(Path(folder))
-    return Settings(named, tuple(folders))
+    return XacroSettings(named, tuple(folders))
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def is_xacro(path: Path) -> bool:
         return b"<xacro:" in data  # xacro says what is wrong
 
 
-def expand(path: Path, given: Settings) -> Expanded:
+def expand(path: Path, given: XacroSettings) -> Expanded:
     """Return the URDF that a xacro describes.
 
     Raises:

@@ -46,7 +46,7 @@ from twin.exchange.audit.sense import check_sense
 from twin.exchange.audit.states import CLIP, DrawnStates, compare_joints, compare_states, same_names
 from twin.exchange.format import Format, Holds
 from twin.exchange.formats import audited, leading
-from twin.exchange.xacro import Settings
+from twin.exchange.xacro import XacroSettings
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
@@ -67,7 +67,7 @@ def audit(
     mechanism: Mechanism | None = None,
     states: Callable[[], DrawnStates] | None = None,
     progress: Progress | None = None,
-    xacro: Settings | None = None,
+    xacro: XacroSettings | None = None,
 ) -> AuditReport:
     """Read a file or a folder of exported files, check each file, and compare the files with each other.
 
@@ -91,7 +91,7 @@ def audit(
     """
     path = Path(path)
     tell = progress or _silent
-    given = xacro or Settings()
+    given = xacro or XacroSettings()
     if (path / SCENE).is_file():
         from twin.exchange.audit.scene_folder import audit_scene  # imports audits of formats, which import this package
 
@@ -112,7 +112,7 @@ def _audited(
     mechanism: Mechanism | None,
     states: Callable[[], DrawnStates] | None,
     tell: Progress,
-    xacro: Settings,
+    xacro: XacroSettings,
 ) -> tuple[list[Content], list[Ledger]]:
     """Read the files of one robot and compare the files with each other; return (contents, ledgers)."""
     found = find(path)
@@ -241,7 +241,7 @@ def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism
     return stated
 
 
-def key_times(path: str | Path, xacro: Settings | None = None) -> dict[str, np.ndarray]:
+def key_times(path: str | Path, xacro: XacroSettings | None = None) -> dict[str, np.ndarray]:
     """Return {clip: key times (k,) in s}, read from the tracks at a path; if there are no tracks, from the other files.
 
     Xacros among these are expanded with `xacro`.
@@ -254,7 +254,7 @@ def key_times(path: str | Path, xacro: Settings | None = None) -> dict[str, np.n
     if tracks.files:  # tracks contain all key times and are fast to read
         found = tracks
     contents = []
-    for _, content in _read(found, _silent, None, xacro or Settings()):
+    for _, content in _read(found, _silent, None, xacro or XacroSettings()):
         if content is not None:
             contents.append(content)
     return {name: ref.clip.times for name, ref in references(contents, {}).items()}
@@ -273,7 +273,7 @@ def _tracks(found: FolderFiles) -> FolderFiles:
 
 
 def _read(
-    found: FolderFiles, tell: Progress, states: Callable[[], DrawnStates] | None, xacro: Settings
+    found: FolderFiles, tell: Progress, states: Callable[[], DrawnStates] | None, xacro: XacroSettings
 ) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     jobs: list[tuple[Format, Path]] = []

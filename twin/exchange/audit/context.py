@@ -10,7 +10,7 @@ from typing import Protocol
 from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.states import DrawnStates, same_names
-from twin.exchange.xacro import Settings
+from twin.exchange.xacro import XacroSettings
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Context:
     models: Sequence[str] = ()
     states: Callable[[], DrawnStates] | None = None
     admitted: Collection[Path] = ()
-    xacro: Settings = field(default_factory=Settings)
+    xacro: XacroSettings = field(default_factory=XacroSettings)
 
 
 class JointTree(Protocol):

@@ -18,8 +18,8 @@ from pathlib import Path
 from twin.core.errors import SourceError
 from twin.exchange.format import Format
 from twin.exchange.formats import imported
-from twin.exchange.read.source import Imported, Options, Table
-from twin.exchange.xacro import Settings
+from twin.exchange.read.source import DhOptions, Imported, Options
+from twin.exchange.xacro import XacroSettings
 
 
 def suffixes() -> dict[str, Format]:
@@ -47,8 +47,8 @@ def read(
     closures: Path | None = None,
     root: str | None = None,
     guarded: bool = True,
-    xacro: Settings | None = None,
-    dh: Table | None = None,
+    xacro: XacroSettings | None = None,
+    dh: DhOptions | None = None,
 ) -> Imported:
     """Return the mechanism of a URDF, MJCF, SDF or USD file in SI units, and findings on changed or omitted data.
 
@@ -72,7 +72,7 @@ def read(
         raise SourceError(f"{path}: a {format.title} file contains one robot: --root does not apply")
     if xacro is not None and xacro.given and "xacro" not in format.takes:
         raise SourceError(f"{path}: --arg and --packages are for a xacro, and this is a {format.title} file: omit them")
-    if dh is not None and dh != Table() and "table" not in format.takes:
+    if dh is not None and dh != DhOptions() and "table" not in format.takes:
         raise SourceError(f"{path}: --dh and the units are for a table of Denavit-Hartenberg parameters: omit them")
-    options = Options(closures, root, guarded, xacro or Settings(), dh or Table())
+    options = Options(closures, root, guarded, xacro or XacroSettings(), dh or DhOptions())
     return format.module("read").read(path, options)

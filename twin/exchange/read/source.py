@@ -14,7 +14,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, SourceError
 from twin.core.findings import Finding, finding
 from twin.core.spatial import Array
-from twin.exchange.xacro import Settings
+from twin.exchange.xacro import XacroSettings
 from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
@@ -36,7 +36,7 @@ class Findings(list[Finding]):
 
 
 @dataclass(frozen=True)
-class Table:
+class DhOptions:
     """What the user states about a table of Denavit-Hartenberg parameters; None: as its headings or keys state it.
 
     Attributes:
@@ -50,7 +50,7 @@ class Table:
     angle: str | None = None
 
 
-def stated(convention: str | None, units: str | None) -> Table:
+def stated(convention: str | None, units: str | None) -> DhOptions:
     """Return the options `--dh` and `--units LENGTH,ANGLE` of a table of Denavit-Hartenberg parameters.
 
     Raises:
@@ -65,7 +65,7 @@ def stated(convention: str | None, units: str | None) -> Table:
             angle = unit
         elif unit:
             raise SourceError(f"--units {units}: there is no unit '{unit}'; use mm, cm or m, and deg or rad")
-    return Table(convention, length, angle)
+    return DhOptions(convention, length, angle)
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ class Options:
     closures: Path | None = None
     root: str | None = None
     guarded: bool = True
-    xacro: Settings = field(default_factory=Settings)
-    dh: Table = field(default_factory=Table)
+    xacro: XacroSettings = field(default_factory=XacroSettings)
+    dh: DhOptions = field(default_factory=DhOptions)
 
 
 @dataclass

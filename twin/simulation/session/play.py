@@ -39,7 +39,7 @@ class ArmPath:
     tip: Array
 
 
-class Outcome(ABC):
+class TaskOutcome(ABC):
     """The measures of a task in a finished session, and their parts of a report.
 
     Attributes:
@@ -91,7 +91,9 @@ class Play:
         """Return a referee with `period` in s between two samples; None: a page does not judge the task."""
         return None
 
-    def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> Outcome | None:
+    def outcome(
+        self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]
+    ) -> TaskOutcome | None:
         """Return the measures of a session with these signals and motions of the arms; None: there are none."""
         return None
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.comparison.pair import Pair
+from twin.comparison.pair import SidePair
 from twin.comparison.result import Comparison
-from twin.comparison.side import Side
+from twin.comparison.side import RobotSide
 from twin.core import spatial
 from twin.core.quantity import deg, mm
 from twin.core.spatial import Array
@@ -54,13 +54,13 @@ def figure(found: Comparison) -> Figure:
     return out
 
 
-def _distance(pair: Pair) -> float:
+def _distance(pair: SidePair) -> float:
     if pair.worst is None:
         return 0.0
     return pair.worst.distance
 
 
-def _points(side: Side, q: Mapping[str, float], X: Array) -> Array:
+def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> Array:
     """Return base, joints of the chain to the tool, and tool (n, 3) in m, moved by X."""
     tree = side.tree
     displacements = np.array([[q.get(axis.name, axis.drawn) - axis.drawn for axis in tree]])

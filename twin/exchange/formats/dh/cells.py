@@ -22,7 +22,7 @@ _COMMENT = re.compile(r"^\s*(?:[#%>]|//|<!--)*\s*(convention|units?)\s*[:=]\s*(.
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """A row of a table: {heading: text of the cell}, and the line of the file where it is."""
 
     line: int
@@ -42,7 +42,7 @@ class Cells:
 
     headings: list[str]
     line: int
-    rows: list[Row] = field(default_factory=list)
+    rows: list[TableRow] = field(default_factory=list)
     stated: dict[str, str] = field(default_factory=dict)
 
 
@@ -81,7 +81,7 @@ def read_cells(path: Path) -> Cells:
                 f"{path}:{line}: the row has {len(row)} cells ({' | '.join(row)[:80]}), but there are {len(headings)} "
                 f"headings ({' | '.join(headings)[:120]}): write all cells"
             )
-        cells.rows.append(Row(line, dict(zip(headings, row, strict=True))))
+        cells.rows.append(TableRow(line, dict(zip(headings, row, strict=True))))
     return _bounded(path, cells)
 
 
@@ -219,7 +219,7 @@ def _of_toml(path: Path, text: str) -> Cells:
                 raise SourceError(f"{path}:{where}: {key} = {str(value)[:60]} is not a number or a text")
             if key not in headings:
                 headings.append(key)
-        cells.rows.append(Row(line, {key: str(value) for key, value in row.items()}))
+        cells.rows.append(TableRow(line, {key: str(value) for key, value in row.items()}))
     for row in cells.rows:
         for heading in headings:
             if heading not in row.cells:

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.exchange.formats.dh.table import DhRow, DhTable, Quantity, read_table
+from twin.exchange.formats.dh.table import CellQuantity, DhRow, DhTable, read_table
 from twin.exchange.read.source import Findings, Imported, Names, Options, assemble
 from twin.exchange.read.text import one_line
 from twin.model.body import Body, Frame
@@ -183,7 +183,7 @@ def _function(unit: str) -> str:
     return "mm" if unit == "cm" else unit
 
 
-def _stated(quantity: Quantity, path: Path, line: int) -> str:
+def _stated(quantity: CellQuantity, path: Path, line: int) -> str:
     """Return a parameter as code, with the line of the table as its source."""
     shown = quantity.shown * 10 if quantity.unit == "cm" else quantity.shown
     source = re.sub(r'["\\]', "_", one_line(path.name))

@@ -22,8 +22,8 @@ from typing import NoReturn
 
 from twin.core.errors import SourceError
 from twin.core.units import DEG, LENGTH, MM
-from twin.exchange.formats.dh.cells import Cells, Row, read_cells
-from twin.exchange.read.source import Table
+from twin.exchange.formats.dh.cells import Cells, TableRow, read_cells
+from twin.exchange.read.source import DhOptions
 
 CONVENTIONS = ("standard", "modified", "khalil", "hayati")
 
@@ -100,7 +100,7 @@ _TURN = 2 * math.pi
 
 
 @dataclass(frozen=True)
-class Quantity:
+class CellQuantity:
     """A number of a cell.
 
     Attributes:
@@ -114,7 +114,7 @@ class Quantity:
     unit: str
 
 
-ZERO = Quantity(0.0, 0.0, "m")
+ZERO = CellQuantity(0.0, 0.0, "m")
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class DhRow:
     line: int
     name: str
     kind: str
-    values: dict[str, Quantity]
+    values: dict[str, CellQuantity]
     parallel: bool
     limits: tuple[float, float] | None
 
@@ -147,7 +147,7 @@ class DhTable:
     guessed: list[str]
 
 
-def read_table(path: Path, given: Table) -> DhTable:
+def read_table(path: Path, given: DhOptions) -> DhTable:
     """Return the table of a file.
 
     Raises:
@@ -157,7 +157,7 @@ def read_table(path: Path, given: Table) -> DhTable:
 
 
 class _Reader:
-    def __init__(self, path: Path, cells: Cells, given: Table) -> None:
+    def __init__(self, path: Path, cells: Cells, given: DhOptions) -> None:
         self.path, self.cells, self.given = path, cells, given
         self.columns: dict[str, str] = {}
         """{column: its heading}."""
@@ -333,7 +333,7 @@ class _Reader:
             self.fail(plain[0][2], f"{text} Give it by --units, as in --units {example}")
         return of_kind[-1]
 
-    def _check_number(self, i: int, row: Row) -> None:
+    def _check_number(self, i: int, row: TableRow) -> None:
         """Require that rows with numbers count from the first: 1, 2, 4 lacks a row."""
         if "joint" not in self.columns:
             return
@@ -382,10 +382,10 @@ class _Reader:
             self.fail(self.cells.line, "all joints are fixed, so there is no mechanism")
         return kinds
 
-    def _row(self, row: Row, kind: str, convention: str) -> DhRow:
+    def _row(self, row: TableRow, kind: str, convention: str) -> DhRow:
         parameters = ["alpha", "theta", "d"]
         parameters += ["r", "b", "gamma"] if convention == "khalil" else ["a"]
-        values: dict[str, Quantity] = {}
+        values: dict[str, CellQuantity] = {}
         for parameter in parameters:
             values[parameter] = self._value(row, parameter)
         parallel = False
@@ -404,10 +404,10 @@ class _Reader:
             moved = self.moving[kind == "prismatic"]
             offset = self._value(row, "offset", moved)
             own = values[moved]
-            values[moved] = Quantity(own.value + offset.value, own.shown + offset.shown, own.unit)
+            values[moved] = CellQuantity(own.value + offset.value, own.shown + offset.shown, own.unit)
         return DhRow(row.line, self._name(row), kind, values, parallel, self._limits(row, kind))
 
-    def _check_tree(self, row: Row, convention: str) -> None:
+    def _check_tree(self, row: TableRow, convention: str) -> None:
         if convention != "khalil" or "antecedent" not in self.columns:
             return
         text = _plain(row.cells[self.columns["antecedent"]])
@@ -416,13 +416,13 @@ class _Reader:
             why = f"the antecedent of joint {before + 1} is '{text}', but only chains are read: write {before}"
             self.fail(row.line, f"{why}, or a table for each branch")
 
-    def _name(self, row: Row) -> str:
+    def _name(self, row: TableRow) -> str:
         if "joint" not in self.columns:
             return ""
         text = _plain(row.cells[self.columns["joint"]])
         return text if re.search("[A-Za-z]", text) else ""
 
-    def _limits(self, row: Row, kind: str) -> tuple[float, float] | None:
+    def _limits(self, row: TableRow, kind: str) -> tuple[float, float] | None:
         if kind == "fixed" or not {"lower", "upper"} <= set(self.columns):
             return None
         like = "theta" if kind == "revolute" else "d"
@@ -433,7 +433,7 @@ class _Reader:
             self.fail(row.line, f"the lower limit is not below the upper limit: {shown}")
         return low, high
 
-    def _value(self, row: Row, column: str, like: str = "") -> Quantity:
+    def _value(self, row: TableRow, column: str, like: str = "") -> CellQuantity:
         """Return the constant part of a cell; `like` is the parameter whose unit it has."""
         if column not in self.columns:
             return ZERO
@@ -458,7 +458,7 @@ class _Reader:
             self.fail(row.line, f"mixed units: {column} = '{text}', but the table is in {unit}")
         if found.of_pi and unit == "deg":
             self.fail(row.line, f"mixed units: {column} = '{text}' is a multiple of pi, but the table is in degrees")
-        return Quantity(found.value * _SIZE[unit], found.value, unit)
+        return CellQuantity(found.value * _SIZE[unit], found.value, unit)
 
     def _parsed(self, column: str, text: str) -> _Number | None:
         """Return the number of a cell; only where the coordinate can be, its name stands for 0."""

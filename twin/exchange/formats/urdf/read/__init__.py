@@ -35,7 +35,7 @@ from twin.exchange.read.source import (
 )
 from twin.exchange.read.start import moved
 from twin.exchange.read.xml import Xml
-from twin.exchange.xacro import SUFFIX, Expanded, Settings, expand, is_xacro
+from twin.exchange.xacro import SUFFIX, Expanded, XacroSettings, expand, is_xacro
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
@@ -71,7 +71,7 @@ _LIGHT = 1e-6
 """Maximum mass in kg of a link without shape that becomes a frame instead of a body."""
 
 
-def read_urdf(path: Path, closures: Path | None = None, settings: Settings | None = None) -> Imported:
+def read_urdf(path: Path, closures: Path | None = None, settings: XacroSettings | None = None) -> Imported:
     """Read a URDF and, unless `closures` is None, the closure YAML at the path `closures`.
 
     A xacro is expanded first, with `settings`.
@@ -82,7 +82,7 @@ def read_urdf(path: Path, closures: Path | None = None, settings: Settings | Non
     expanded: Expanded | None = None
     try:
         if is_xacro(path):
-            expanded = expand(path, settings or Settings())
+            expanded = expand(path, settings or XacroSettings())
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
     if expanded is None and settings is not None and settings.arguments:
