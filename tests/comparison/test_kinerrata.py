@@ -38,7 +38,7 @@ def read(path):
 def test_an_entry_says_what_was_wrong_where_and_who_says_so(path):
     entry = read(path)
     must = {"robot", "kind", "accused", "by", "confirmed", "truth", "source"}
-    may = {"note", "number", "chain", "convention", "joint", "body", "dh"}
+    may = {"note", "number", "chain", "convention", "order_before", "joint", "body", "dh"}
     assert must <= set(entry) <= must | may
     assert entry["kind"] in KINDS
     assert entry["by"] in BY
@@ -61,6 +61,7 @@ def test_the_chain_of_an_entry_holds_its_numbers_after_the_correction(path):
     named = {thing["name"]: thing for thing in things}
     assert len(named) == len(things)
     assert ("convention" in entry) == ("dh" in entry)
+    assert set(entry.get("order_before", [])) <= {joint["name"] for joint in entry.get("joint", [])}
     for joint in entry.get("joint", []):
         assert {"name", "type", "parent", "child", "xyz", "rpy"} <= set(joint)
         assert ("axis" in joint) == (joint["type"] != "fixed")
