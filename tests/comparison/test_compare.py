@@ -150,6 +150,28 @@ def test_different_numbers_of_joints_name_the_way_out(tmp_path: Path) -> None:
     assert twin.compare(first, second, only=only).verdict == "agree"
 
 
+def _two_joints(file: Path, parent: str) -> Path:
+    """Write a URDF whose second joint begins at a link, at the same place in the drawn pose."""
+    links = "".join(f'<link name="link_{k}"/>' for k in range(3))
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = (
+        '<joint name="joint_1" type="revolute"><parent link="link_0"/><child link="link_1"/>'
+        f'<axis xyz="0 0 1"/>{limit}</joint>'
+        f'<joint name="joint_2" type="revolute"><parent link="{parent}"/><child link="link_2"/>'
+        f'<origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>{limit}</joint>'
+    )
+    file.write_text(f'<robot name="two">{links}{joints}</robot>', encoding="utf-8")
+    return file
+
+
+def test_a_joint_on_another_link_is_no_agreement(tmp_path: Path) -> None:
+    first = _two_joints(tmp_path / "a.urdf", "link_1")
+    second = _two_joints(tmp_path / "b.urdf", "link_0")
+    with pytest.raises(TwinError, match=r"joint 'joint_2' of .* connect different links"):
+        twin.compare(first, second)
+    assert twin.compare(first, _two_joints(tmp_path / "c.urdf", "link_1")).verdict == "agree"
+
+
 def test_no_common_range_is_an_error(tmp_path: Path) -> None:
     first, second = pair(tmp_path)
     lower = 'lower="-2.5" upper="2.0"'

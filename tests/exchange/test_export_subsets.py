@@ -85,7 +85,7 @@ def read_once(reader):
     """Return a reader of folders that reads each file once; MJCF and URDF are read with and without tracks."""
     known: dict = {}
 
-    def again(found, tell, states):
+    def again(found, tell, states, xacro):
         tracks = found.files.get("tracks", [])
         for format in audited():
             files = found.files.get(format.name, [])
@@ -95,7 +95,7 @@ def read_once(reader):
                 played = Holds.JOINT_TREE in format.holds
                 if played:
                     alone.files["tracks"] = tracks
-                rows = list(reader(alone, tell, states))
+                rows = list(reader(alone, tell, states, xacro))
                 known[key] = rows[len(tracks) if played else 0 :]
             yield from copy.deepcopy(known[key])
 

@@ -115,16 +115,17 @@ def test_a_hinge_of_a_universal_joint_can_be_driven(tmp_path):
     assert [j.name for j in m.active] == ["s_y"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1, 2])
 def test_a_transmission_may_name_a_hinge_of_a_universal_joint(tmp_path, ratio):
     yaml = "closed_loop: [[end_A, end_B]]\ntype: [3d]\nname_mot: [s_Y]\njoint_name: [s]\njoint_type: [UJOINT_XY]\n"
     parts = f'<joint name="s_Y"/><actuator name="m"/><mechanicalReduction>{ratio}</mechanicalReduction>'
-    text = linkage("spherical").replace("</robot>", f'<transmission name="t">{parts}</transmission></robot>')
+    end = f'<transmission name="t">{parts}</transmission></robot>'
+    text = linkage([("s", "continuous", "1 0 0")]).replace("</robot>", end)
     found = made(tmp_path, "hinge", text, yaml)
     assert "s_y" in [joint.name for joint in found.mechanism.active]
 
 
+@pytest.mark.slow
 def test_a_gap_is_the_models_own_only_if_all_of_the_file_was_read(tmp_path):
     # The ends are 1 m apart: nothing closes it.
     urdf = linkage([("s", "fixed", "1 0 0")]).replace("0.16 0.03 -0.04", "1.16 0 0")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 from pathlib import Path
 
@@ -166,6 +167,16 @@ def test_a_wrong_number_of_the_equations_is_found(tmp_path, capsys):
     file = target / "formula.py"
     file.write_text(file.read_text().replace("m(0.6718", "m(0.6728"))
     assert cli.main(["validate", str(target), "--quiet"]) == 1
+
+
+def test_the_name_of_a_table_never_becomes_code(tmp_path):
+    table = tmp_path / 'x""" + chr(0); y = """\\N{.csv'
+    shutil.copy(DATA / "slide.csv", table)
+    target = tmp_path / "arm"
+    assert cli.main(["new", "arm", str(table), "--out", str(target), "--quiet"]) == 0
+    tree = ast.parse((target / "formula.py").read_text())
+    assert "chr" not in {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    assert "chr(0)" in ast.get_docstring(tree)
 
 
 def test_equations_of_the_user_are_kept(tmp_path):

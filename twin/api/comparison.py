@@ -101,7 +101,7 @@ def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: Xac
         text = expanded.data
         places = expanded.places
         given_to_reader = settings
-    imported = read(path, guarded=False, xacro=given_to_reader)
+    imported = read(path, xacro=given_to_reader)
     if imported.mechanism.loops:
         imported = close(imported)
     guessed = False

@@ -53,8 +53,26 @@ def _by_names(first: RobotSide, second: RobotSide) -> list[int] | None:
         if len(known) == len(first.axes) == len(wanted) and set(known) == set(wanted):
             pairs = [known[name] for name in wanted]
             if _same_kinds(first, second, pairs):
+                _require_same_tree(first, second, pairs)
                 return pairs
     return None
+
+
+def _require_same_tree(first: RobotSide, second: RobotSide, pairs: Sequence[int]) -> None:
+    """Raise an error if joints of the same names connect other links: their lines could coincide all the same.
+
+    Raises:
+        TwinError: it names the first such joint, and its links on both sides.
+    """
+    known: dict[int, int] = {}  # group of links of the second side: group of the first side
+    for j, i in enumerate(pairs):
+        one = first.axes[i]
+        other = second.axes[j]
+        for group, partner in ((other.parent, one.parent), (other.child, one.child)):
+            if known.setdefault(group, partner) != partner:
+                text = f"joint '{one.name}' of {first.label} and joint '{other.name}' of {second.label}"
+                way_out = "Correct the parent and the child of the joint, or its name, in one of the files."
+                raise TwinError(f"{text} connect different links: the joints have another order. {way_out}")
 
 
 def _plain(name: str, prefix: str) -> str:

@@ -88,7 +88,7 @@ def common_range(problem: Problem, solution: FitSolution) -> Array:
                 f"joint '{axis.name}' has no common range: {texts[0]} in {problem.first.label} (as values of "
                 f"{problem.second.label}), {texts[1]} in {problem.second.label}. Correct the limits of a file."
             )
-        ranges[i] = low, high
+        ranges[i] = low + 0.0, high + 0.0  # without the sign of -0.0
     return ranges
 
 

@@ -56,14 +56,15 @@ def sparse(problem: Problem, solution: FitSolution) -> FitSolution:
     x = values_of(u)
     free = np.ones(len(x), bool)
     groups: list[list[int]] = []
+    # Base and zeros come first: while they are free, a wrong length could be traded for two zeros and another length.
+    groups.append(list(range(6)))
+    groups += [[0, 1, 2], [3, 4, 5]]
+    groups += [[6 + i] for i in reversed(range(problem.count))]
     first = 6 + problem.count
     for k in range(len(u.deviating)):
         start = first + 6 * k
         groups += [[start, start + 1, start + 2], [start + 3, start + 4, start + 5]]
         groups += [[start + j] for j in range(6)]
-    groups.append(list(range(6)))
-    groups += [[0, 1, 2], [3, 4, 5]]
-    groups += [[6 + i] for i in reversed(range(problem.count))]
     best = solution
     for group in groups:
         if not free[group].any():

@@ -139,7 +139,7 @@ def equations(path: Path, table: DhTable, joints: Sequence[Joint]) -> str:
         signature = f"def forward(\n    q,\n{listed}):"
     stated = "\n".join(parameters)
     product = "\n".join(lines)
-    return f'''"""Equations of {one_line(path.stem)}: the product of the rows of {one_line(path.name)}.
+    return f'''"""Equations of {_in_quotes(path.stem)}: the product of the rows of {_in_quotes(path.name)}.
 
 The convention of the table is {_TITLES[table.convention]}. Joints, in the order of q: {units}.
 """
@@ -183,10 +183,15 @@ def _function(unit: str) -> str:
     return "mm" if unit == "cm" else unit
 
 
+def _in_quotes(text: str) -> str:
+    """Return a text of another person as a part of a string in Python code, without quotes and backslashes."""
+    return re.sub(r'["\\]', "_", one_line(text))
+
+
 def _stated(quantity: CellQuantity, path: Path, line: int) -> str:
     """Return a parameter as code, with the line of the table as its source."""
     shown = quantity.shown * 10 if quantity.unit == "cm" else quantity.shown
-    source = re.sub(r'["\\]', "_", one_line(path.name))
+    source = _in_quotes(path.name)
     return f'{_function(quantity.unit)}({shown!r}, "CITED", "{source}, line {line}")'
 
 
