@@ -270,7 +270,8 @@ class _Newton:
             there = self._residuals(tried)
             if there is None:
                 break
-            better = (lacks[:, None] & (_costs(there) < _costs(r)))[:, :, None]
+            lower = np.asarray(_costs(there) < _costs(r))
+            better = (lacks[:, None] & lower)[:, :, None]
             values = np.where(better, tried, values)
             r = np.where(better, there, r)
         return values, r
