@@ -263,15 +263,14 @@ class _Newton:
         """Return (values, residuals), where a row has no value with other first values."""
         if np.isfinite(r).all():
             return values, r
-        lacks = ~np.isfinite(r).all(axis=(1, 2))
+        lacks: NDArray[np.bool_] = np.logical_not(np.isfinite(r).all(axis=(1, 2)))
         for factor in STARTS:
             tried = values.copy()
             tried[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
             there = self._residuals(tried)
             if there is None:
                 break
-            lower = np.asarray(_costs(there) < _costs(r))
-            better = (lacks[:, None] & lower)[:, :, None]
+            better = (lacks[:, None] & (_costs(there) < _costs(r)))[:, :, None]
             values = np.where(better, tried, values)
             r = np.where(better, there, r)
         return values, r
