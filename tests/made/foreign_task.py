@@ -30,7 +30,7 @@ PLAY = """
 from twin.core.findings import disagreement
 from twin.model.task import required_goal
 from twin.simulation.devices.surgeon_hands import Habits, SurgeonHands
-from twin.simulation.session.play import Outcome, Play
+from twin.simulation.session.play import Play, TaskOutcome
 from twin.simulation.world import Block
 from wait_task.task import WaitTable
 
@@ -66,7 +66,7 @@ class Clock(Block):
         return {"rows": [["Time", f"{self.t:.1f} s"]], "rings": [], "events": []}
 
 
-class Waited(Outcome):
+class Waited(TaskOutcome):
     success = "The hands were still"
     failure = "The hands were not still"
 
