@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
 
 import twin
+from made import errata
 from twin.cli import main
 from twin.core.errors import TwinError
 
@@ -192,36 +192,27 @@ def test_the_command_prints_verdict_and_json(tmp_path: Path, capsys: pytest.Capt
     assert "at least two sides" in capsys.readouterr().err
 
 
-def errata() -> Path:
-    """Return the folder shared/models/public-errata, above the checkout or where the variable says."""
-    places = [Path(os.environ.get("TWIN_PUBLIC_ERRATA", "/nowhere"))]
-    places += [folder / "shared/models/public-errata" for folder in Path(__file__).resolve().parents]
-    for place in places:
-        if place.is_dir():
-            return place
-    return pytest.skip("NO PUBLIC ERRATA: set TWIN_PUBLIC_ERRATA to the folder shared/models/public-errata")
-
-
 @pytest.mark.parametrize(
-    ("robot", "file", "edits"),
+    ("robot", "edits"),
     [
-        (
-            "iiwa14",
-            "kuka_lbr_iiwa_support/urdf/lbr_iiwa14_r820.urdf.xacro",
-            [(133, "0.1375", "0.1575"), (147, "0.1845", "0.2045")],
-        ),
-        ("lrmate200id", "fanuc_lrmate200id_support/urdf/lrmate200id.xacro", [(153, "1", "-1")]),
-        ("m710ic50", "fanuc_m710ic_support/urdf/m710ic50.xacro", [(153, "1", "-1")]),
+        ("kuka_iiwa14_lengths", [("joint_1", "0.1375", "0.1575"), ("joint_3", "0.1845", "0.2045")]),
+        ("fanuc_lrmate200id_axis6", [("joint_6", "1", "-1")]),
+        ("fanuc_m710ic50_axis6", [("joint_6", "1", "-1")]),
     ],
 )
-def test_public_errors_are_named_with_file_and_line(robot: str, file: str, edits: list[tuple[int, str, str]]) -> None:
-    pytest.importorskip("xacro")
-    found = twin.compare(errata() / robot / "before" / file, errata() / robot / "after" / file).pairs[0]
+def test_public_errors_are_named_with_file_and_line(
+    robot: str, edits: list[tuple[str, str, str]], tmp_path: Path
+) -> None:
+    before = errata.written(robot, tmp_path / "before", corrected=False)
+    after = errata.written(robot, tmp_path / "after", corrected=True)
+    found = twin.compare(before, after).pairs[0]
+    lines = (tmp_path / "before" / f"{robot}_macro.xacro").read_text().splitlines()
     named = []
     for item in found.items:
         edit = item.edits[0]
         assert edit.file.endswith("_macro.xacro")
-        named.append((edit.line, edit.old, edit.new))
+        opened = [line for line in lines[: edit.line] if "<joint " in line][-1]
+        named.append((opened.split('"')[1], edit.old, edit.new))
     assert named == edits
 
 

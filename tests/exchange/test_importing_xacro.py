@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio
 import pytest
 
+from made import errata
 from twin import cli
 from twin.core.errors import BudgetError, CodeRefusedError, SourceError, TwinError
 from twin.core.foreign import budget, consent
@@ -236,31 +237,21 @@ def test_new_makes_a_folder_from_a_xacro(two_arms, tmp_path, capsys):
     assert "two.xacro" in (target / "IMPORT.md").read_text()
 
 
-# -- robots of others, used where they lie --------------------------------------------------------------
+# -- published robots, with the numbers of tests/kinerrata ------------------------------------------------
 
 PAIRS = {
-    "iiwa14": ("lbr_iiwa14_r820.urdf.xacro", 7, ("joint_1", 2, 0.1375, 0.1575)),
-    "lrmate200id": ("lrmate200id.xacro", 6, ("joint_6", 0, 1, -1)),
-    "m710ic50": ("m710ic50.xacro", 6, ("joint_6", 0, 1, -1)),
+    "kuka_iiwa14_lengths": (7, ("joint_1", 2, 0.1375, 0.1575)),
+    "fanuc_lrmate200id_axis6": (6, ("joint_6", 0, 1, -1)),
+    "fanuc_m710ic50_axis6": (6, ("joint_6", 0, 1, -1)),
 }
-
-
-def published(name, state):
-    """Return a xacro of shared/models/public-errata, above the checkout or where the variable says."""
-    places = [Path(os.environ.get("TWIN_PUBLIC_ERRATA", "/nowhere"))]
-    places += [folder / "shared/models/public-errata" for folder in HERE.parents]
-    for place in places:
-        for file in (place / name / state).rglob(PAIRS[name][0]):
-            return file
-    return pytest.skip("NO PUBLIC ERRATA: set TWIN_PUBLIC_ERRATA to the folder shared/models/public-errata")
 
 
 @pytest.mark.parametrize("state", ["before", "after"])
 @pytest.mark.parametrize("name", PAIRS)
-def test_published_robots_are_read_from_their_xacro(name, state, rng):
-    path = published(name, state)
+def test_published_robots_are_read_from_their_xacro(name, state, rng, tmp_path):
+    path = errata.written(name, tmp_path / state, corrected=state == "after")
     found = read(path)
-    assert len(found.mechanism.active) == PAIRS[name][1]
+    assert len(found.mechanism.active) == PAIRS[name][0]
     assert not [f for f in found.findings if f.severity == "error"]
     text = expand(path, XacroSettings()).data.decode()
     renamed = {b.name: f.where for b in found.mechanism.bodies for f in found.findings if f.message.find(b.name) > 0}
@@ -269,10 +260,10 @@ def test_published_robots_are_read_from_their_xacro(name, state, rng):
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_the_correction_of_a_published_robot_has_a_file_and_a_line(name):
-    joint, axis, wrong, right = PAIRS[name][2]
+def test_the_correction_of_a_published_robot_has_a_file_and_a_line(name, tmp_path):
+    joint, axis, wrong, right = PAIRS[name][1]
     for state, value in (("before", wrong), ("after", right)):
-        found = read(published(name, state))
+        found = read(errata.written(name, tmp_path / state, corrected=state == "after"))
         file, line = found.places[f"joint/{joint}/{'origin' if isinstance(wrong, float) else 'axis'}"]
         numbers = re.findall(r"(?<=xyz=\")[^\"]+", Path(file).read_text().splitlines()[line - 1])[0].split()
         assert float(numbers[axis]) == value
