@@ -150,6 +150,23 @@ def test_different_numbers_of_joints_name_the_way_out(tmp_path: Path) -> None:
     assert twin.compare(first, second, only=only).verdict == "agree"
 
 
+@pytest.mark.parametrize("rpy", ["0 1.5708 0", "0.3 -0.7 1.1"])
+def test_an_edit_of_a_turned_element_removes_the_difference(tmp_path: Path, rpy: str) -> None:
+    first = errata.written("kuka_iiwa14_lengths", tmp_path / "first", corrected=True)
+    second = errata.written("kuka_iiwa14_lengths", tmp_path / "second", corrected=True)
+    place = 'xyz="0 0 0.2155" rpy="0 0 0"'
+    macros = [path.with_name("kuka_iiwa14_lengths_macro.xacro") for path in (first, second)]
+    for macro, length in zip(macros, ("0.2155", "0.2455"), strict=True):
+        text = macro.read_text().replace(place, f'xyz="0 0 {length}" rpy="{rpy}"', 1)
+        macro.write_text(text)
+    (item,) = twin.compare(first, second).pairs[0].items
+    assert (item.edits[0].old, item.edits[0].new) == ("0.2155", "0.2455")
+    lines = macros[0].read_text().splitlines()
+    lines[item.edits[0].line - 1] = lines[item.edits[0].line - 1].replace(item.edits[0].old, item.edits[0].new)
+    macros[0].write_text("\n".join(lines))
+    assert twin.compare(first, second).verdict == "agree"
+
+
 def _two_joints(file: Path, parent: str) -> Path:
     """Write a URDF whose second joint begins at a link, at the same place in the drawn pose."""
     links = "".join(f'<link name="link_{k}"/>' for k in range(3))

@@ -56,6 +56,7 @@ class NumberStatement:
         unit: size of an angle in rad.
         link: name of the link or body that it places, or on which the axis is.
         joints, links: names of all joints and links that it moves.
+        R_parent_link: (3, 3), for a "shift": the rotation of the same element; its numbers are along the parent's axes.
     """
 
     file: str
@@ -68,6 +69,7 @@ class NumberStatement:
     link: str
     joints: frozenset[str]
     links: frozenset[str]
+    R_parent_link: Array | None = None
 
     def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
         """Return the side with other numbers here; None without this link in the side, or for an axis of length 0."""
@@ -107,7 +109,13 @@ class NumberStatement:
                 return None
             return spatial.pose(old.T @ new)
         shift = np.asarray(values, float) - np.asarray(self.values, float)
+        if self.R_parent_link is not None:
+            shift = self.R_parent_link.T @ shift
         return spatial.pose(p=shift)
+
+    def own_rotation(self) -> Array | None:
+        """Return the rotation (3, 3) that a "turn" states; None if its numbers are no rotation."""
+        return self._rotation(self.values)
 
     def _rotation(self, values: Sequence[float] | Array) -> Array | None:
         if self.kind == "quat":
@@ -247,14 +255,29 @@ def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberS
         origin = joint.find("origin")
         if origin is not None:
             _move(origin, places.get(f"joint/{name}/origin"))
-            found += _attribute(origin, f"joint '{name}' origin", "xyz", "shift", "", 1.0, own)
-            found += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", "rpy", 1.0, own)
+            placed = _attribute(origin, f"joint '{name}' origin", "xyz", "shift", "", 1.0, own)
+            placed += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", "rpy", 1.0, own)
+            found += _with_rotation(placed)
         axis = joint.find("axis")
         if axis is not None:
             _move(axis, places.get(f"joint/{name}/axis"))
             alone = (own[0], frozenset({plain(name)}), frozenset[str]())
             found += _attribute(axis, f"joint '{name}' axis", "xyz", "axis", "", 1.0, alone)
     return found
+
+
+def _with_rotation(placed: Sequence[NumberStatement]) -> list[NumberStatement]:
+    """Return the statements of one element, with its rotation in the one that states its position."""
+    rotation: Array | None = None
+    for statement in placed:
+        if statement.role == "turn":
+            rotation = statement.own_rotation()
+    out = []
+    for statement in placed:
+        if statement.role == "shift":
+            statement = replace(statement, R_parent_link=rotation)
+        out.append(statement)
+    return out
 
 
 def _move(element: _Element, place: tuple[str, int] | None) -> None:
@@ -353,9 +376,12 @@ def _body(body: _Element, euler: str, unit: float, found: list[NumberStatement])
     if not name:
         return joints, bodies
     moved = (plain(name), frozenset(joints), frozenset(bodies))
-    found += _attribute(body, f"body '{name}'", "pos", "shift", "", 1.0, moved)
-    found += _attribute(body, f"body '{name}'", "quat", "turn", "quat", 1.0, moved)
-    found += _attribute(body, f"body '{name}'", "euler", "turn", euler, unit, moved)
+    placed = []
+    if not set(body.attributes) & {"axisangle", "xyaxes", "zaxis"}:  # rotations that are not read here
+        placed += _attribute(body, f"body '{name}'", "pos", "shift", "", 1.0, moved)
+    placed += _attribute(body, f"body '{name}'", "quat", "turn", "quat", 1.0, moved)
+    placed += _attribute(body, f"body '{name}'", "euler", "turn", euler, unit, moved)
+    found += _with_rotation(placed)
     for joint in own_joints:
         label = joint.attributes.get("name", "")
         alone = (plain(name), frozenset({plain(label)}), frozenset[str]())
