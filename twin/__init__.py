@@ -1,3 +1,4 @@
+# ruff: noqa: I001 - several names of one module are in one statement
 """twin: bring your CAD and your equations; it tells you where they disagree.
 
 The public names are those of `__all__`; they are loaded when first used, so that `import twin` is fast.
@@ -11,38 +12,52 @@ TYPE_CHECKING = False  # as in `typing`, whose import takes longer than that of 
 if TYPE_CHECKING:
     from typing import Any
 
-    from twin.analysis.search import workspace
-    from twin.analysis.sweep import sweep
-    from twin.analysis.tolerance import Spread, tolerance
-    from twin.api import (
-        Robot,
-        audit,
-        build,
-        check_plan,
-        compare,
-        console,
-        equations_of_motion,
-        explain,
-        export,
-        load,
-        load_scene,
-        masses,
-        names,
-        operate,
-        plan,
-        play,
-        strokes,
-        study,
-        track,
-        validate,
-        world,
+    from twin.analysis.search import workspace as workspace
+    from twin.analysis.sweep import sweep as sweep
+    from twin.analysis.tolerance import (
+        Spread as Spread,
+        tolerance as tolerance,
     )
-    from twin.api.procedure import operate_procedure, replay_procedure
-    from twin.api.session import operate_console, replay_session
-    from twin.core.errors import TwinError
-    from twin.core.findings import Finding
-    from twin.core.result import Result
-    from twin.kinematics import Joints, Pose, Tip, Trocar
+    from twin.api import (
+        Robot as Robot,
+        audit as audit,
+        build as build,
+        check_plan as check_plan,
+        compare as compare,
+        console as console,
+        equations_of_motion as equations_of_motion,
+        explain as explain,
+        export as export,
+        load as load,
+        load_scene as load_scene,
+        masses as masses,
+        names as names,
+        operate as operate,
+        plan as plan,
+        play as play,
+        strokes as strokes,
+        study as study,
+        track as track,
+        validate as validate,
+        world as world,
+    )
+    from twin.api.procedure import (
+        operate_procedure as operate_procedure,
+        replay_procedure as replay_procedure,
+    )
+    from twin.api.session import (
+        operate_console as operate_console,
+        replay_session as replay_session,
+    )
+    from twin.core.errors import TwinError as TwinError
+    from twin.core.findings import Finding as Finding
+    from twin.core.result import Result as Result
+    from twin.kinematics import (
+        Joints as Joints,
+        Pose as Pose,
+        Tip as Tip,
+        Trocar as Trocar,
+    )
 
 _HOMES = {
     "twin.api": (
@@ -79,45 +94,9 @@ _HOMES = {
     "twin.kinematics": ("Joints", "Pose", "Tip", "Trocar"),  # tasks for `Robot.solve`
 }
 
-__all__ = [
-    "Finding",
-    "Joints",
-    "Pose",
-    "Result",
-    "Robot",
-    "Spread",
-    "Tip",
-    "Trocar",
-    "TwinError",
-    "__version__",
-    "audit",
-    "build",
-    "check_plan",
-    "compare",
-    "console",
-    "equations_of_motion",
-    "explain",
-    "export",
-    "load",
-    "load_scene",
-    "masses",
-    "names",
-    "operate",
-    "operate_console",
-    "operate_procedure",
-    "plan",
-    "play",
-    "replay_procedure",
-    "replay_session",
-    "strokes",
-    "study",
-    "sweep",
-    "tolerance",
-    "track",
-    "validate",
-    "workspace",
-    "world",
-]
+__all__ = ["__version__"]
+for _names in _HOMES.values():
+    __all__ += _names
 
 
 def __getattr__(name: str) -> Any:

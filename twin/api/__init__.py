@@ -1,3 +1,4 @@
+# ruff: noqa: I001 - several names of one module are in one statement
 """The Python API, also used by the command line: robots and scenes, and functions on them.
 
 The names are loaded when first used: who needs a part of it, such as `twin validate`, loads nothing of a simulation.
@@ -9,17 +10,47 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from twin.api.about import SCENE_COMMANDS, info, info_of_scene, listing
-    from twin.api.act import operate, play, world
-    from twin.api.comparison import compare
-    from twin.api.control import track
-    from twin.api.current import check_build
-    from twin.api.judge import check_plan, explain, plan, strokes, validate
-    from twin.api.make import audit, build, export
-    from twin.api.published import console, equations_of_motion, masses, study
-    from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names
-    from twin.api.standing import load_scene
-    from twin.api.together import plan_together
+    from twin.api.about import (
+        SCENE_COMMANDS as SCENE_COMMANDS,
+        info as info,
+        info_of_scene as info_of_scene,
+        listing as listing,
+    )
+    from twin.api.act import (
+        operate as operate,
+        play as play,
+        world as world,
+    )
+    from twin.api.comparison import compare as compare
+    from twin.api.control import track as track
+    from twin.api.current import check_build as check_build
+    from twin.api.judge import (
+        check_plan as check_plan,
+        explain as explain,
+        plan as plan,
+        strokes as strokes,
+        validate as validate,
+    )
+    from twin.api.make import (
+        audit as audit,
+        build as build,
+        export as export,
+    )
+    from twin.api.published import (
+        console as console,
+        equations_of_motion as equations_of_motion,
+        masses as masses,
+        study as study,
+    )
+    from twin.api.robot import (
+        STAGE_SUFFIXES as STAGE_SUFFIXES,
+        Progress as Progress,
+        Robot as Robot,
+        load as load,
+        names as names,
+    )
+    from twin.api.standing import load_scene as load_scene
+    from twin.api.together import plan_together as plan_together
 
 _HOMES = {
     "about": ("SCENE_COMMANDS", "info", "info_of_scene", "listing"),
@@ -35,37 +66,9 @@ _HOMES = {
     "together": ("plan_together",),
 }
 
-__all__ = [
-    "SCENE_COMMANDS",
-    "STAGE_SUFFIXES",
-    "Progress",
-    "Robot",
-    "audit",
-    "build",
-    "check_build",
-    "check_plan",
-    "compare",
-    "console",
-    "equations_of_motion",
-    "explain",
-    "export",
-    "info",
-    "info_of_scene",
-    "listing",
-    "load",
-    "load_scene",
-    "masses",
-    "names",
-    "operate",
-    "plan",
-    "plan_together",
-    "play",
-    "strokes",
-    "study",
-    "track",
-    "validate",
-    "world",
-]
+__all__: list[str] = []
+for _names in _HOMES.values():
+    __all__ += _names
 
 
 def __getattr__(name: str) -> Any:
