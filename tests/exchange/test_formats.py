@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import sys
 from importlib.metadata import entry_points as standard_entry_points
@@ -69,51 +68,6 @@ def test_files_of_each_format_are_damaged_by_the_tests():
     for format in registry.audited():
         own = [file for file in damaged if format.variant(file) is not None or file.name == format.marker]
         assert own, format.name
-
-
-def _format_literals(path):
-    """Return the lines with two or more names or suffixes of formats in a list, or a comparison with a name."""
-    kinds = {format.name for format in registry.formats()}
-    suffixes_of_all = {suffix for format in registry.formats() for suffix in format.sources}
-    for format in registry.formats():
-        kinds |= {variant.name for variant in format.variants}
-        suffixes_of_all |= {variant.suffix for variant in format.variants}
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Tuple | ast.List | ast.Set):
-            values = [e.value for e in node.elts if isinstance(e, ast.Constant)]
-            if max(sum(v in kinds for v in values), sum(v in suffixes_of_all for v in values)) > 1:
-                found.append((path.relative_to(ROOT).as_posix(), node.lineno, values))
-        elif isinstance(node, ast.Dict):
-            values = [key.value for key in node.keys if isinstance(key, ast.Constant)]
-            if sum(v in kinds for v in values) > 1:
-                found.append((path.relative_to(ROOT).as_posix(), node.lineno, values))
-        elif isinstance(node, ast.Compare) and "exchange" in path.parts:
-            values = [e.value for e in (node.left, *node.comparators) if isinstance(e, ast.Constant)]
-            if any(v in kinds for v in values):
-                found.append((path.relative_to(ROOT).as_posix(), node.lineno, values))
-    return found
-
-
-def test_no_list_of_formats_is_literal_outside_their_folders():
-    folder = ROOT / "twin/exchange/formats"
-    checked = []
-    for path in sorted((ROOT / "twin").rglob("*.py")):
-        inside = path.is_relative_to(folder) and path.parent != folder
-        # The suffixes of the formats that several parsers share stand in one place, below all rooms.
-        shared = path == ROOT / "twin/core/foreign/budget.py"
-        if not inside and not shared and "_data" not in path.parts:
-            checked.append(path)
-    checked.append(ROOT / "tests/made/bundle.py")
-    assert [line for path in checked for line in _format_literals(path)] == []
-
-
-def test_a_literal_list_of_formats_is_found(monkeypatch, tmp_path):
-    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
-    path = tmp_path / "exchange/literal.py"
-    path.parent.mkdir()
-    path.write_text('a = ("glb", "urdf")\nb = {"usd": 1, "mjcf": 2}\nc = a == "tracks"\nd = (".usda", ".usdz")\n')
-    assert sorted(line for _, line, _ in _format_literals(path)) == [1, 2, 3, 4]
 
 
 def test_documents_name_each_format():

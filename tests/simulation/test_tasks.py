@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import shutil
 import sys
 from pathlib import Path
@@ -72,34 +71,6 @@ def test_each_folder_is_a_kind_of_task_with_its_play():
     assert sorted(folders) == names(tasks.FOLDER, tasks.GROUP)
     for kind in tasks.kinds():
         assert isinstance(play_of(tasks.ConsoleTask("t", "t", 0.0, 0.0, kind, None)), Play)
-
-
-def _task_literals(path):
-    """Return the lines with two or more keys of kinds of tasks in a list, or a choice by such a key."""
-    kinds = {kind.name for kind in tasks.kinds()}
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        values = []
-        if isinstance(node, ast.Tuple | ast.List | ast.Set):
-            values = [e.value for e in node.elts if isinstance(e, ast.Constant)]
-        elif isinstance(node, ast.Dict):
-            values = [key.value for key in node.keys if isinstance(key, ast.Constant)]
-        if sum(v in kinds for v in values if isinstance(v, str)) > 1:
-            found.append((path.relative_to(ROOT).as_posix(), node.lineno, values))
-    return found
-
-
-def test_no_list_of_tasks_is_literal():
-    files = [*ROOT.glob("twin/**/*.py"), *ROOT.glob("tests/*.py"), *ROOT.glob("docs/*.py")]
-    checked = [path for path in files if "_data" not in path.parts and path.name != "test_tasks.py"]
-    assert [line for path in sorted(checked) for line in _task_literals(path)] == []
-
-
-def test_a_literal_list_of_tasks_is_found(monkeypatch, tmp_path):
-    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
-    path = tmp_path / "literal.py"
-    path.write_text('a = ("guide", "align")\nb = {"target": 1, "transfer": 2}\nc = ["procedure"]\n')
-    assert sorted(line for _, line, _ in _task_literals(path)) == [1, 2]
 
 
 def test_a_task_of_another_package_is_in_help_and_messages(outside, tmp_path, capsys):
