@@ -34,7 +34,7 @@ def names_of() -> dict[str, set[str]]:
 
 @cache
 def collections(path: Path) -> tuple[tuple[int, bool, frozenset[str]], ...]:
-    """Return (line, whether it is a dictionary, its texts) of each literal collection of a file; its keys, if it is one."""
+    """Return (line, whether it is a dictionary, its texts or keys) of each literal collection of a file."""
     found = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         entries: list[ast.expr | None] = []
