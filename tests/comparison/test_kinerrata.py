@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from made import errata
+
 ENTRIES = sorted((Path(__file__).parents[1] / "kinerrata").glob("*.toml"))
 
 KINDS = {
@@ -18,17 +20,6 @@ KINDS = {
 # who says so: the first three confirm; the others judge by the robot, by computing, by like files, or not at all
 BY = {"maintainer", "vendor", "datasheet", "robot", "merged", "physics", "geometry", "sibling", "open"}
 
-# the last words of a place, and what they name in a joint or body of the entry
-PLACES = {
-    **{f"origin {x}": ("xyz", i) for i, x in enumerate("xyz")},
-    **{f"origin {x}": ("rpy", i) for i, x in enumerate(("roll", "pitch", "yaw"))},
-    **{f"axis {x}": ("axis", i) for i, x in enumerate("xyz")},
-    **{f"centre {x}": ("centre", i) for i, x in enumerate("xyz")},
-    **{f"inertia {x}": ("inertia", i) for i, x in enumerate(("xx", "yy", "zz", "xy", "xz", "yz"))},
-    **{x: (x, None) for x in ("lower", "upper", "velocity", "effort", "multiplier", "offset", "mass")},
-    **{x: (x, None) for x in ("a", "alpha", "d", "theta")},
-}
-
 
 def read(path):
     return tomllib.loads(path.read_text("utf-8"))
@@ -38,7 +29,8 @@ def read(path):
 def test_an_entry_says_what_was_wrong_where_and_who_says_so(path):
     entry = read(path)
     must = {"robot", "kind", "accused", "by", "confirmed", "truth", "source"}
-    may = {"note", "number", "chain", "convention", "order_before", "joint", "body", "dh"}
+    may = {"note", "number", "chain", "convention", "format", "joint", "body", "dh"}
+    may |= {"order_before", "absent_before", "convention_before"}
     assert must <= set(entry) <= must | may
     assert entry["kind"] in KINDS
     assert entry["by"] in BY
@@ -61,13 +53,15 @@ def test_the_chain_of_an_entry_holds_its_numbers_after_the_correction(path):
     named = {thing["name"]: thing for thing in things}
     assert len(named) == len(things)
     assert ("convention" in entry) == ("dh" in entry)
+    assert entry.get("format", "urdf") in {"urdf", "mjcf"}
+    assert set(entry.get("absent_before", [])) <= set(named)
     assert set(entry.get("order_before", [])) <= {joint["name"] for joint in entry.get("joint", [])}
     for joint in entry.get("joint", []):
         assert {"name", "type", "parent", "child", "xyz", "rpy"} <= set(joint)
         assert ("axis" in joint) == (joint["type"] != "fixed")
     for number in entry.get("number", []):
-        end = next(end for end in PLACES if number["place"].endswith(" " + end))
-        key, i = PLACES[end]
+        end = next(end for end in errata.PLACES if number["place"].endswith(" " + end))
+        key, i = errata.PLACES[end]
         value = named[number["place"].removesuffix(" " + end)][key]
         assert (value if i is None else value[i]) == pytest.approx(number["after"], abs=1e-15)
         assert number["before"] != number["after"]
