@@ -21,6 +21,7 @@ from twin.core.errors import KinematicsError, no_inverse
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.robots import FORMULA_MODULE
+from twin.validation.explain.augmented import NAME, augmented, rewritten, uses_casadi
 
 _SYMBOLIC = "twin.formula.symbolic"
 _TWIN = Path(__file__).resolve().parents[2]
@@ -355,7 +356,8 @@ class Rebuilder:
         if not isinstance(f, types.FunctionType):
             raise KinematicsError(f"{f!r} is not a plain Python function: it cannot be evaluated on arrays")
         scope = self.scope(f)
-        out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, f.__closure__)
+        code = rewritten(f) if NAME in scope else f.__code__
+        out = types.FunctionType(code, scope, f.__name__, f.__defaults__, f.__closure__)
         self._done[id(f)] = out
         self._keep.append(f)
         if f.__closure__:
@@ -375,6 +377,8 @@ class Rebuilder:
         home = f.__globals__
         if id(home) not in self._done:
             scope: dict[str, Value] = {}
+            if uses_casadi(home):
+                scope[NAME] = augmented  # first, because the functions below are rebuilt with this scope
             self._done[id(home)] = scope
             self._keep.append(home)
             for name, value in home.items():

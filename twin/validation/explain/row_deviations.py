@@ -491,7 +491,6 @@ def _renamed(names: tuple[str, ...], edits: Iterable[Edit]) -> tuple[str, ...]:
     for edit in edits:
         if edit.kind != "left side":
             continue
-        left = list(names)
         for i, name in enumerate(names):
             if name == edit.old:
                 left[i] = edit.new

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import difflib
 import inspect
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -13,10 +14,14 @@ from types import CodeType
 
 from twin.formula.equations import EquationRow, definition, rows
 from twin.formula.loader import text_of
+from twin.validation.explain import augmented
 from twin.validation.explain.tidy import tidy
 from twin.validation.explain.tokens import line_starts, span
 
 _BRANCHES = "the function returns from within a branch or a loop"
+
+_AUGMENTED = re.compile(r"[-+*/@]=")
+"""Signs of augmented assignments, which few statements have."""
 
 OUT = "_out_"
 """Name under which an executed function stores its return value."""
@@ -119,6 +124,7 @@ class Source:
         self.path = Path(f.__code__.co_filename)  # type: ignore[attr-defined]
         self.data = text_of(self.path, f.__globals__)  # type: ignore[attr-defined]
         self._starts = line_starts(self.data)
+        self._casadi = augmented.uses_casadi(f.__globals__)  # type: ignore[attr-defined]
         self.node = definition(function)
         self.name = self.node.name
         code = f.__code__  # type: ignore[attr-defined]
@@ -203,7 +209,7 @@ class Source:
             text = f"{OUT} = ({text[len('return') :].strip()}\n)"
         elif statement.line != statement.node.end_lineno or isinstance(statement.node, ast.For | ast.If):
             text = "if 1:\n" + " " * max(statement.column, 1) + text
-        return _code(text, self.path)
+        return _code(text, self.path, self._casadi)
 
     def whole(self, edits: Iterable[Edit] = ()) -> CodeType:
         """Return code that redefines the function after edits; the function must be at the top level of its file.
@@ -214,12 +220,17 @@ class Source:
         """
         if any(s.home is not self.node for s in self.statements):
             raise SyntaxError(f"{self.name}() changes rows of another function")
-        return _code(apply(self.data, edits, *self.span(self.node)), self.path)
+        return _code(apply(self.data, edits, *self.span(self.node)), self.path, self._casadi)
 
 
 @lru_cache(maxsize=4096)
-def _code(text: str, path: Path) -> CodeType:
-    """Compile a text; the result is cached, because the same text occurs in many combinations of edits."""
+def _code(text: str, path: Path, casadi: bool) -> CodeType:
+    """Compile a text; the result is cached, because the same text occurs in many combinations of edits.
+
+    `casadi`: whether the text is run as CasADi runs it; see `augmented`.
+    """
+    if casadi and _AUGMENTED.search(text):
+        return augmented.compiled(text, f"{path}")
     return compile(text, f"{path}", "exec")
 
 

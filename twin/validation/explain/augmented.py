@@ -1,0 +1,112 @@
+"""Run augmented assignments of equations on arrays as CasADi runs them: `v += a` gives `v` a new value.
+
+A scalar of CasADi is never changed in place, an array of NumPy is. After `v = q; v += a`, an equation on arrays would
+have changed `q` as well, and with it the mechanism's values that later rows use.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import operator
+import types
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from twin.core.errors import KinematicsError
+from twin.formula.equations import definition
+from twin.formula.scalar import Value
+
+_SYMBOLIC = "twin.formula.symbolic"
+
+NAME = "_augmented_"
+"""Name of the function that replaces augmented assignments, in the globals of rebuilt functions."""
+
+_SIGNS: dict[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.MatMult: "@",
+    ast.Pow: "**",
+}
+
+_OPERATIONS: dict[str, tuple[Callable[..., Value], Callable[..., Value]]] = {
+    "+": (operator.add, operator.iadd),
+    "-": (operator.sub, operator.isub),
+    "*": (operator.mul, operator.imul),
+    "/": (operator.truediv, operator.itruediv),
+    "@": (operator.matmul, operator.imatmul),
+    "**": (operator.pow, operator.ipow),
+}
+"""The operation that gives a new value, and the one that changes its first argument where that is possible."""
+
+
+def augmented(sign: str, value: Value, other: Value) -> Value:
+    """Return the value of a variable after an augmented assignment; only lists and other containers are changed."""
+    anew, in_place = _OPERATIONS[sign]
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return anew(value, other)
+    return in_place(value, other)
+
+
+class _Rewriter(ast.NodeTransformer):
+    """Writes augmented assignments of variables as calls of `augmented`."""
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.stmt:
+        """Return the assignment of a call; entries and attributes are changed in place by CasADi as well."""
+        self.generic_visit(node)
+        sign = _SIGNS.get(type(node.op))
+        if sign is None or not isinstance(node.target, ast.Name):
+            return node
+        before = ast.Name(node.target.id, ast.Load())
+        call = ast.Call(ast.Name(NAME, ast.Load()), [ast.Constant(sign), before, node.value], [])
+        made = ast.copy_location(ast.Assign([node.target], call), node)
+        return ast.fix_missing_locations(made)
+
+
+def compiled(text: str, path: str) -> types.CodeType:
+    """Return the code of statements, with augmented assignments as in CasADi; they need `augmented` as `NAME`.
+
+    Raises:
+        SyntaxError: the text is not valid Python.
+    """
+    tree = ast.parse(text, path)
+    return compile(_Rewriter().visit(tree), path, "exec")
+
+
+def _has_augmented(root: ast.AST) -> bool:
+    return any(isinstance(node, ast.AugAssign) for node in ast.walk(root))
+
+
+def rewritten(f: types.FunctionType) -> types.CodeType:
+    """Return the code of a function, with augmented assignments as in CasADi where its source can be read."""
+    if f.__closure__:
+        return f.__code__
+    try:
+        node = definition(f)
+    except KinematicsError:
+        return f.__code__
+    if not _has_augmented(node):
+        return f.__code__
+    made = _Rewriter().visit(copy.deepcopy(node))  # the tree of the file stays as it is, because others read it
+    made.decorator_list = []
+    module = compile(ast.Module([made], []), f.__code__.co_filename, "exec")
+    for constant in module.co_consts:
+        if isinstance(constant, types.CodeType) and constant.co_name == f.__code__.co_name:
+            return constant.replace(co_firstlineno=f.__code__.co_firstlineno)
+    return f.__code__
+
+
+def uses_casadi(names: Mapping[str, object]) -> bool:
+    """Return whether the scalars of a module are CasADi's or twin's symbols; `names` are its globals.
+
+    The scalars of other modules are NumPy's, and their arrays are changed in place.
+    """
+    for value in names.values():
+        module = value.__name__ if isinstance(value, types.ModuleType) else getattr(value, "__module__", None)
+        name = module if isinstance(module, str) else ""
+        if name == _SYMBOLIC or name.split(".")[0] == "casadi":
+            return True
+    return NAME in names
