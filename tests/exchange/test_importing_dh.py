@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import shutil
 from pathlib import Path
 
@@ -319,3 +320,86 @@ def test_a_bad_table_is_refused_with_file_line_and_value(name, tmp_path):
     with pytest.raises(SourceError) as error:
         read(tmp_path / name)
     assert f"{name}{BAD[name]}" in str(error.value).replace(f"{name}: ", name)
+
+
+@pytest.mark.parametrize("column", ["offset", "lower", "upper"])
+def test_offsets_and_limits_without_a_unit_are_no_radians(column, tmp_path):
+    path = tmp_path / "arm.csv"
+    limits = {"offset": ("offset", "90"), "lower": ("lower,upper", "-90,1"), "upper": ("lower,upper", "-1,90")}
+    heading, cell = limits[column]
+    path.write_text(f"theta,d,a,alpha,{heading}\nq1,0,0,0,{cell}\n")
+    with pytest.raises(SourceError, match=rf"arm\.csv:2: the unit of angles \({heading.split(',')[0]} = "):
+        read_table(path, DhOptions("standard"))
+    assert read_table(path, stated("standard", "deg")).rows[0].line == 2
+
+
+def test_offsets_and_limits_have_the_unit_of_their_heading_or_of_theta(tmp_path):
+    path = tmp_path / "arm.csv"
+    path.write_text("theta,d,a,alpha,offset [deg]\nq1,0,0,0,90\n")
+    assert read_table(path, DhOptions("standard")).rows[0].values["theta"].value == pytest.approx(np.pi / 2)
+    path.write_text("theta [deg],d [mm],a,alpha,offset,lower,upper\n0,d1,0,0,120,-50,300\nq2,0,0,0,90,-170,170\n")
+    slide, hinge = read_table(path, DhOptions("standard")).rows
+    assert slide.values["d"].value == pytest.approx(0.12)
+    assert slide.limits == pytest.approx((-0.05, 0.3))
+    assert hinge.values["theta"].value == pytest.approx(np.pi / 2)
+    assert hinge.limits == pytest.approx((-np.radians(170), np.radians(170)))
+    path.write_text("theta [deg],d [mm],a,alpha,offset [rad]\nq1,0,0,0,1\n")
+    with pytest.raises(SourceError, match=r"arm\.csv:1: mixed units: the heading 'theta \[deg\]' .*'offset \[rad\]'"):
+        read_table(path, DhOptions("standard"))
+
+
+@pytest.mark.parametrize(
+    ("cell", "metres"),
+    [("4·10⁻³", 4e-3), ("4×10⁻³", 4e-3), (r"$4\cdot10^{-3}$", 4e-3), ("1.5*10^2", 150.0), ("2*10**3", 2000.0)],
+)
+def test_powers_of_ten_are_read_as_papers_print_them(tmp_path, cell, metres):
+    path = tmp_path / "arm.csv"
+    path.write_text(f"theta;d [m];a;alpha\nq1;0;{cell};0\n", encoding="utf-8")
+    assert read_table(path, DhOptions("standard")).rows[0].values["a"].value == pytest.approx(metres, rel=1e-15)
+
+
+@pytest.mark.parametrize("cell", ["2**3", "0x10", "0b1", "1_0", "4·2⁻³", "10^0.5", "10**99"])
+def test_numbers_of_programs_are_refused(tmp_path, cell):
+    path = tmp_path / "arm.csv"
+    path.write_text(f"theta;d;a;alpha\nq1;0;{cell};0\n", encoding="utf-8")
+    with pytest.raises(SourceError, match=rf"arm\.csv:2: a = '{re.escape(cell)}' is not a number"):
+        read_table(path, stated("standard", "m,rad"))
+
+
+@pytest.mark.parametrize("text", ["not modified", "never Craig", "non-standard, unlike modified"])
+def test_a_denied_convention_is_no_statement(tmp_path, text):
+    path = tmp_path / "arm.csv"
+    path.write_text(f"# convention: {text}\ntheta [deg],d [m],a,alpha\nq1,0,1,0\n")
+    with pytest.raises(SourceError, match=rf"arm\.csv:2: there is no convention '{text}'"):
+        read_table(path, DhOptions())
+
+
+def test_a_row_of_dashes_is_no_rule(tmp_path):
+    path = tmp_path / "arm.md"
+    rows = "| θ | d | a | α |\n|---|---|---|---|\n| q1 | 0 | 1 | 0 |\n"
+    path.write_text(rows + "| - | - | - | - |\n| q2 | 0 | 1 | 0 |\n")
+    with pytest.raises(SourceError, match=r"arm\.md:4: α = '-' is not a number"):
+        read_table(path, stated("standard", "m,rad"))
+    path.write_text(rows.replace("|---|---|---|---|", "|-|-|-|-|") + "| q2 | 0 | 1 | 0 |\n")
+    assert len(read_table(path, stated("standard", "m,rad")).rows) == 2
+
+
+def test_titles_of_markdown_are_no_tables_and_a_sharp_is_a_heading(tmp_path):
+    path = tmp_path / "arm.md"
+    path.write_text("# The arm | version 2 | of 2024\n\n# | θ | d | a | α\n--|--|--|--|--\n1 | q1 | 0 | 1 | 0\n")
+    assert len(read_table(path, stated("standard", "m,rad")).rows) == 1
+    path = tmp_path / "arm.csv"
+    path.write_text("# from the manual, page 3\n#,theta,d,a,alpha\n1,q1,0,1,0\n# the wrist\n2,q2,0,1,0\n")
+    assert len(read_table(path, stated("standard", "m,rad")).rows) == 2
+
+
+def test_coordinates_are_numbered_in_the_order_of_the_rows(tmp_path):
+    path = tmp_path / "arm.csv"
+    path.write_text("theta,d,a,alpha\nq2,0,1,0\nq1,0,1,0\n")
+    with pytest.raises(SourceError, match=r"arm\.csv:3: the coordinate q1 stands after q2"):
+        read_table(path, stated("standard", "m,rad"))
+    path.write_text("theta,d,a,alpha\nq1,0,1,0\nq3,0,1,0\n")
+    with pytest.raises(SourceError, match=r"arm\.csv:3: the row of a joint is missing: q3 follows q1"):
+        read_table(path, stated("standard", "m,rad"))
+    path.write_text("theta,d,a,alpha\nq1,0,1,0\n0,0,1,0\nq3,0,1,0\n")
+    assert [row.kind for row in read_table(path, stated("standard", "m,rad")).rows] == ["revolute", "fixed", "revolute"]

@@ -14,6 +14,7 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
     from twin.comparison.side import RobotSide
+    from twin.exchange.read.source import DhOptions
     from twin.exchange.xacro import XacroSettings
 
 TOLERANCE = 1e-5
@@ -26,6 +27,8 @@ def compare(
     only: Sequence[str] = (),
     strict: bool = False,
     xacro: XacroSettings | None = None,
+    dh: str | None = None,
+    units: str | None = None,
     progress: Progress = silent,
 ) -> Comparison:
     """Compare two or more descriptions of one robot, pair by pair.
@@ -36,6 +39,9 @@ def compare(
         only: joints to compare; all others are held at zero.
         strict: count a difference of convention (base frame, zero, sign, tool frame, name, order) as a disagreement.
         xacro: arguments and package folders for the xacros among the sides.
+        dh: convention of the tables of Denavit-Hartenberg parameters among the sides, if they do not state it:
+            "standard", "modified", "khalil" or "hayati".
+        units: their units, as "mm,deg", if they do not state them.
         progress: see `Progress`.
 
     Raises:
@@ -43,6 +49,7 @@ def compare(
     """
     from twin.comparison.pair import compare_pair
     from twin.comparison.result import Comparison
+    from twin.exchange.read.source import stated
 
     if len(sides) < 2:
         raise TwinError("give at least two sides to compare: names of robots, folders or files")
@@ -50,9 +57,12 @@ def compare(
         raise TwinError(f"tolerance {tolerance:g} m: give a positive number")
     read = []
     labels = _labels(sides)
+    table = stated(dh, units)
+    if (dh or units) and not any(_is_table(side) for side in sides):
+        raise TwinError("--dh and --units are for tables (CSV, TOML, Markdown, LaTeX), but no side is one: omit them")
     for i, side in enumerate(sides):
         progress(f"read {labels[i]}", i / (2 * len(sides)))
-        read.append(_side(side, labels[i], only, xacro))
+        read.append(_side(side, labels[i], only, xacro, table))
     pairs = []
     chosen = list(combinations(read, 2))
     for i, (first, second) in enumerate(chosen):
@@ -80,7 +90,18 @@ def _labels(sides: Sequence[str | Path | Robot]) -> list[str]:
     return [f"{text} ({i + 1})" for i, text in enumerate(texts)]
 
 
-def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: XacroSettings | None) -> RobotSide:
+def _is_table(given: str | Path | Robot) -> bool:
+    """Return whether a side is a file with a table."""
+    from twin.exchange.read import format_of
+
+    if isinstance(given, Robot) or Path(given).is_dir() or str(given) in names():
+        return False
+    return Path(given).suffix.lower() not in STAGE_SUFFIXES and "table" in format_of(Path(given)).takes
+
+
+def _side(
+    given: str | Path | Robot, label: str, only: Sequence[str], xacro: XacroSettings | None, table: DhOptions
+) -> RobotSide:
     from twin.comparison.side import from_mechanism
 
     if isinstance(given, Robot):
@@ -101,7 +122,7 @@ def _side(given: str | Path | Robot, label: str, only: Sequence[str], xacro: Xac
         text = expanded.data
         places = expanded.places
         given_to_reader = settings
-    imported = read(path, xacro=given_to_reader)
+    imported = read(path, xacro=given_to_reader, dh=table if _is_table(path) else None)
     if imported.mechanism.loops:
         imported = close(imported)
     guessed = False

@@ -140,6 +140,12 @@ class Command(_Parser):
         text = "folders with ROS packages that a xacro names, in which they are searched first"
         self.text("--packages", "DIR", text, nargs="+", action="extend", default=[])
 
+    def table(self) -> None:
+        """Add the options --dh and --units, for a table of Denavit-Hartenberg parameters."""
+        text = "convention of a table of Denavit-Hartenberg parameters (default: as its headings or its key state it)"
+        self.choice("--dh", ("standard", "modified", "khalil", "hayati"), text)
+        self.text("--units", "LENGTH,ANGLE", "units of such a table: mm, cm or m, and deg or rad, as in mm,deg")
+
     def out(self, default: str) -> None:
         """Add the option --out."""
         self.text("--out", "FOLDER", f"folder to write to (default {default})")

@@ -11,6 +11,7 @@ EXAMPLES = """\
   twin compare old/robot.urdf new/robot.urdf
   twin compare robot.urdf robot.xml             a URDF and an MJCF of one arm
   twin compare robot.urdf robot.xml robot.sdf   which of three stands alone
+  twin compare table.csv arm.urdf --dh modified --units mm,deg
   twin compare pa10 my_arm.urdf                 a built-in robot and a file
   twin compare a.urdf b.urdf --strict           also base frames, zeros and signs must be the same
   twin compare arm.urdf hand_arm.urdf --only joint_1,joint_2,joint_3
@@ -25,6 +26,7 @@ def arguments(command: Command) -> None:
     command.number("--tolerance-um", "UM", "distance in µm up to which two joint axes coincide", 10.0)
     command.text("--only", "JOINT,...", "compare only these joints; all others are held at zero")
     command.xacro()
+    command.table()
     command.text("--out", "FOLDER", "write a page with a picture of both robots at the worst pose into this folder")
     command.flag("--strict", "count a difference of convention (base frame, zero, sign, ...) as a disagreement")
 
@@ -46,6 +48,8 @@ def run(args: argparse.Namespace) -> int:
             only=only,
             strict=args.strict,
             xacro=settings(args.arg, args.packages),
+            dh=args.dh,
+            units=args.units,
             progress=progress,
         )
     if folder is not None:

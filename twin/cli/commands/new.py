@@ -40,9 +40,7 @@ def arguments(command: Command) -> None:
     text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
     command.text("--root", "NAME", text)
     command.xacro()
-    text = "convention of a table of Denavit-Hartenberg parameters (default: as its headings or its key state it)"
-    command.choice("--dh", ("standard", "modified", "khalil", "hayati"), text)
-    command.text("--units", "LENGTH,ANGLE", "units of such a table: mm, cm or m, and deg or rad, as in mm,deg")
+    command.table()
     command.flag("--force", "overwrite a robot folder; equations and protocols are kept")
     command.out("./<name>/")
 

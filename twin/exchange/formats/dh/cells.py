@@ -106,7 +106,9 @@ def _lines_of_csv(path: Path, text: str) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the lines that are neither empty nor comments."""
     kept: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), 1):
-        if line.strip() and not line.lstrip().startswith("#"):
+        # "#" alone in the first cell of the first line is the heading of the joints' numbers
+        numbers = not kept and re.match(r"\s*#\s*[,;\t]", line)
+        if line.strip() and (numbers or not line.lstrip().startswith("#")):
             kept.append((number, line))
     if not kept:
         return []
@@ -131,13 +133,26 @@ def _separator(headings: str) -> str:
     return ""
 
 
+_TITLE = re.compile(r"#{1,6}\s+[^|\s]")
+"""The beginning of a title in Markdown: it is no row, even with signs | in it."""
+
+
 def _lines_of_markdown(text: str) -> list[tuple[int, list[str]]]:
-    """Return (line, cells) of the first table with at least three columns; lines of rules are left out."""
+    """Return (line, cells) of the first table with at least three columns; lines of rules and titles are left out."""
     lines: list[tuple[int, list[str]]] = []
+    ruled = False
     for number, line in enumerate(text.splitlines(), 1):
         bare = re.sub("[│┃║|]", "|", line.strip())
-        if "|" in bare and re.search(r"[^\W_]", bare):
-            cells = [cell.strip() for cell in bare.strip("|").split("|")]
+        if _TITLE.match(bare):
+            if lines:
+                break
+            continue
+        cells = [cell.strip() for cell in bare.strip("|").split("|")]
+        # Below the headings, single dashes are the rule of the table; further down they are cells.
+        dashes = ruled and len(lines) >= 1 and all(re.fullmatch("[-–—−]", cell) for cell in cells)
+        if lines and "|" in bare and not re.search(r"[^\W_]", bare):
+            ruled = True
+        if "|" in bare and (dashes or re.search(r"[^\W_]", bare)):
             if lines or len(cells) >= 3:
                 lines.append((number, cells))
         elif lines and not re.search("[-=─━═]", bare):

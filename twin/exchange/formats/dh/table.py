@@ -44,6 +44,9 @@ _CALLED = {
 }
 """{name of a convention: convention}; "dh" and "mdh" are those of MATLAB."""
 
+_NEGATIONS = frozenset({"not", "no", "non", "never", "neither", "nor", "without", "unlike", "isn"})
+"""Words that turn a statement of the convention into its contrary: "not modified" says nothing definite."""
+
 _KINDS = {
     "revolute": "revolute",
     "continuous": "revolute",
@@ -86,6 +89,9 @@ _GREEK = {"α": "alpha", "⍺": "alpha", "β": "beta", "γ": "gamma", "θ": "the
 
 _LENGTHS = ("a", "d", "r", "b")
 _ANGLES = ("alpha", "theta", "beta", "gamma")
+
+_LIKE_COORDINATE = ("offset", "lower", "upper")
+"""Columns in the unit of the joint's coordinate."""
 
 _UNITS = {
     **{"mm": "mm", "millimetre": "mm", "millimeter": "mm", "cm": "cm", "m": "m", "metre": "m", "meter": "m"},
@@ -174,12 +180,13 @@ class _Reader:
         convention = self._convention()
         self._require_columns(convention)
         self.moving = ("theta", "r") if convention == "khalil" else ("theta", "d")
-        self._units()
-        rows: list[DhRow] = []
         kinds = self._kinds()
+        self._units(kinds)
+        rows: list[DhRow] = []
         for i, (row, kind) in enumerate(zip(self.cells.rows, kinds, strict=True)):
             self._check_number(i, row)
             rows.append(self._row(row, kind, convention))
+        self._check_order(kinds)
         return DhTable(convention, rows, self.guessed)
 
     def _headings(self) -> None:
@@ -212,6 +219,8 @@ class _Reader:
         if stated := self.cells.stated.get("convention"):
             word = re.sub(r"[^a-z-]+", " ", stated.lower()).split()
             names = {_CALLED[w] for w in word if w in _CALLED}
+            if not _NEGATIONS.isdisjoint(word):
+                names = set()
             # "modified DH": the word beside it says which
             names = names - {"standard"} if len(names) > 1 and "standard" not in word else names
             if len(names) != 1:
@@ -267,14 +276,14 @@ class _Reader:
                 text = f"the {convention} convention has no column '{self.columns[column]}': remove it"
                 self.fail(self.cells.line, text)
 
-    def _units(self) -> None:
+    def _units(self, kinds: list[str]) -> None:
         """Find the two units of the table; a second unit for lengths or for angles is an error."""
         self.unit = {
-            "length": self._unit("length", _LENGTHS, self.given.length),
-            "angle": self._unit("angle", _ANGLES, self.given.angle),
+            "length": self._unit("length", _LENGTHS, self.given.length, kinds),
+            "angle": self._unit("angle", _ANGLES, self.given.angle, kinds),
         }
 
-    def _unit(self, what: str, columns: tuple[str, ...], given: str | None) -> str:
+    def _unit(self, what: str, columns: tuple[str, ...], given: str | None, kinds: list[str]) -> str:
         of_kind = ("mm", "cm", "m") if what == "length" else ("deg", "rad")
         said: list[tuple[str, str, int]] = []
         if given:
@@ -293,10 +302,17 @@ class _Reader:
                     text = f"the heading '{self.columns[column]}' has the unit {unit}, but {column} is a {what}"
                     self.fail(self.cells.line, text)
                 said.append((f"the heading '{self.columns[column]}'", unit, self.cells.line))
+        for column in _LIKE_COORDINATE:
+            unit = self.heading_units.get(column)
+            if unit in of_kind:
+                said.append((f"the heading '{self.columns[column]}'", unit, self.cells.line))
         plain: list[tuple[str, float, int]] = []
         multiples: list[tuple[str, str, int]] = []
-        for row in self.cells.rows:
-            for column in columns:
+        kind_of_unit = "prismatic" if what == "length" else "revolute"
+        for row, kind in zip(self.cells.rows, kinds, strict=True):
+            # offset and limits have the unit of the coordinate of their row
+            stated_here = (*columns, *_LIKE_COORDINATE) if kind == kind_of_unit else columns
+            for column in stated_here:
                 if column not in self.columns:
                     continue
                 text = row.cells[self.columns[column]]
@@ -343,6 +359,31 @@ class _Reader:
         if number and first and int(number[1]) != int(first[1]) + i:
             text = f"the row of joint {int(first[1]) + i} is missing: row {i + 1} is joint {number[1]}"
             self.fail(row.line, f"{text}. Write a row for each joint, in their order")
+
+    def _check_order(self, kinds: list[str]) -> None:
+        """Require that the numbers of the coordinates, as in q1 and theta_2, follow the order of the rows."""
+        before = ""
+        last: int | None = None
+        fixed = 0
+        for row, kind in zip(self.cells.rows, kinds, strict=True):
+            if kind == "fixed":
+                fixed += 1
+                continue
+            text = _plain(row.cells[self.columns[self.moving[kind == "prismatic"]]])
+            coordinate = _VARIABLE.search(text)
+            number = re.search(r"\d+", coordinate[0]) if coordinate else None
+            if number is None:
+                continue
+            index = int(number[0])
+            name = coordinate[0].strip(" *") if coordinate else ""
+            if last is not None and index <= last:
+                why = f"the coordinate {name} stands after {before}, but the rows are read from the base to the tool"
+                self.fail(row.line, f"{why}. Put the rows in the order of the joints, or number the coordinates anew")
+            if last is not None and index > last + fixed + 1:
+                self.fail(row.line, f"the row of a joint is missing: {name} follows {before}. Write a row for each joint")
+            before = name
+            last = index
+            fixed = 0
 
     def _kinds(self) -> list[str]:
         """Return the type of each joint."""
@@ -478,8 +519,18 @@ class _Number:
 _SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉₊₋ⱼᵢ⁻⁺", "0123456789+-ji-+")
 
 
+_SUPERSCRIPT = re.compile("(?<=[0-9])([⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
+"""An exponent: 10⁻³. After another sign, as in q⁻, it is a part of a name."""
+
+
+def _power(found: re.Match[str]) -> str:
+    exponent = unicodedata.normalize("NFKC", found[1]).replace("−", "-")
+    return f"**({exponent})"
+
+
 def _plain(text: str) -> str:
     """Return a text without the marks of LaTeX and Markdown, with ASCII signs and the names of Greek letters."""
+    text = _SUPERSCRIPT.sub(_power, text)
     text = text.translate(_SUBSCRIPTS)
     for letter, name in _GREEK.items():
         text = text.replace(letter, name)
@@ -492,7 +543,10 @@ def _plain(text: str) -> str:
     text = text.replace("\\varepsilon", "").replace("\\vartheta", "theta").replace("\\,", " ").replace("\\ ", " ")
     text = re.sub(r"\\(alpha|beta|gamma|theta|sigma|mu|pi)", r"\1", text).replace("π", "pi").replace("·", "*")
     text = re.sub("[−–—‐‑]", "-", text).replace("×", "*").replace("÷", "/")
-    return re.sub(r"\\[a-zA-Z]+|[${}`\\]|\*\*", "", text).strip()
+    text = re.sub(r"\\[a-zA-Z]+|[${}`\\]", "", text).strip()
+    text = re.sub(r"(?<=10)\s*\^\s*\(?\s*([+-]?\d+)\s*\)?", r"**(\1)", text)
+    bold = re.fullmatch(r"\*\*([^*].*?)\*\*", text)
+    return bold[1].strip() if bold else text
 
 
 def _bare(heading: str) -> tuple[str, str, bool]:
@@ -534,6 +588,10 @@ _OPERATORS: dict[type, Callable[[float, float], float]] = {
 }
 
 
+_CODE = re.compile(r"\d_\d|(?<![\w.])0[xobXOB]")
+"""Numbers of Python that no paper prints: 1_0, 0x10."""
+
+
 def _parsed(text: str, moving: bool) -> _Number | None:
     """Return the number of a cell, and if `moving`, the factor of its coordinate; None if it is not a number.
 
@@ -549,7 +607,7 @@ def _parsed(text: str, moving: bool) -> _Number | None:
         rest = rest.replace("°", "") if found[0].strip() == "°" else rest[: found.start()]
     of_pi = "pi" in rest.lower()
     rest = re.sub(r"(?<=\d)\s*(?=pi)", "*", rest.strip(), flags=re.IGNORECASE)
-    if not rest or len(rest) > 100:
+    if not rest or len(rest) > 100 or _CODE.search(rest):
         return None
     try:
         values: list[float] = []
@@ -565,7 +623,7 @@ def _parsed(text: str, moving: bool) -> _Number | None:
 
 
 def _evaluated(node: ast.expr) -> float:
-    """Return the value of numbers, pi, sqrt(), signs and the four operations; other expressions are a ValueError."""
+    """Return the value of numbers, pi, sqrt(), signs, the four operations and powers of ten; other expressions are a ValueError."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return float(node.value)
     if isinstance(node, ast.Name) and node.id.lower() == "pi":
@@ -576,6 +634,12 @@ def _evaluated(node: ast.expr) -> float:
         return -_evaluated(node.operand)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd):
         return _evaluated(node.operand)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+        exponent = _evaluated(node.right)
+        # only powers of ten are a way to print a number
+        if _evaluated(node.left) != 10.0 or abs(exponent) > 30 or exponent != int(exponent):
+            raise ValueError
+        return float(f"1e{int(exponent)}")
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)](_evaluated(node.left), _evaluated(node.right))
     if (
