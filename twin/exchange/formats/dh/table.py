@@ -303,7 +303,7 @@ class _Reader:
                     self.fail(self.cells.line, text)
                 said.append((f"the heading '{self.columns[column]}'", unit, self.cells.line))
         for column in _LIKE_COORDINATE:
-            unit = self.heading_units.get(column)
+            unit = self.heading_units.get(column, "")
             if unit in of_kind:
                 said.append((f"the heading '{self.columns[column]}'", unit, self.cells.line))
         plain: list[tuple[str, float, int]] = []
@@ -380,7 +380,9 @@ class _Reader:
                 why = f"the coordinate {name} stands after {before}, but the rows are read from the base to the tool"
                 self.fail(row.line, f"{why}. Put the rows in the order of the joints, or number the coordinates anew")
             if last is not None and index > last + fixed + 1:
-                self.fail(row.line, f"the row of a joint is missing: {name} follows {before}. Write a row for each joint")
+                self.fail(
+                    row.line, f"the row of a joint is missing: {name} follows {before}. Write a row for each joint"
+                )
             before = name
             last = index
             fixed = 0
@@ -623,7 +625,11 @@ def _parsed(text: str, moving: bool) -> _Number | None:
 
 
 def _evaluated(node: ast.expr) -> float:
-    """Return the value of numbers, pi, sqrt(), signs, the four operations and powers of ten; other expressions are a ValueError."""
+    """Return the value of numbers, pi, sqrt(), signs, the four operations and powers of ten.
+
+    Raises:
+        ValueError: it is another expression.
+    """
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return float(node.value)
     if isinstance(node, ast.Name) and node.id.lower() == "pi":
