@@ -152,7 +152,9 @@ def _edits(case: _Case, known: Sequence[NumberStatement], moved_tools: Sequence[
                 found.append((case.moved_frames(statement, values), _edit(side, statement, None, values)))
     # frames of inner links that agree as well, and a round number, make an edit likelier
     found.sort(key=lambda pair: (pair[0], len(pair[1].new)))
-    return [edit for _, edit in found[:_MOST]]
+    # a value that changes less than its text shows is no edit
+    changes = [edit for _, edit in found if edit.old != edit.new]
+    return changes[:_MOST]
 
 
 def _solved(

@@ -31,6 +31,15 @@ _STEP = 1e-7
 _ROUNDS = 25
 """Maximum number of Gauss-Newton steps."""
 
+_RANK = 1e-6
+"""Size of a singular value, relative to the largest, below which the lines do not determine a direction.
+
+Derivatives by differences have errors of about 1e-8: a smaller value would let such a direction run to kilometres.
+"""
+
+_LEAST_DAMPING = 1e-7
+"""Smallest damping of a step that did not lower the residual."""
+
 _FLAT = 1e-9
 """Amplitude of a cost below which an angle does not change it."""
 
@@ -265,15 +274,14 @@ class Problem:
             free = np.ones(len(x), bool)
         columns = np.flatnonzero(free)
         r = self.residuals(u.signs, x[None], u.deviating)[0]
-        damping = 1e-10
+        damping = 0.0
         for _ in range(_ROUNDS):
             if not len(columns) or np.abs(r).max() < 1e-13:
                 break
             moved = np.repeat(x[None], len(columns), axis=0)
             moved[np.arange(len(columns)), columns] += _STEP
             J = (self.residuals(u.signs, moved, u.deviating) - r).T / _STEP
-            normal = J.T @ J
-            step = np.linalg.solve(normal + damping * np.eye(len(columns)), -J.T @ r)
+            step = _least_step(J, r, damping)
             tried = x.copy()
             tried[columns] += step
             r_tried = self.residuals(u.signs, tried[None], u.deviating)[0]
@@ -282,11 +290,11 @@ class Problem:
             if after < before:
                 x = tried
                 r = r_tried
-                damping = max(damping / 10, 1e-12)
+                damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
                 if before - after < 1e-9 * before and before > 1e-20:
                     break
             else:
-                damping *= 100
+                damping = max(100 * damping, _LEAST_DAMPING)
                 if damping > 1e3:
                     break
         found = with_values(u, x)
@@ -428,6 +436,14 @@ class Problem:
         if a < _FLAT:
             return neutral
         return b / a
+
+
+def _least_step(J: Array, r: Array, damping: float) -> Array:
+    """Return the smallest step (columns,) that lowers the residual r most; directions without effect stay at zero."""
+    U, sizes, Vt = np.linalg.svd(J, full_matrices=False)
+    kept = sizes > _RANK * max(float(sizes[0]), 1e-12)
+    gains = sizes[kept] / (sizes[kept] ** 2 + damping)
+    return -Vt[kept].T @ (gains * (U[:, kept].T @ r))
 
 
 def _parents_first(axes: Sequence[Axis]) -> list[int]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from twin.comparison.side import RobotSide
+from twin.comparison.side import RobotSide, plain
 from twin.core.errors import TwinError
 
 
@@ -47,7 +46,7 @@ def match(first: RobotSide, second: RobotSide) -> Matching:
 
 def _by_names(first: RobotSide, second: RobotSide) -> list[int] | None:
     """Return the pairs if the joints of both sides have the same names, apart from case, signs and a common prefix."""
-    for key in (_plain, _bare):
+    for key in (_whole, _bare):
         known = {key(axis.name, _prefix(first)): i for i, axis in enumerate(first.axes)}
         wanted = [key(axis.name, _prefix(second)) for axis in second.axes]
         if len(known) == len(first.axes) == len(wanted) and set(known) == set(wanted):
@@ -75,12 +74,12 @@ def _require_same_tree(first: RobotSide, second: RobotSide, pairs: Sequence[int]
                 raise TwinError(f"{text} connect different links: the joints have another order. {way_out}")
 
 
-def _plain(name: str, prefix: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+def _whole(name: str, prefix: str) -> str:
+    return plain(name)
 
 
 def _bare(name: str, prefix: str) -> str:
-    return _plain(name[len(prefix) :], "")
+    return plain(name[len(prefix) :])
 
 
 def _prefix(side: RobotSide) -> str:
@@ -111,7 +110,25 @@ def _by_structure(first: RobotSide, second: RobotSide) -> list[int]:
     parents_of_second = _parents(second)
     if kinds_of_first == kinds_of_second and parents_of_first == parents_of_second:
         return list(range(len(second.axes)))
+    changed = _other_type(first, second)
+    if changed is not None:
+        raise TwinError(changed)
     raise TwinError(_mismatch(first, second))
+
+
+def _other_type(first: RobotSide, second: RobotSide) -> str | None:
+    """Return the text of the error for joints with the same names and other types; None if there are none."""
+    known = {plain(axis.name): axis for axis in first.axes}
+    parts = []
+    for axis in second.axes:
+        partner = known.get(plain(axis.name))
+        if partner is not None and partner.kind != axis.kind:
+            text = f"joint '{partner.name}' is {partner.kind} in {first.label}, {axis.kind} in {second.label}"
+            parts.append(text)
+    if not parts:
+        return None
+    way_out = "Correct the type of the joint in one of the files, or leave it out with --only."
+    return f"{'; '.join(parts)}. {way_out}"
 
 
 def _parents(side: RobotSide) -> list[tuple[int, int]]:
@@ -120,14 +137,14 @@ def _parents(side: RobotSide) -> list[tuple[int, int]]:
 
 def _mismatch(first: RobotSide, second: RobotSide) -> str:
     """Return the text of the error for sides whose joints do not match."""
-    names_of_first = {_plain(axis.name, "") for axis in first.axes}
-    names_of_second = {_plain(axis.name, "") for axis in second.axes}
+    names_of_first = {plain(axis.name) for axis in first.axes}
+    names_of_second = {plain(axis.name) for axis in second.axes}
     parts = []
     for side, others in ((first, names_of_second), (second, names_of_first)):
-        alone = [axis.name for axis in side.axes if _plain(axis.name, "") not in others]
+        alone = [axis.name for axis in side.axes if plain(axis.name) not in others]
         listed = ", ".join(f"{name}" for name in alone) or "none"
         parts.append(f"{side.label} has {len(side.axes)} moving joints, without a joint of the same name: {listed}")
-    common = [axis.name for axis in first.axes if _plain(axis.name, "") in names_of_second]
+    common = [axis.name for axis in first.axes if plain(axis.name) in names_of_second]
     way = "Name the joints to compare with --only; all others are then held at zero"
     if common:
         way += f", for example --only {','.join(common)}"

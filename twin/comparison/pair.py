@@ -13,9 +13,13 @@ from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.range import Worst, worst
 from twin.comparison.search import conventions, deviations
 from twin.comparison.side import RobotSide
+from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 
 Kinematics = Literal["agree", "agree after conventions", "disagree", "unexplained"]
+
+LARGEST_TOLERANCE = 0.1
+"""Largest distance in m up to which joint lines may coincide; the angle is then 0.2 rad."""
 
 _TIES = 4
 """Maximum number of other explanations that are told."""
@@ -87,8 +91,11 @@ def compare_pair(first: RobotSide, second: RobotSide, tolerance: float) -> SideP
     """Compare two sides; `tolerance` is the distance in m up to which two joint lines coincide.
 
     Raises:
-        TwinError: the joints cannot be matched, or a joint has no common range.
+        TwinError: the tolerance is out of range, the joints cannot be matched, or a joint has no common range.
     """
+    if not 0.0 < tolerance <= LARGEST_TOLERANCE:
+        limit = f"give a number above 0 and up to {LARGEST_TOLERANCE:g} m"
+        raise TwinError(f"tolerance {tolerance:g} m: {limit}: with more, all robots agree")
     matching = match(first, second)
     problem = Problem(first, second, matching, tolerance)
     solutions = conventions(problem)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.comparison.fit import FitSolution, Problem, values_of
 from twin.comparison.search import zero_of
-from twin.comparison.side import ONE_COORDINATE
+from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide
 from twin.core.json_types import JsonObject
 from twin.core.quantity import moved
 from twin.core.spatial import Array
@@ -183,35 +183,89 @@ def _moments(tensor: Array) -> str:
 
 
 def _couplings(problem: Problem, solution: FitSolution, rows: list[PropertyRow], compared: dict[str, int]) -> None:
-    index = {axis.name: i for i, axis in enumerate(problem.axes)}
+    """Compare the motions that the couplings allow, whichever joint of a coupling each side calls the leader."""
     u = solution.unknowns
-    seen: dict[str, tuple[str, float, float]] = {}
-    for name, (leader, ratio, offset) in problem.first.couplings.items():
-        i = index.get(name)
-        k = index.get(leader)
-        if i is None or k is None:
-            continue
-        # q_first = sign * q_second + zero for both joints
-        mapped_ratio = float(u.signs[i] * ratio * u.signs[k])
-        constant = ratio * zero_of(problem, u, k) + offset - zero_of(problem, u, i)
-        names = (problem.second.axes[i].name, problem.second.axes[k].name)
-        seen[names[0]] = (names[1], mapped_ratio, float(u.signs[i] * constant))
-    for name in {**seen, **problem.second.couplings}:
-        first = seen.get(name)
-        second = problem.second.couplings.get(name)
-        texts = ["-" if coupling is None else _coupling(coupling) for coupling in (first, second)]
-        if first is None or second is None:
-            rows.append(PropertyRow("couplings", name, texts[0], texts[1], False))
+    zeros = np.array([zero_of(problem, u, i) for i in range(problem.count)])
+    stated = [constraints(problem.first, problem.axes), constraints(problem.second, problem.second.axes)]
+    ratios, totals = stated[0]
+    # q_first = sign * q_second + zero
+    stated[0] = (ratios * u.signs, totals - ratios @ zeros)
+    followers = [i for i, axis in enumerate(problem.second.axes) if axis.name in problem.second.couplings]
+    for i, axis in enumerate(problem.axes):
+        if axis.name in problem.first.couplings and i not in followers:
+            followers.append(i)
+    order = [*followers, *(i for i in range(problem.count) if i not in followers)]
+    first = followed(*stated[0], order)
+    second = followed(*stated[1], order)
+    for i in order:
+        if i not in first and i not in second:
             continue
         compared["couplings"] += 1
-        same_ratio = abs(first[1] - second[1]) <= RATIO * abs(second[1])
-        if first[0] != second[0] or not same_ratio or abs(first[2] - second[2]) > LIMIT:
-            rows.append(PropertyRow("couplings", name, texts[0], texts[1], True))
+        if i in first and i in second and _same_motion(first[i], second[i]):
+            continue
+        texts = [_coupling(problem, side.get(i)) for side in (first, second)]
+        rows.append(PropertyRow("couplings", problem.second.axes[i].name, texts[0], texts[1], True))
 
 
-def _coupling(coupling: tuple[str, float, float]) -> str:
-    leader, ratio, offset = coupling
-    text = f"{ratio:g} × {leader}"
-    if offset:
-        text += f" + {offset:g}"
-    return text
+def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
+    """Return (ratios (couplings, joints), totals (couplings,)) of a side, for joints in the order of `axes`.
+
+    For all states that the couplings allow, ratios @ q = totals, in m and rad.
+    """
+    index = {axis.name: i for i, axis in enumerate(axes)}
+    ratios = []
+    totals = []
+    for name, (leader, ratio, offset) in side.couplings.items():
+        if name not in index or leader not in index:
+            continue
+        row = np.zeros(len(axes))
+        row[index[name]] += 1.0
+        row[index[leader]] -= ratio
+        ratios.append(row)
+        totals.append(offset)
+    return np.array(ratios).reshape(-1, len(axes)), np.array(totals)
+
+
+def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, tuple[Array, float]]:
+    """Return {joint: (ratios (joints,), offset)} of the joints that others move: q_joint = ratios @ q + offset.
+
+    The joints in `ratios` move freely. Of the joints of a coupling, the one that is first in `order` is moved.
+    """
+    rows = np.column_stack([ratios[:, list(order)], totals])
+    pivots: list[int] = []
+    for column in range(len(order)):
+        below = rows[len(pivots) :, column]
+        if not len(below) or np.abs(below).max() < RATIO:
+            continue
+        pivot = len(pivots)
+        largest = pivot + int(np.argmax(np.abs(below)))
+        rows[[pivot, largest]] = rows[[largest, pivot]]
+        rows[pivot] /= rows[pivot, column]
+        for other in range(len(rows)):
+            if other != pivot:
+                rows[other] -= rows[other, column] * rows[pivot]
+        pivots.append(column)
+    found = {}
+    for row, column in zip(rows, pivots, strict=False):
+        moving = np.zeros(len(order))
+        moving[list(order)] = -row[:-1]
+        moving[order[column]] = 0.0
+        found[order[column]] = (moving, float(row[-1]))
+    return found
+
+
+def _same_motion(first: tuple[Array, float], second: tuple[Array, float]) -> bool:
+    limits = RATIO * np.maximum(np.abs(first[0]), np.abs(second[0]))
+    return bool(np.all(np.abs(first[0] - second[0]) <= limits + 1e-9)) and abs(first[1] - second[1]) <= LIMIT
+
+
+def _coupling(problem: Problem, motion: tuple[Array, float] | None) -> str:
+    if motion is None:
+        return "moves freely"
+    ratios, offset = motion
+    parts = []
+    for k in np.flatnonzero(np.abs(ratios) > 1e-9):
+        parts.append(f"{ratios[k]:g} × {problem.second.axes[k].name}")
+    if abs(offset) > LIMIT or not parts:
+        parts.append(f"{offset:g}")
+    return " + ".join(parts)

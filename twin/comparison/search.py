@@ -114,7 +114,7 @@ def moved_zeros(problem: Problem, u: Unknowns) -> list[int]:
 def zero_of(problem: Problem, u: Unknowns, i: int) -> float:
     """Return by how much the zero of a joint differs in m or rad.
 
-    Of angles that differ by full turns, that with the nearest limits of both sides; without limits, in -pi..pi.
+    An angle in -pi..pi, or that plus the full turns with which the limits of both sides are the same.
     """
     shift = float(u.zeros[i])
     axis = problem.axes[i]
@@ -125,8 +125,11 @@ def zero_of(problem: Problem, u: Unknowns, i: int) -> float:
     target = problem.second.axes[i].limits
     if limits is None or target is None or not np.isfinite([*limits, *target]).all():
         return shift
-    middle = u.signs[i] * (0.5 * sum(limits) - shift)
-    turns = round((0.5 * sum(target) - middle) / (2 * np.pi))
+    mapped = sorted(float(u.signs[i] * (value - shift)) for value in limits)
+    turns = round((target[0] - mapped[0]) / (2 * np.pi))
+    apart = [abs(end + turns * 2 * np.pi - other) for end, other in zip(mapped, target, strict=True)]
+    if max(apart) > _LIMIT:
+        return shift
     return shift - float(u.signs[i]) * turns * 2 * np.pi
 
 

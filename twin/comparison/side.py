@@ -5,6 +5,7 @@ Bodies that are fixed to each other are one group. All lines and frames are in t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -135,6 +136,15 @@ class RobotSide:
         return motions
 
 
+def plain(name: str) -> str:
+    """Return a name without case, signs and spaces: readers change these to make identifiers.
+
+    Signs between digits stay as "_": "j1_1" and "j_11" are two joints.
+    """
+    kept = re.sub(r"(?<=[0-9])[^a-z0-9]+(?=[0-9])", "_", name.lower())
+    return re.sub(r"[^a-z0-9_]|(?<![0-9])_|_(?![0-9])", "", kept)
+
+
 def joint_motion(axis: Axis, displacement: Array) -> Array:
     """Return the motions (k, 4, 4) of displacements (k,) in m or rad along or about the line of a joint."""
     if axis.kind == "prismatic":
@@ -223,12 +233,17 @@ def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]
     """Return the names of the joints that move in the comparison."""
     # a floating robot is compared with one on a stand: where its base is says nothing about its kinematics
     names = {joint.name for joint in mechanism.joints if joint.type not in ("fixed", "free")}
+    if not only:
+        return names
+    chosen = set()
     for name in only:
-        if name not in names:
+        alike = [known for known in names if plain(known) == plain(name)]
+        if name in names:
+            alike = [name]
+        if len(alike) != 1:
             raise TwinError(f"{label}: {unknown('moving joint', name, names)}")
-    if only:
-        return set(only)
-    return names
+        chosen.add(alike[0])
+    return chosen
 
 
 def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:

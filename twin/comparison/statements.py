@@ -14,7 +14,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from twin.comparison.side import Axis, RobotSide
+from twin.comparison.side import Axis, RobotSide, plain
 from twin.core import spatial
 from twin.core.foreign.budget import MJCF_SUFFIXES
 from twin.core.spatial import Array
@@ -147,11 +147,6 @@ def _frame(side: RobotSide, link: str) -> Array | None:
         if plain(name) == link:
             return T
     return None
-
-
-def plain(name: str) -> str:
-    """Return a name without case, signs and spaces: readers change these to make identifiers."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def statements(side: RobotSide) -> list[NumberStatement]:

@@ -1,0 +1,128 @@
+"""Kinds of robots for which `twin compare` once gave a wrong answer, each drawn by a seeded generator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twin
+from twin.comparison.side import plain
+from twin.core.errors import TwinError
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def robot(file: Path, joints: list[dict[str, str]]) -> Path:
+    """Write a URDF of one chain; each joint has name, and type, xyz, rpy, axis, limits, mimic if they differ."""
+    lines = ['<robot name="made"><link name="base"/>']
+    parent = "base"
+    for i, joint in enumerate(joints, 1):
+        given = {"type": "revolute", "xyz": "0 0 0.1", "rpy": "0 0 0", "axis": "0 0 1", "limits": "-1 1", **joint}
+        low, high = given["limits"].split()
+        lines += [
+            f'<link name="link{i}">{INERTIAL}</link>',
+            f'<joint name="{given["name"]}" type="{given["type"]}"><parent link="{parent}"/><child link="link{i}"/>',
+            f'<origin xyz="{given["xyz"]}" rpy="{given["rpy"]}"/><axis xyz="{given["axis"]}"/>',
+            f'<limit lower="{low}" upper="{high}" effort="1" velocity="1"/>{given.get("mimic", "")}</joint>',
+        ]
+        parent = f"link{i}"
+    file.write_text("\n".join([*lines, "</robot>"]), encoding="utf-8")
+    return file
+
+
+def mimic(leader: str, ratio: float, offset: float = 0.0) -> str:
+    return f'<mimic joint="{leader}" multiplier="{ratio!r}" offset="{offset!r}"/>'
+
+
+def finger(*mimics: str) -> list[dict[str, str]]:
+    """Return three joints, each coupled as stated ("" is free)."""
+    return [
+        {"name": name, "mimic": text, "axis": axis, "limits": "-9 9"}
+        for name, text, axis in zip("abc", mimics, ("0 0 1", "0 1 0", "1 0 0"), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_same_coupling_under_another_leader_agrees(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng([seed, 40])
+    to_b, to_c = (float(x) for x in rng.uniform(0.3, 2.0, 2) * rng.choice([-1.0, 1.0], 2))
+    offset = float(rng.uniform(-0.3, 0.3))
+    chain = robot(tmp_path / "chain.urdf", finger("", mimic("a", to_b, offset), mimic("b", to_c)))
+    star = robot(tmp_path / "star.urdf", finger("", mimic("a", to_b, offset), mimic("a", to_b * to_c, to_c * offset)))
+    other = robot(tmp_path / "other.urdf", finger(mimic("b", 1 / to_b, -offset / to_b), "", mimic("b", to_c)))
+    result = twin.compare(chain, star, other)
+    assert [pair.properties.verdict("couplings") for pair in result.pairs if pair.properties] == ["agree"] * 3
+    wrong = robot(tmp_path / "wrong.urdf", finger(mimic("b", to_b, -offset * to_b), "", mimic("b", to_c)))
+    assert twin.compare(chain, wrong).verdict == "disagree"
+
+
+def test_a_coupling_that_one_side_lacks_is_no_agreement(tmp_path: Path) -> None:
+    coupled = robot(tmp_path / "coupled.urdf", finger("", mimic("a", 2.0), ""))
+    free = robot(tmp_path / "free.urdf", finger("", "", ""))
+    result = twin.compare(coupled, free)
+    assert result.verdict == "disagree"
+    (row,) = result.pairs[0].properties.rows  # pyright: ignore[reportOptionalMemberAccess]
+    assert (row.where, row.first, row.second) == ("b", "2 × a", "moves freely")
+
+
+@pytest.mark.parametrize("limits", ["0 20", "-3 16", "-30 30"])
+def test_limits_that_are_no_full_turn_apart_move_no_zero(limits: str, tmp_path: Path) -> None:
+    first = robot(tmp_path / "first.urdf", [{"name": "a", "limits": "-10 10"}, {"name": "b", "axis": "0 1 0"}])
+    second = robot(tmp_path / "second.urdf", [{"name": "a", "limits": limits}, {"name": "b", "axis": "0 1 0"}])
+    found = twin.compare(first, second).pairs[0]
+    assert found.items == ()
+    assert found.properties is not None
+    assert found.properties.verdict("limits") == "disagree"
+
+
+def test_names_that_differ_in_a_sign_between_digits_are_two_joints(tmp_path: Path) -> None:
+    assert plain("j1_1") != plain("j_11")
+    assert plain("Joint 1-2") == plain("joint_1_2")
+    joints = [{"name": "j1_1"}, {"name": "j_11", "axis": "0 1 0"}]
+    first = robot(tmp_path / "first.urdf", joints)
+    longer = [dict(joints[0]), {**joints[1], "xyz": "0.04 0 0.1"}]
+    found = twin.compare(first, robot(tmp_path / "second.urdf", longer)).pairs[0]
+    assert [item.joint for item in found.items] == ["j_11"]
+    assert {edit.what for edit in found.items[0].edits} == {"joint 'j_11' origin xyz[0]"}
+
+
+def test_a_joint_of_another_type_is_named(tmp_path: Path) -> None:
+    first = robot(tmp_path / "first.urdf", [{"name": "a"}, {"name": "b", "type": "prismatic"}])
+    second = robot(tmp_path / "second.urdf", [{"name": "a"}, {"name": "b"}])
+    with pytest.raises(TwinError, match=r"joint 'b' is prismatic in first\.urdf, revolute in second\.urdf"):
+        twin.compare(first, second)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, float("inf"), float("nan"), 1.0])
+def test_a_tolerance_with_which_all_robots_agree_is_refused(tolerance: float, tmp_path: Path) -> None:
+    file = robot(tmp_path / "a.urdf", [{"name": "a"}])
+    with pytest.raises(TwinError, match="tolerance"):
+        twin.compare(file, file, tolerance=tolerance)
+
+
+def test_joints_to_compare_are_found_in_the_spelling_of_each_side(tmp_path: Path) -> None:
+    first = robot(
+        tmp_path / "first.urdf", [{"name": "Joint_1"}, {"name": "Joint_2", "axis": "0 1 0"}, {"name": "grip"}]
+    )
+    second = robot(tmp_path / "second.urdf", [{"name": "joint1"}, {"name": "joint2", "axis": "0 1 0"}])
+    assert twin.compare(first, second, only=["joint-1", "joint-2"]).pairs[0].agrees
+    with pytest.raises(TwinError, match="Did you mean 'joint_2'"):
+        twin.compare(first, second, only=["Joint_3"])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_direction_without_effect_on_the_lines_stays_in_place(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng([seed, 41])
+    joints = [
+        {"name": "a", "type": "prismatic", "axis": "1 0 0"},
+        {"name": "b", "type": "prismatic", "axis": "0 1 0"},
+        {"name": "c", "axis": "0 0 1"},
+    ]
+    first = robot(tmp_path / "first.urdf", joints)
+    tilt = float(rng.uniform(0.05, 0.4))
+    turned = [joints[0], {**joints[1], "rpy": f"0 0 {tilt!r}"}, joints[2]]
+    found = twin.compare(first, robot(tmp_path / "second.urdf", turned)).pairs[0]
+    assert found.kinematics == "disagree"
+    assert max(item.shift for item in found.items) < 0.5
