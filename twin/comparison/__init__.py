@@ -3,6 +3,8 @@
     side        one description as joint lines, bodies, frames and limits at one state; its own forward kinematics
     matching    which joint of one side is which joint of the other
     fit         conventions (base frame, signs, zeros) and deviating links that map one side onto the other
+    invariants  what consecutive joint lines have in common, whatever conventions are chosen
+    evidence    what the sides state beyond their lines: base, zeros, tools, limits, inertias
     search      the fit with the fewest conventions and the fewest deviating links
     frames      frames of both sides with the same name
     items       what a fit says about the two sides, as named conventions and differences

@@ -11,7 +11,7 @@ tree, and Gauss-Newton steps on all unknowns finish them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -40,7 +40,7 @@ Derivatives by differences have errors of about 1e-8: a smaller value would let 
 _LEAST_DAMPING = 1e-7
 """Smallest damping of a step that did not lower the residual."""
 
-_FLAT = 1e-9
+_FLAT = 1e-7
 """Amplitude of a cost below which an angle does not change it."""
 
 
@@ -202,7 +202,7 @@ class Problem:
             if axis.kind != "free" and axis.kind != "spherical":
                 rows.append(direction - target)
             if axis.kind in TURNING:
-                rows.append(np.cross(to_line, target))
+                rows.append(_cross(to_line, target))
             if axis.kind == "spherical":
                 rows.append(to_line)
             if axis.closing:
@@ -251,10 +251,10 @@ class Problem:
                     continue
                 if axis.kind == "free":
                     continue
-                tilt = np.linalg.norm(np.cross(direction, target))
+                tilt = np.linalg.norm(_cross(direction, target))
                 angles[i] = max(angles[i], float(np.arctan2(tilt, direction @ target)))
                 if axis.kind in TURNING:
-                    distance = np.linalg.norm(np.cross(to_line, target))
+                    distance = np.linalg.norm(_cross(to_line, target))
                     distances[i] = max(distances[i], float(distance))
             if axis.closing and axis.kind == "revolute":
                 opened = self._closing_rows(i, parents[:, i], children[:, i], u.signs)[1]
@@ -267,24 +267,39 @@ class Problem:
 
     # -- solving --------------------------------------------------------------------------------------
 
-    def refine(self, u: Unknowns, free: Array | None = None) -> FitSolution:
-        """Return the unknowns after damped Gauss-Newton steps; `free` (unknowns,) says which values may change."""
+    def refine(
+        self, u: Unknowns, free: Array | None = None, more: Callable[[Array], Array] | None = None
+    ) -> FitSolution:
+        """Return the unknowns after damped Gauss-Newton steps.
+
+        Args:
+            u: values to begin with.
+            free: (unknowns,) which values may change. None: all.
+            more: a function of values (k, unknowns) that returns (k, rows) of further residuals in m and rad.
+        """
+
+        def residuals(values: Array) -> Array:
+            lines = self.residuals(u.signs, values, u.deviating)
+            if more is None:
+                return lines
+            return np.concatenate([lines, more(values)], axis=1)
+
         x = values_of(u)
         if free is None:
             free = np.ones(len(x), bool)
         columns = np.flatnonzero(free)
-        r = self.residuals(u.signs, x[None], u.deviating)[0]
+        r = residuals(x[None])[0]
         damping = 0.0
         for _ in range(_ROUNDS):
             if not len(columns) or np.abs(r).max() < 1e-13:
                 break
             moved = np.repeat(x[None], len(columns), axis=0)
             moved[np.arange(len(columns)), columns] += _STEP
-            J = (self.residuals(u.signs, moved, u.deviating) - r).T / _STEP
+            J = (residuals(moved) - r).T / _STEP
             step = _least_step(J, r, damping)
             tried = x.copy()
             tried[columns] += step
-            r_tried = self.residuals(u.signs, tried[None], u.deviating)[0]
+            r_tried = residuals(tried[None])[0]
             before = float(r @ r)
             after = float(r_tried @ r_tried)
             if after < before:
@@ -386,14 +401,25 @@ class Problem:
 
     def _displacement(self, i: int, parent: Array, signs: Array, deviating: tuple[int, ...], neutral: float) -> float:
         """Return the displacement of joint i that best puts the lines of the joints on its child onto their targets."""
-        children = [k for k in self.below[i] if k not in deviating]
         kind = self.kinds[i]
-        if not children or kind not in ONE_COORDINATE:
+        if kind not in ONE_COORDINATE:
             return neutral
-        T = parent
-        axis = T[:3, :3] @ self.directions[i]
-        if kind == "prismatic":
-            return self._slide(T, axis, children, neutral)
+        axis = parent[:3, :3] @ self.directions[i]
+        below = self.below[i]
+        while below:
+            children = [k for k in below if k not in deviating]
+            if kind == "prismatic":
+                found = self._slide(parent, axis, children)
+            else:
+                found = self._turned(i, parent, axis, children, signs)
+            if found is not None:
+                return found
+            # no line of these joints changes, as behind a slide along the same axis: those behind them may
+            below = [k for child in children for k in self.below[child]]
+        return neutral
+
+    def _turned(self, i: int, T: Array, axis: Array, children: list[int], signs: Array) -> float | None:
+        """Return the angle about `axis` that brings the lines of the children nearest to their targets, or None."""
         centre = T[:3, :3] @ self.points[i] + T[:3, 3]
         # cost of the angle: constant - a cos - b sin, for directions and for moments about a point of the axis
         a = b = 0.0
@@ -404,20 +430,20 @@ class Problem:
             if self.kinds[k] != "spherical":
                 vectors.append((direction, target_direction))
             if self.kinds[k] in TURNING:
-                moment = np.cross(point - centre, direction)
-                target_moment = np.cross(self.target_points[k] - centre, target_direction)
+                moment = _cross(point - centre, direction)
+                target_moment = _cross(self.target_points[k] - centre, target_direction)
                 vectors.append((moment, target_moment))
             if self.kinds[k] == "spherical":
                 vectors.append((point - centre, self.target_points[k] - centre))
             for v, w in vectors:
                 across = v - axis * (axis @ v)
                 a += float(across @ w)
-                b += float(np.cross(axis, across) @ w)
+                b += float(_cross(axis, across) @ w)
         if np.hypot(a, b) < _FLAT:
-            return neutral
+            return None
         return float(np.arctan2(b, a))
 
-    def _slide(self, T: Array, axis: Array, children: list[int], neutral: float) -> float:
+    def _slide(self, T: Array, axis: Array, children: list[int]) -> float | None:
         """Return the displacement along `axis` that brings the lines of the children nearest to their targets."""
         a = b = 0.0
         for k in children:
@@ -426,16 +452,24 @@ class Problem:
             point = T[:3, :3] @ self.points[k] + T[:3, 3]
             to_target = self.target_points[k] - point
             direction = self.target_directions[k]
-            along = np.cross(axis, direction)
-            needed = np.cross(to_target, direction)
+            along = _cross(axis, direction)
+            needed = _cross(to_target, direction)
             if self.kinds[k] == "spherical":
                 along = axis
                 needed = to_target
             a += float(along @ along)
             b += float(along @ needed)
         if a < _FLAT:
-            return neutral
+            return None
         return b / a
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross products (..., 3); np.cross takes most of its time for a choice of axes."""
+    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    z = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return np.stack([x, y, z], axis=-1)
 
 
 def _least_step(J: Array, r: Array, damping: float) -> Array:
@@ -470,7 +504,7 @@ def _across(direction: Array) -> Array:
 
 def _turn(direction: Array, target: Array) -> Array:
     """Return the rotation vector (3,) of the smallest rotation from one unit vector to another."""
-    cross = np.cross(direction, target)
+    cross = _cross(direction, target)
     sine = float(np.linalg.norm(cross))
     cosine = float(direction @ target)
     if sine < 1e-12:
@@ -484,12 +518,12 @@ def _turn(direction: Array, target: Array) -> Array:
 
 def _pair_frame(p: Array, d: Array, q: Array, e: Array) -> Array | None:
     """Return a frame (4, 4) fixed to two lines (p, d) and (q, e); None if they are the same line."""
-    normal = np.cross(d, e)
+    normal = _cross(d, e)
     sine = np.linalg.norm(normal)
     between = q - p
     if sine > 1e-6:
         # foot of the common normal on the first line
-        along = np.cross(e, normal) @ between / sine**2
+        along = _cross(e, normal) @ between / sine**2
         return spatial.pose(spatial.frame_from_axes(d, normal), p + along * d)
     across = between - d * (d @ between)
     if np.linalg.norm(across) < 1e-6:

@@ -1,11 +1,13 @@
-"""What two consecutive joint lines have in common, whatever base frame, tool frame and zeros are chosen.
+"""What consecutive joint lines have in common, whatever base frame, tool frame and zeros are chosen.
 
-Distance and angle of two lines on one link do not change with any of these conventions. They show, before a fit, which
-joints must have another place on their link, and which sets of signs are impossible.
+Distance and angle of two lines on one link do not change with any of these conventions, nor does the distance between
+the common normals along the line of a joint between them. They show, before a fit, which joints must have another place
+on their link, which sets of signs are impossible, and which zeros a set of signs needs at least.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,25 +20,159 @@ from twin.core.spatial import Array
 _SLACK = 3.0
 """Factor of the tolerances: a fit spreads errors over several joints."""
 
+_PARALLEL = 1e-4
+"""Sine of the angle of two lines below which they are parallel."""
+
+_STEEP = 0.1
+"""Sine of the angle of two lines from which the feet of their common normal are accurate."""
+
+_FOOT = 10.0
+"""Factor of the tolerance for the distance of two feet on a line."""
+
+_NEEDED_TURN = 2e-3
+"""Angle in rad from which a needed zero counts; less may be inaccuracy of the normals."""
+
+_NEEDED_SHIFT = 1e-3
+"""The same for slides, in m."""
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """The common normal of two lines: a vector (3,), whether signs of the joints turn it, the foot on the joint."""
+
+    vector: Array
+    signed: bool
+    foot: float | None
+
+
+@dataclass(frozen=True)
+class Between:
+    """A joint with the joint before it and one behind it.
+
+    Attributes:
+        before, joint, behind: indices of the joints.
+        turns: whether the joint turns.
+        first, second: the two common normals at the joint, for each side.
+        directions: (2, 3) direction of the joint in each side.
+        drawn: coordinates of the joint in both sides at which the lines are compared.
+        foot_limit: distance in m up to which the feet are equally far apart, or None if they are not compared.
+        angle_limit: angle in rad up to which two angles of normals are equal.
+    """
+
+    before: int
+    joint: int
+    behind: int
+    turns: bool
+    first: tuple[_Normal, _Normal]
+    second: tuple[_Normal, _Normal]
+    directions: Array
+    drawn: tuple[float, float]
+    foot_limit: float | None
+    angle_limit: float
+
+    def _angle(self, signs: tuple[float, float, float]) -> float:
+        """Return by how much the joint of the first side must turn about its signed direction."""
+        first = _angle_about(signs[1] * self.directions[0], *(self._vectors(self.first, signs)))
+        second = _angle_about(self.directions[1], *(self._vectors(self.second, (1.0, 1.0, 1.0))))
+        return _wrapped(second - first)
+
+    @staticmethod
+    def _vectors(normals: tuple[_Normal, _Normal], signs: tuple[float, float, float]) -> tuple[Array, Array]:
+        ahead = normals[0].vector
+        if normals[0].signed:
+            ahead = signs[0] * signs[1] * ahead
+        back = normals[1].vector
+        if normals[1].signed:
+            back = signs[1] * signs[2] * back
+        return ahead, back
+
+    def _feet(self) -> tuple[float, float] | None:
+        """Return how far the feet of the normals are apart along the joint, for each side."""
+        found = []
+        for normals in (self.first, self.second):
+            if normals[0].foot is None or normals[1].foot is None:
+                return None
+            found.append(normals[1].foot - normals[0].foot)
+        return found[0], found[1]
+
+    def possible(self, signs: tuple[float, float, float]) -> bool:
+        """Return whether the lines can coincide with these signs of the three joints."""
+        if not self.turns:
+            return abs(self._angle(signs)) <= self.angle_limit
+        feet = self._feet()
+        if feet is None or self.foot_limit is None:
+            return True
+        return abs(signs[1] * feet[0] - feet[1]) <= self.foot_limit
+
+    def needs_zero(self, signs: tuple[float, float, float]) -> bool:
+        """Return whether the zero of the joint must move with these signs of the three joints."""
+        sign = signs[1]
+        if self.turns:
+            zero = sign * self._angle(signs) - sign * self.drawn[1] + self.drawn[0]
+            return abs(_wrapped(zero)) > _NEEDED_TURN
+        feet = self._feet()
+        if feet is None or self.foot_limit is None:
+            return False
+        zero = sign * (feet[1] - sign * feet[0]) - sign * self.drawn[1] + self.drawn[0]
+        return abs(zero) > _NEEDED_SHIFT
+
 
 @dataclass(frozen=True)
 class Local:
-    """What the pairs of consecutive joints say.
+    """What consecutive joints say.
 
     Attributes:
         different: joints whose distance or angle to the joint before them differs.
         products: {(joint before, joint): product of their signs, 1 or -1}, where the pair determines it.
+        between: joints with a joint before and behind them.
     """
 
     different: frozenset[int]
     products: dict[tuple[int, int], float]
+    between: tuple[Between, ...]
 
     def allows(self, signs: Array, deviating: tuple[int, ...]) -> bool:
         """Return whether a set of signs is possible if these joints deviate."""
         for (i, k), product in self.products.items():
             if k not in deviating and signs[i] * signs[k] != product:
                 return False
+        for rule in self.between:
+            if rule.joint in deviating or rule.behind in deviating:
+                continue
+            if not rule.possible((signs[rule.before], signs[rule.joint], signs[rule.behind])):
+                return False
         return True
+
+    def zeros(self, signs: Mapping[int, float], last: int, deviating: tuple[int, ...]) -> set[int] | None:
+        """Return the zeros that the joints up to `last` need; None if the signs are impossible.
+
+        Args:
+            signs: {joint: sign} of the joints before `last` and of `last`.
+            last: the joint whose sign was chosen last.
+            deviating: joints whose place on their link changes.
+        """
+        for (i, k), product in self.products.items():
+            if k == last and k not in deviating and signs[i] * signs[k] != product:
+                return None
+        needed = set()
+        for rule in self.between:
+            if rule.behind != last or rule.joint in deviating or last in deviating:
+                continue
+            chosen = (signs[rule.before], signs[rule.joint], signs[rule.behind])
+            if not rule.possible(chosen):
+                return None
+            if rule.needs_zero(chosen):
+                needed.add(rule.joint)
+        return needed
+
+    def contradictions(self) -> Iterator[frozenset[int]]:
+        """Yield sets of joints, of each of which one at least must have another place on its link."""
+        for k in self.different:
+            yield frozenset({k})
+        for rule in self.between:
+            signs = [(a, b, c) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)]
+            if not any(rule.possible(chosen) for chosen in signs):
+                yield frozenset({rule.joint, rule.behind})
 
 
 def local(problem: Problem) -> Local:
@@ -44,6 +180,7 @@ def local(problem: Problem) -> Local:
     carrier = carriers(problem)
     different = set()
     products = {}
+    between = []
     for k, axis in enumerate(problem.axes):
         i = carrier.get(axis.parent)
         if i is None or axis.closing:
@@ -59,7 +196,78 @@ def local(problem: Problem) -> Local:
             different.add(k)
         elif product is not None:
             products[i, k] = product
-    return Local(frozenset(different), products)
+        before = carrier.get(problem.axes[i].parent)
+        if before is not None and problem.kinds[before] not in ("spherical", "free"):
+            rule = _between(problem, before, i, k)
+            if rule is not None:
+                between.append(rule)
+    return Local(frozenset(different), products, tuple(between))
+
+
+def _between(problem: Problem, before: int, joint: int, behind: int) -> Between | None:
+    """Return what three consecutive joints say; None if the normals at the joint in the middle have no direction."""
+    if problem.kinds[joint] not in ("revolute", "prismatic"):
+        return None
+    sides = []
+    sines = []
+    for points, directions in (
+        (problem.points, problem.directions),
+        (problem.target_points, problem.target_directions),
+    ):
+        normals = []
+        for i, k in ((before, joint), (joint, behind)):
+            turning = problem.kinds[i] in TURNING and problem.kinds[k] in TURNING
+            normal, sine = _normal(points, directions, (i, k), joint, turning)
+            if normal is None:
+                return None
+            normals.append(normal)
+            sines.append(sine)
+        sides.append((normals[0], normals[1]))
+    if sides[0][0].signed != sides[1][0].signed or sides[0][1].signed != sides[1][1].signed:
+        return None
+    ends_turn = problem.kinds[before] in TURNING and problem.kinds[behind] in TURNING
+    foot_limit = None
+    if ends_turn and min(sines) > _STEEP:
+        foot_limit = _FOOT * problem.tolerance / min(sines) ** 2
+    angle_limit = np.inf
+    if min(sines) > _STEEP:
+        angle_limit = _FOOT * problem.angle_tolerance / min(sines)
+    directions = np.array([problem.directions[joint], problem.target_directions[joint]])
+    drawn = (float(problem.drawn[joint]), float(problem.target_drawn[joint]))
+    turns = problem.kinds[joint] == "revolute"
+    return Between(before, joint, behind, turns, sides[0], sides[1], directions, drawn, foot_limit, float(angle_limit))
+
+
+def _normal(
+    points: Array, directions: Array, pair: tuple[int, int], joint: int, turning: bool
+) -> tuple[_Normal | None, float]:
+    """Return (common normal of two lines, None if it has no direction; the sine of their angle)."""
+    i, k = pair
+    normal = np.cross(directions[i], directions[k])
+    sine = float(np.linalg.norm(normal))
+    between = points[k] - points[i]
+    if sine > 1e-2:
+        # foot of the normal on line i: p_i + a d_i, on line k: p_k + b d_k
+        d = directions[joint]
+        other = directions[k if joint == i else i]
+        to_other = between if joint == i else -between
+        across = np.cross(d, other)
+        foot = float(np.cross(to_other, other) @ across) / sine**2 + float(points[joint] @ d)
+        return _Normal(normal / sine, True, foot), sine
+    across = between - directions[joint] * (between @ directions[joint])
+    distance = float(np.linalg.norm(across))
+    if sine > _PARALLEL or not turning or distance < 1e-3:
+        return None, sine
+    return _Normal(across / distance, False, None), sine
+
+
+def _angle_about(direction: Array, a: Array, b: Array) -> float:
+    """Return the angle in rad from vector a to vector b about a direction."""
+    return float(np.arctan2(direction @ np.cross(a, b), a @ b - (a @ direction) * (b @ direction)))
+
+
+def _wrapped(angle: float) -> float:
+    return float(np.arctan2(np.sin(angle), np.cos(angle)))
 
 
 def _invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float, float, float]:
@@ -68,7 +276,7 @@ def _invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float
     sine = float(np.linalg.norm(normal))
     cosine = float(directions[i] @ directions[k])
     between = points[k] - points[i]
-    if sine < 1e-4:
+    if sine < _PARALLEL:
         return cosine, sine, float(np.linalg.norm(np.cross(between, directions[i])))
     return cosine, sine, float(between @ normal) / sine
 
@@ -78,7 +286,7 @@ def _product(
 ) -> float | None:
     """Return the product of the signs of two joints, None if both are possible, or 0 if neither is."""
     possible = []
-    parallel = min(first[1], second[1]) < 1e-4
+    parallel = min(first[1], second[1]) < _PARALLEL
     angle_limit = _SLACK * problem.angle_tolerance
     for product in (1.0, -1.0):
         angle = np.arctan2(first[1], product * first[0])

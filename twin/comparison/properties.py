@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
 from twin.comparison.fit import FitSolution, Problem, values_of
 from twin.comparison.search import zero_of
 from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide
@@ -14,17 +15,8 @@ from twin.core.json_types import JsonObject
 from twin.core.quantity import moved
 from twin.core.spatial import Array
 
-LIMIT = 1e-4
-"""Difference of limits in rad or m up to which they are equal: files round them to four or five digits."""
-
-RELATIVE = 1e-3
-"""Relative difference of speeds, efforts, masses and inertias up to which they are equal."""
-
 RATIO = 1e-4
 """Difference of ratios of couplings up to which they are equal, relative."""
-
-CENTRE = 1e-4
-"""Distance in m of centres of mass up to which they are equal."""
 
 KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of mass", "inertias", "couplings")
 

@@ -1,101 +1,328 @@
-"""Search the fit with the fewest conventions and, if none makes two sides agree, the fewest deviating joints."""
+"""Search the fit with the fewest conventions and, if none makes two sides agree, the fewest deviating joints.
+
+One search by increasing cost (a bound that never exceeds the cost) chooses the joints that turn the other way, one by
+one, fits all values, and then chooses which evidence fixes what the lines leave open.
+"""
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from twin.comparison.evidence import CONVENTION, LIMIT, Evidence, Stated, turning_columns
 from twin.comparison.fit import FitSolution, Problem, Unknowns, size_of, values_of, with_values
 from twin.comparison.frames import gaps
 from twin.comparison.invariants import Local, local
 from twin.comparison.side import ONE_COORDINATE
+from twin.core import spatial
 from twin.core.spatial import Array
 
-_ALL_SIGNS = 8
-"""Number of joints up to which all sets of signs are tried; for more, those with at most `_FLIPS` changes."""
-
 _FLIPS = 3
+"""Maximum number of changed conventions in a solution with deviating joints."""
 
-_PAIR = 2
+_SETS = 3
 """Number of deviating joints up to which all sets are tried."""
 
 _DEVIATING = 6
 """Maximum number of deviating joints that are searched."""
 
+_FITS = 160
+"""Maximum number of sets of signs that are fitted."""
+
+_NODES = 400
+"""Maximum number of choices of evidence that are fitted."""
+
 _INNER = 0.01
-"""Cost of a moved frame of an inner link, and of limits that differ: it decides between as many conventions."""
+"""Cost of a moved frame of an inner link: it decides between as many conventions."""
 
-_LIMIT = 1e-4
-"""Difference of limits in rad or m up to which they are equal."""
+_SAME = 1e-6
+"""Difference of costs up to which two solutions need as many changes."""
 
-_NEEDED = 1e-9
-"""Size of a value, in m or rad, from which it is a change."""
+_NEAR = 100.0
+"""Factor of the tolerance up to which a value may be inaccuracy of the file, so that zero is tried."""
 
-_STEPS = 6
-"""Gauss-Newton steps of an explanation with tool frames."""
+_OPEN = 1e-5
+"""Change of evidence along a direction that the lines leave open, from which it can fix this direction."""
 
 _STEP = 1e-7
 """Step of the unknowns in m and rad for derivatives by differences."""
 
 
-def sign_sets(problem: Problem, most: int) -> Iterator[tuple[int, Array]]:
-    """Yield (number of changes, signs (joints,)), fewest changes first, up to `most` changes."""
-    for flips in range(min(most, len(problem.signed)) + 1):
-        for chosen in combinations(problem.signed, flips):
-            signs = np.ones(problem.count)
-            signs[list(chosen)] = -1.0
-            yield flips, signs
+@dataclass(frozen=True)
+class _Signs:
+    """Signs of the first joints of the order, and the zeros that they need."""
+
+    deviating: tuple[int, ...]
+    signs: tuple[float, ...]
+    zeros: frozenset[int]
 
 
-def sparse(problem: Problem, solution: FitSolution) -> FitSolution:
-    """Return the solution with as few changed values as possible: each value that is not needed becomes zero."""
-    u = solution.unknowns
-    x = values_of(u)
-    free = np.ones(len(x), bool)
-    groups: list[list[int]] = []
-    # Base and zeros come first: while they are free, a wrong length could be traded for two zeros and another length.
-    groups.append(list(range(6)))
-    groups += [[0, 1, 2], [3, 4, 5]]
-    groups += [[6 + i] for i in reversed(range(problem.count))]
-    first = 6 + problem.count
-    for k in range(len(u.deviating)):
-        start = first + 6 * k
-        groups += [[start, start + 1, start + 2], [start + 3, start + 4, start + 5]]
-        groups += [[start + j] for j in range(6)]
-    best = solution
-    for group in groups:
-        if not free[group].any():
+@dataclass(frozen=True)
+class _Choice:
+    """A fit of which some values are fixed.
+
+    Attributes:
+        solution: the fit.
+        free: (unknowns,) the values that may still change.
+        conditions: the evidence that must stay equal.
+        kept: all evidence that fixed values.
+    """
+
+    solution: FitSolution
+    free: Array
+    conditions: tuple[Evidence, ...]
+    kept: frozenset[Evidence]
+
+
+class _Search:
+    """The search over some sets of deviating joints; `run` returns all solutions with the lowest cost."""
+
+    def __init__(self, problem: Problem, known: Local, most: float) -> None:
+        self.problem = problem
+        self.known = known
+        self.most = most
+        self.stated = Stated(problem)
+        self.turning = turning_columns(problem)
+        self.heap: list[tuple[float, int, _Signs | _Choice]] = []
+        self.serial = 0
+        self.seen: set[tuple[object, ...]] = set()
+        self.fits = 0
+        self.nodes = 0
+
+    def _push(self, bound: float, node: _Signs | _Choice) -> None:
+        if bound > self.most + _SAME:
+            return
+        self.serial += 1
+        heapq.heappush(self.heap, (bound, self.serial, node))
+
+    def run(self, sets: Sequence[tuple[int, ...]]) -> list[FitSolution]:
+        """Return the solutions with the lowest cost for these sets of deviating joints."""
+        for deviating in sets:
+            self._push(0.0, _Signs(deviating, (), frozenset()))
+        found: list[FitSolution] = []
+        lowest = np.inf
+        while self.heap:
+            bound, _, node = heapq.heappop(self.heap)
+            if bound > lowest + _SAME:
+                break
+            if isinstance(node, _Signs):
+                self._signs(node)
+                continue
+            if self.nodes < _NODES and self._branches(node):
+                continue
+            lowest = min(lowest, bound)
+            found.append(node.solution)
+        return found
+
+    # -- signs ----------------------------------------------------------------------------------------
+
+    def _signs(self, node: _Signs) -> None:
+        """Choose the sign of the next joint, or fit if all are chosen."""
+        order = self.problem.order
+        count = len(node.signs)
+        if count == self.problem.count:
+            if self.fits < _FITS:
+                self.fits += 1
+                self._fit(node)
+            return
+        joint = order[count]
+        choices = (1.0, -1.0) if joint in self.problem.signed else (1.0,)
+        for sign in choices:
+            chosen = (*node.signs, sign)
+            by_joint = dict(zip(order, chosen, strict=False))
+            needed = self.known.zeros(by_joint, joint, node.deviating)
+            if needed is None:
+                continue
+            zeros = node.zeros | needed
+            flips = sum(value < 0 for value in chosen)
+            self._push(CONVENTION * (flips + len(zeros)), _Signs(node.deviating, chosen, zeros))
+
+    def _fit(self, node: _Signs) -> None:
+        signs = np.ones(self.problem.count)
+        signs[self.problem.order] = node.signs
+        solution = self.problem.solve(signs, node.deviating)
+        if not self.problem.holds(solution.gap):
+            return
+        choice = self._rounded(_Choice(solution, np.ones(len(values_of(solution.unknowns)), bool), (), frozenset()))
+        self._push(self._bound(choice), choice)
+
+    def _rounded(self, choice: _Choice) -> _Choice:
+        """Return the choice with a base and zeros that are only inaccuracies set to zero, as far as the lines agree."""
+        problem = self.problem
+        values = values_of(choice.solution.unknowns)
+        small = [[6 + i] for i in range(problem.count)]
+        small.insert(0, list(range(6)))
+        for columns in small:
+            size = np.abs(values[columns]).max()
+            if size == 0.0 or size > _NEAR * problem.tolerance:
+                continue
+            tried = values_of(choice.solution.unknowns)
+            tried[columns] = 0.0
+            free = choice.free.copy()
+            free[columns] = False
+            found = problem.refine(with_values(choice.solution.unknowns, tried), free)
+            if problem.holds(found.gap):
+                # the values may still change later: other evidence may need it
+                choice = replace(choice, solution=found)
+        return choice
+
+    # -- evidence -------------------------------------------------------------------------------------
+
+    def _derivatives(self, choice: _Choice, known: Sequence[Evidence]) -> Array:
+        """Return the derivatives (rows, free unknowns) of lines, conditions and evidence, in this order."""
+        u = choice.solution.unknowns
+        columns = np.flatnonzero(choice.free)
+        x = values_of(u)
+        moved = np.repeat(x[None], len(columns) + 1, axis=0)
+        moved[np.arange(len(columns)), columns] += _STEP
+        rows = [self.problem.residuals(u.signs, moved, u.deviating)]
+        rows.append(self.stated.residuals([*choice.conditions, *known], u.signs, moved, u.deviating))
+        table = np.concatenate(rows, axis=1)
+        return (table[:-1] - table[-1]).T / _STEP
+
+    def _open(self, choice: _Choice, known: Sequence[Evidence]) -> tuple[Array, list[Array]]:
+        """Return (directions (free unknowns, k) that are still open, derivatives of each evidence along them)."""
+        J = self._derivatives(choice, known)
+        sizes = [self.stated.rows(evidence) for evidence in known]
+        fixed = J[: len(J) - sum(sizes)]
+        _, strengths, Vt = np.linalg.svd(fixed, full_matrices=True)
+        rank = 0
+        if len(strengths):
+            rank = int(np.sum(strengths > 1e-6 * max(float(strengths[0]), 1e-12)))
+        directions = _separated(Vt[rank:]).T
+        along = []
+        start = len(fixed)
+        for size in sizes:
+            along.append(J[start : start + size] @ directions)
+            start += size
+        return directions, along
+
+    def _bound(self, choice: _Choice) -> float:
+        """Return the cost of what no open direction can change."""
+        u = choice.solution.unknowns
+        cost = CONVENTION * len(u.flips)
+        known = self.stated.violated(self.stated.known(u.signs), u)
+        _, along = self._open(choice, known)
+        for evidence, J in zip(known, along, strict=True):
+            if not (J.size and np.abs(J).max() > _OPEN):
+                cost += evidence.weight
+        return cost
+
+    def _branches(self, choice: _Choice) -> bool:
+        """Fix one open direction by each evidence that can; return whether any does."""
+        u = choice.solution.unknowns
+        known = [evidence for evidence in self.stated.known(u.signs) if evidence not in choice.kept]
+        directions, along = self._open(choice, known)
+        return any(self._fix(choice, known, directions, along, direction) for direction in _fewest_first(along))
+
+    def _fix(
+        self, choice: _Choice, known: Sequence[Evidence], directions: Array, along: Sequence[Array], direction: int
+    ) -> bool:
+        """Fix an open direction by each evidence that can; return whether any does."""
+        u = choice.solution.unknowns
+        any_fixed = False
+        for evidence, J in zip(known, along, strict=True):
+            if not np.abs(J[:, direction]).max() > _OPEN:
+                continue
+            kept = choice.kept | {evidence}
+            key = (u.deviating, tuple(u.signs), kept)
+            if key in self.seen:
+                any_fixed = True
+                continue
+            self.nodes += 1
+            fixed = self._fixed(choice, evidence, directions, J)
+            if fixed is not None:
+                self.seen.add(key)
+                any_fixed = True
+                self._push(self._bound(fixed), fixed)
+        return any_fixed
+
+    def _fixed(self, choice: _Choice, evidence: Evidence, directions: Array, J: Array) -> _Choice | None:
+        """Return the fit that keeps a piece of evidence as well; None if there is none."""
+        problem = self.problem
+        u = choice.solution.unknowns
+        free = choice.free.copy()
+        stated = self.stated.fixed(evidence, u.signs)
+        conditions = choice.conditions
+        if not stated:
+            conditions = (*conditions, evidence)
+        free[list(stated)] = False
+        x = values_of(u)
+        for column, value in stated.items():
+            if not choice.free[column] and abs(x[column] - value) > problem.tolerance:
+                return None
+        for start in self._starts(choice, evidence, directions, J):
+            for column, value in stated.items():
+                start[column] = value
+            found = self._refined(with_values(u, start), free, conditions)
+            if not problem.holds(found.gap):
+                continue
+            keeps = [*conditions, *(kept for kept in choice.kept if kept.kind in ("tool", "inertia")), evidence]
+            if not self.stated.violated(keeps, found.unknowns):
+                return _Choice(found, free, conditions, choice.kept | {evidence})
+        return None
+
+    def _starts(self, choice: _Choice, evidence: Evidence, directions: Array, J: Array) -> Iterator[Array]:
+        """Yield values to begin with: a step along the open directions, and turns along the one that matters most."""
+        u = choice.solution.unknowns
+        x = values_of(u)
+        columns = np.flatnonzero(choice.free)
+        r = self.stated.residuals([evidence], u.signs, x[None], u.deviating)[0]
+        step = directions @ np.linalg.lstsq(J, -r, rcond=1e-6)[0]
+        moved = x.copy()
+        moved[columns] += step
+        yield moved
+        if evidence.kind not in ("tool", "inertia"):
+            return
+        most = directions @ np.linalg.svd(J)[2][0]
+        turns = [k for k, column in enumerate(columns) if column in self.turning]
+        turned = float(np.abs(most[turns]).max(initial=0.0))
+        if turned < 1e-3:
+            return
+        for angle in (0.5 * np.pi, np.pi, 1.5 * np.pi):
+            moved = x.copy()
+            moved[columns] += most / turned * angle
+            yield moved
+
+    def _refined(self, u: Unknowns, free: Array, conditions: Sequence[Evidence]) -> FitSolution:
+        def more(values: Array) -> Array:
+            return self.stated.residuals(conditions, u.signs, values, u.deviating)
+
+        return self.problem.refine(u, free, more if conditions else None)
+
+
+def _separated(directions: Array) -> Array:
+    """Return other directions (k, unknowns) of the same space, each of which changes as few unknowns as possible."""
+    rows = directions.copy()
+    used: list[int] = []
+    # from the last unknown: a zero is a better name for a direction than the base
+    for column in reversed(range(rows.shape[1])):
+        pivot = len(used)
+        if pivot == len(rows):
+            break
+        largest = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
+        if abs(rows[largest, column]) < 1e-4:
             continue
-        current = values_of(best.unknowns)
-        current[group] = 0.0
-        tried = free.copy()
-        tried[group] = False
-        found = problem.refine(with_values(best.unknowns, current), tried)
-        if problem.holds(found.gap):
-            best = found
-            free = tried
-    return best
+        rows[[pivot, largest]] = rows[[largest, pivot]]
+        rows[pivot] /= rows[pivot, column]
+        for other in range(len(rows)):
+            if other != pivot:
+                rows[other] -= rows[other, column] * rows[pivot]
+        used.append(column)
+    return rows
 
 
-def cost(problem: Problem, solution: FitSolution) -> float:
-    """Return the number of changed conventions, plus a fraction for each moved frame of an inner link."""
-    u = solution.unknowns
-    changed = float(len(u.flips) + len(moved_zeros(problem, u)))
-    if base_moved(problem, u):
-        changed += 1
-    moved_tools = set()
-    for gap in gaps(problem, u):
-        if not gap.differs(problem):
-            continue
-        if gap.leaf:
-            moved_tools.add(gap.joint)
-        else:
-            changed += _INNER
-    changed += _INNER * _wrong_limits(problem, u)
-    return changed + len(moved_tools)
+def _fewest_first(along: Sequence[Array]) -> list[int]:
+    """Return the open directions that evidence can fix, those with the fewest pieces of evidence first."""
+    if not along:
+        return []
+    touching = np.array([np.abs(J).max(axis=0) > _OPEN for J in along])
+    counts = touching.sum(axis=0)
+    return [int(k) for k in np.argsort(counts, kind="stable") if counts[k] > 0]
 
 
 def moved_zeros(problem: Problem, u: Unknowns) -> list[int]:
@@ -128,7 +355,7 @@ def zero_of(problem: Problem, u: Unknowns, i: int) -> float:
     mapped = sorted(float(u.signs[i] * (value - shift)) for value in limits)
     turns = round((target[0] - mapped[0]) / (2 * np.pi))
     apart = [abs(end + turns * 2 * np.pi - other) for end, other in zip(mapped, target, strict=True)]
-    if max(apart) > _LIMIT:
+    if max(apart) > LIMIT:
         return shift
     return shift - float(u.signs[i]) * turns * 2 * np.pi
 
@@ -140,116 +367,12 @@ def base_moved(problem: Problem, u: Unknowns) -> bool:
     return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
-def _variants(problem: Problem, solution: FitSolution) -> list[FitSolution]:
-    """Return other explanations of moved base and tool frames: the free values also fit the tools, or a zero moves.
-
-    Only the limits of the first joint and the frames of links distinguish its zero from the base frame; the same holds
-    for the zero of the last joint and the tool frame.
-    """
-    u = solution.unknowns
-    values = values_of(u)
-    needed = [int(k) for k in np.flatnonzero(np.abs(values) > _NEEDED)]
-    tool_moved = any(gap.leaf and gap.differs(problem) for gap in gaps(problem, u))
-    if base_moved(problem, u):
-        needed = sorted({*needed, *range(6)})
-    starts: list[tuple[Unknowns, list[int]]] = []
-    if tool_moved:
-        starts.append((u, needed))
-        for i in problem.signed:
-            columns = sorted({*needed, 6 + i})
-            # a zero that is wrong by half a turn is no start for small steps
-            half_turn = np.pi if problem.axes[i].is_angle else 0.0
-            for by in (0.0, half_turn):
-                starts.append((replace(u, zeros=_shifted(u.zeros, i, by)), columns))
-    if base_moved(problem, u):
-        fixed = with_values(u, np.concatenate([np.zeros(6), values[6:]]))
-        others = [k for k in needed if k >= 6]
-        for i in problem.signed:
-            starts.append((fixed, sorted({*others, 6 + i})))
-    found = []
-    for start, columns in starts:
-        candidate = _with_tools(problem, start, columns)
-        if problem.holds(candidate.gap):
-            found.append(candidate)
-    return found
-
-
-def _shifted(zeros: Array, joint: int, by: float) -> Array:
-    shifted = zeros.copy()
-    shifted[joint] += by
-    return shifted
-
-
-def _with_tools(problem: Problem, u: Unknowns, columns: Sequence[int]) -> FitSolution:
-    """Return the unknowns after Gauss-Newton steps of some values on lines and tool frames together."""
-    r = _residual_with_tools(problem, u)
-    for _ in range(_STEPS):
-        if not len(columns) or np.abs(r).max() < 1e-12:
-            break
-        values = values_of(u)
-        derivatives = []
-        for k in columns:
-            moved = values.copy()
-            moved[k] += _STEP
-            derivatives.append((_residual_with_tools(problem, with_values(u, moved)) - r) / _STEP)
-        step = np.linalg.lstsq(np.array(derivatives).T, -r, rcond=1e-9)[0]
-        values[columns] += step
-        u = with_values(u, values)
-        r = _residual_with_tools(problem, u)
-    return FitSolution(u, problem.gap(u))
-
-
-def _residual_with_tools(problem: Problem, u: Unknowns) -> Array:
-    parts = [problem.residuals(u.signs, values_of(u)[None], u.deviating)[0]]
-    for gap in gaps(problem, u):
-        if gap.leaf:
-            parts.append((gap.T - np.eye(4))[:3].ravel())
-    return np.concatenate(parts)
-
-
-def _wrong_limits(problem: Problem, u: Unknowns) -> int:
-    """Return the number of joints whose limits differ after the conventions."""
-    wrong = 0
-    for i, axis in enumerate(problem.axes):
-        limits = axis.limits
-        target = problem.second.axes[i].limits
-        if limits is None or target is None or axis.kind not in ONE_COORDINATE:
-            continue
-        ends = sorted(float(u.signs[i] * (value - zero_of(problem, u, i))) for value in limits)
-        if max(abs(ends[0] - target[0]), abs(ends[1] - target[1])) > _LIMIT:
-            wrong += 1
-    return wrong
-
-
 def conventions(problem: Problem) -> list[FitSolution]:
     """Return the solutions without deviating joints that change the fewest conventions; [] if there are none."""
     known = local(problem)
-    if known.different:
+    if any(True for _ in known.contradictions()):
         return []
-    most = len(problem.signed)
-    if most > _ALL_SIGNS:
-        most = _FLIPS
-    found: list[FitSolution] = []
-    lowest = np.inf
-    for flips, signs in sign_sets(problem, most):
-        if flips > lowest:
-            break
-        if not known.allows(signs, ()):
-            continue
-        fitted = problem.solve(signs)
-        if not problem.holds(fitted.gap):
-            continue
-        fitted = sparse(problem, fitted)
-        found += [fitted, *_variants(problem, fitted)]
-        lowest = min(cost(problem, solution) for solution in found)
-    return cheapest(problem, found)
-
-
-def cheapest(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
-    """Return the solutions with the fewest changes, those with most link frames and limits equal first."""
-    costs = [cost(problem, solution) for solution in solutions]
-    order = np.argsort(costs, kind="stable")
-    return [solutions[k] for k in order if int(costs[k]) == int(min(costs))]
+    return _ordered(problem, _Search(problem, known, np.inf).run([()]))
 
 
 def deviations(problem: Problem) -> list[FitSolution]:
@@ -258,36 +381,110 @@ def deviations(problem: Problem) -> list[FitSolution]:
     The result is empty if no `_DEVIATING` joints explain the difference.
     """
     known = local(problem)
-    least = max(len(known.different), 1)
-    for size in range(least, max(least, _PAIR) + 1):
-        hits = _deviating_sets(problem, known, size)
-        if hits:
-            return hits
+    contradictions = list(known.contradictions())
+    for size in range(1, _SETS + 1):
+        sets = [chosen for chosen in combinations(range(problem.count), size) if _explains(chosen, contradictions)]
+        if size == _SETS and not contradictions:
+            break
+        found = _Search(problem, known, _FLIPS).run(sets)
+        if found:
+            return _explained(problem, found)
     return _greedy(problem, known)
 
 
-def _deviating_sets(problem: Problem, known: Local, size: int) -> list[FitSolution]:
-    """Return the solutions with `size` deviating joints, which contain those that the pairs of lines demand."""
-    hits: list[FitSolution] = []
-    level = 0
-    others = [i for i in range(problem.count) if i not in known.different]
-    for flips, signs in sign_sets(problem, _FLIPS):
-        if hits and flips > level:
-            break
-        level = flips
-        for more in combinations(others, size - len(known.different)):
-            deviating = tuple(sorted((*known.different, *more)))
-            if not known.allows(signs, deviating):
-                continue
-            found = problem.solve(signs, deviating)
-            if problem.holds(found.gap):
-                fitted = sparse(problem, found)
-                hits += [fitted, *_variants(problem, fitted)]
-    hits.sort(key=_size_of_deviation)
-    return cheapest(problem, hits)
+def _explains(chosen: tuple[int, ...], contradictions: Sequence[frozenset[int]]) -> bool:
+    return all(not joints.isdisjoint(chosen) for joints in contradictions)
 
 
-def _size_of_deviation(solution: FitSolution) -> float:
+def _ordered(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
+    """Return different solutions, those with most frames of inner links equal and the fewest changed numbers first."""
+    different: list[FitSolution] = []
+    for found in solutions:
+        solution = replace(found, unknowns=_short_turn(found.unknowns))
+        if not any(_same(problem, solution.unknowns, other.unknowns) for other in different):
+            different.append(solution)
+    keys = []
+    for solution in different:
+        inner = 0
+        for gap in gaps(problem, solution.unknowns):
+            if not gap.leaf and gap.differs(problem):
+                inner += 1
+        keys.append(_INNER * inner + 1e-3 * _INNER * _changed_numbers(solution))
+    return [different[k] for k in np.argsort(keys, kind="stable")]
+
+
+def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
+    """Return the solutions with few changed numbers; of those with the same conventions and joints, the first."""
+    different: list[FitSolution] = []
+    for solution in solutions:
+        if not any(_same(problem, _undeviated(solution), _undeviated(other)) for other in different):
+            different.append(solution)
+    return _ordered(problem, [_sparse(problem, solution) for solution in different])
+
+
+def _undeviated(solution: FitSolution) -> Unknowns:
+    """Return the unknowns with the deviating joints, but without the size of their deviations."""
+    u = solution.unknowns
+    return replace(u, deviations=np.zeros((len(u.deviating), 6)))
+
+
+def _short_turn(u: Unknowns) -> Unknowns:
+    """Return unknowns with the turn of the base below half a turn."""
+    base = u.base.copy()
+    if np.linalg.norm(base[:3]) > np.pi:
+        base[:3] = spatial.log_so3(spatial.exp_so3(base[:3]))
+    return replace(u, base=base)
+
+
+def _same(problem: Problem, u: Unknowns, other: Unknowns) -> bool:
+    """Return whether two solutions differ only by inaccuracies."""
+    if u.deviating != other.deviating or np.any(u.signs != other.signs):
+        return False
+    difference = values_of(u) - values_of(other)
+    turning = turning_columns(problem)
+    difference[turning] = np.arctan2(np.sin(difference[turning]), np.cos(difference[turning]))
+    return bool(np.abs(difference).max() <= _NEAR * problem.tolerance)
+
+
+def _sparse(problem: Problem, solution: FitSolution) -> FitSolution:
+    """Return the solution with as few changed numbers of its deviations as possible, with the conventions as found."""
+    u = solution.unknowns
+    x = values_of(u)
+    first = 6 + problem.count
+    free = np.zeros(len(x), bool)
+    free[first:] = True
+    tools = [gap.T for gap in gaps(problem, u) if gap.leaf]
+    groups: list[list[int]] = []
+    for k in range(len(u.deviating)):
+        start = first + 6 * k
+        groups += [[start, start + 1, start + 2], [start + 3, start + 4, start + 5]]
+        groups += [[start + j] for j in range(6)]
+    best = solution
+    for group in groups:
+        if not free[group].any():
+            continue
+        current = values_of(best.unknowns)
+        current[group] = 0.0
+        tried = free.copy()
+        tried[group] = False
+        found = problem.refine(with_values(best.unknowns, current), tried)
+        if problem.holds(found.gap) and _tools_stay(problem, found.unknowns, tools):
+            best = found
+            free = tried
+    return best
+
+
+def _tools_stay(problem: Problem, u: Unknowns, before: Sequence[Array]) -> bool:
+    """Return whether the frames of leaf links that were equal are still equal."""
+    leaves = [gap for gap in gaps(problem, u) if gap.leaf]
+    for gap, T in zip(leaves, before, strict=True):
+        was = replace(gap, T=T)
+        if gap.differs(problem) and not was.differs(problem):
+            return False
+    return True
+
+
+def _changed_numbers(solution: FitSolution) -> float:
     deviations = solution.unknowns.deviations
     if deviations is None:
         return 0.0
@@ -295,10 +492,10 @@ def _size_of_deviation(solution: FitSolution) -> float:
 
 
 def _greedy(problem: Problem, known: Local) -> list[FitSolution]:
-    """Return one solution whose deviating joints are added one by one, each that lowers the gap most."""
+    """Return solutions whose deviating joints are added one by one, each that lowers the gap most."""
     chosen = tuple(sorted(known.different))
     signs = np.ones(problem.count)
-    for _, candidate in sign_sets(problem, _FLIPS):
+    for candidate in _sign_sets(problem, _FLIPS):
         if known.allows(candidate, chosen):
             signs = candidate
             break
@@ -310,9 +507,19 @@ def _greedy(problem: Problem, known: Local) -> list[FitSolution]:
             found = problem.solve(signs, tuple(sorted((*chosen, joint))))
             if best is None or size_of(found.gap) < size_of(best.gap):
                 best = found
-        assert best is not None
+        if best is None:
+            return []
         chosen = best.unknowns.deviating
         if problem.holds(best.gap):
-            fitted = sparse(problem, best)
-            return cheapest(problem, [fitted, *_variants(problem, fitted)])
+            found = _Search(problem, known, _FLIPS).run([chosen])
+            return _explained(problem, found)
     return []
+
+
+def _sign_sets(problem: Problem, most: int) -> Iterator[Array]:
+    """Yield signs (joints,), fewest changes first, up to `most` changes."""
+    for flips in range(min(most, len(problem.signed)) + 1):
+        for chosen in combinations(problem.signed, flips):
+            signs = np.ones(problem.count)
+            signs[list(chosen)] = -1.0
+            yield signs

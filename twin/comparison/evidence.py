@@ -1,0 +1,243 @@
+"""What two sides state beyond their joint lines: base frame, zeros, tool frames, limits and inertias.
+
+Lines leave some values open: the zero of the first joint and a turn of the base move the same lines, and so do the zero
+of the last joint and a turn of the tool. Each piece of evidence can fix such a value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from twin.comparison.fit import Problem, Unknowns, values_of
+from twin.comparison.frames import FrameGap, gaps
+from twin.comparison.side import ONE_COORDINATE
+from twin.core import spatial
+from twin.core.spatial import Array
+
+Kind = Literal["base", "zero", "limits", "tool", "inertia"]
+
+LIMIT = 1e-4
+"""Difference of limits in rad or m up to which they are equal: files round them to four or five digits."""
+
+RELATIVE = 1e-3
+"""Relative difference of speeds, efforts, masses and inertias up to which they are equal."""
+
+CENTRE = 1e-4
+"""Distance in m of centres of mass up to which they are equal."""
+
+CONVENTION = 1.0
+"""Cost of a convention that differs: a moved base, zero or tool, or a sign."""
+
+PROPERTY = 1.5
+"""Cost of limits or inertias that differ.
+
+One more convention that makes them equal is likelier than an error; two more conventions are not.
+"""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One piece of evidence.
+
+    Attributes:
+        kind: what is compared.
+        index: the joint, or for "inertia" the group of the first side; 0 for the base.
+        weight: cost if it differs.
+    """
+
+    kind: Kind
+    index: int
+    weight: float
+
+
+class Stated:
+    """The evidence of a problem, for given signs and deviating joints.
+
+    Attributes:
+        problem: the two sides.
+        known: the pieces of evidence that conventions could make equal.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+
+    @cached_property
+    def frames(self) -> tuple[FrameGap, ...]:
+        """The frames of leaf links without any change."""
+        return tuple(gap for gap in gaps(self.problem, self.problem.start) if gap.leaf)
+
+    @cached_property
+    def partners(self) -> dict[int, int]:
+        """{group of the first side: group of the second side}."""
+        found = {0: 0}
+        for i, axis in enumerate(self.problem.axes):
+            if not axis.closing:
+                found[axis.child] = self.problem.second.axes[i].child
+        return found
+
+    def known(self, signs: Array) -> list[Evidence]:
+        """Return the pieces of evidence that some values of the conventions make equal."""
+        problem = self.problem
+        found = [Evidence("base", 0, CONVENTION)]
+        for i in problem.signed:
+            found.append(Evidence("zero", i, CONVENTION))
+            if self.limit_zero(i, signs) is not None:
+                found.append(Evidence("limits", i, PROPERTY))
+        for joint in sorted({gap.joint for gap in self.frames}):
+            found.append(Evidence("tool", joint, CONVENTION))
+        for group in self._inertias:
+            found.append(Evidence("inertia", group, PROPERTY))
+        return found
+
+    def limit_zero(self, i: int, signs: Array) -> float | None:
+        """Return the zero in m or rad with which the limits of a joint are equal; None if there is none."""
+        limits = self.problem.axes[i].limits
+        target = self.problem.second.axes[i].limits
+        if limits is None or target is None or not np.isfinite([*limits, *target]).all():
+            return None
+        if abs((limits[1] - limits[0]) - (target[1] - target[0])) > 2 * LIMIT:
+            return None
+        return 0.5 * (sum(limits) - float(signs[i]) * sum(target))
+
+    @cached_property
+    def _inertias(self) -> list[int]:
+        """Groups of the first side whose inertias could be equal: same mass, same principal moments."""
+        found = []
+        for group, partner in self.partners.items():
+            first = self.problem.first.groups[group].inertia
+            second = self.problem.second.groups[partner].inertia
+            if first is None or second is None:
+                continue
+            if abs(first.mass - second.mass) > RELATIVE * max(first.mass, second.mass):
+                continue
+            moments = np.linalg.eigvalsh(first.I_com)
+            others = np.linalg.eigvalsh(second.I_com)
+            if np.linalg.norm(moments - others) <= RELATIVE * max(np.linalg.norm(moments), np.linalg.norm(others)):
+                found.append(group)
+        return found
+
+    def residuals(self, known: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[int]) -> Array:
+        """Return (k, rows) of pieces of evidence in m and rad for `values` (k, unknowns)."""
+        _, _, motions = self.problem.motions(signs, values, deviating)
+        parts = [np.zeros((len(values), 0))]
+        for evidence in known:
+            parts.append(self._rows(evidence, signs, values, motions))
+        return np.concatenate(parts, axis=1)
+
+    def _rows(self, evidence: Evidence, signs: Array, values: Array, motions: Array) -> Array:
+        problem = self.problem
+        i = evidence.index
+        if evidence.kind == "base":
+            return values[:, :6]
+        if evidence.kind == "zero":
+            return self._distance(i, values[:, 6 + i])[:, None]
+        if evidence.kind == "limits":
+            wanted = self.limit_zero(i, signs)
+            assert wanted is not None
+            return self._distance(i, values[:, 6 + i] - wanted)[:, None]
+        if evidence.kind == "tool":
+            parts = []
+            for gap in self.frames:
+                if gap.joint == i:
+                    parts.append(self._frame_rows(gap, motions))
+            return np.concatenate(parts, axis=1)
+        first = problem.first.groups[i].inertia
+        second = problem.second.groups[self.partners[i]].inertia
+        assert first is not None
+        assert second is not None
+        R = motions[:, i, :3, :3]
+        centre = R @ first.p_body_com + motions[:, i, :3, 3] - second.p_body_com
+        size = max(float(np.linalg.norm(second.I_com)), 1e-12)
+        tensor = (R @ first.I_com @ np.swapaxes(R, 1, 2) - second.I_com) / size
+        return np.concatenate([centre, tensor.reshape(len(values), 9)], axis=1)
+
+    def _frame_rows(self, gap: FrameGap, motions: Array) -> Array:
+        """Return (k, 12) of the difference of a frame of both sides."""
+        T = spatial.inverse(gap.T_base_second) @ motions[:, self._group_of(gap)] @ self._placed_first[gap.name]
+        return (T - np.eye(4))[:, :3].reshape(len(motions), 12)
+
+    def _group_of(self, gap: FrameGap) -> int:
+        return self.problem.axes[gap.joint].child
+
+    @cached_property
+    def _placed_first(self) -> dict[str, Array]:
+        """{name of a frame: T_base_frame (4, 4) of the first side at its drawn state}."""
+        start = self.problem.start
+        _, _, motions = self.problem.motions(start.signs, values_of(start)[None], ())
+        placed = {}
+        for gap in self.frames:
+            placed[gap.name] = spatial.inverse(motions[0, self._group_of(gap)]) @ gap.T_base_second @ gap.T
+        return placed
+
+    def _distance(self, i: int, difference: Array) -> Array:
+        """Return a difference of zeros in m or rad, for angles without full turns."""
+        if not self.problem.axes[i].is_angle:
+            return difference
+        return np.arctan2(np.sin(difference), np.cos(difference))
+
+    def violated(self, known: Sequence[Evidence], u: Unknowns) -> list[Evidence]:
+        """Return the pieces of evidence in which the two sides differ."""
+        values = values_of(u)[None]
+        _, _, motions = self.problem.motions(u.signs, values, u.deviating)
+        found = []
+        for evidence in known:
+            if not self._holds(evidence, self._rows(evidence, u.signs, values, motions)[0]):
+                found.append(evidence)
+        return found
+
+    def rows(self, evidence: Evidence) -> int:
+        """Return the number of rows of a piece of evidence in `residuals`."""
+        if evidence.kind == "base":
+            return 6
+        if evidence.kind == "tool":
+            return 12 * sum(gap.joint == evidence.index for gap in self.frames)
+        if evidence.kind == "inertia":
+            return 12
+        return 1
+
+    def _holds(self, evidence: Evidence, rows: Array) -> bool:
+        problem = self.problem
+        if evidence.kind == "base":
+            turn = float(np.linalg.norm(rows[:3]))
+            return float(np.linalg.norm(rows[3:])) <= problem.tolerance and turn <= problem.angle_tolerance
+        if evidence.kind == "zero":
+            is_angle = problem.axes[evidence.index].is_angle
+            limit = problem.angle_tolerance if is_angle else problem.tolerance
+            return bool(abs(rows[0]) <= limit)
+        if evidence.kind == "limits":
+            return bool(abs(rows[0]) <= 2 * LIMIT)
+        if evidence.kind == "tool":
+            for start in range(0, len(rows), 12):
+                T = rows[start : start + 12].reshape(3, 4)
+                turned = T[:, :3] + np.eye(3)
+                turn = float(spatial.rotation_angle(turned))
+                if np.linalg.norm(T[:, 3]) > problem.tolerance or turn > problem.angle_tolerance:
+                    return False
+            return True
+        return bool(np.linalg.norm(rows[:3]) <= CENTRE and np.linalg.norm(rows[3:]) <= RELATIVE)
+
+    def fixed(self, evidence: Evidence, signs: Array) -> dict[int, float]:
+        """Return {index of an unknown: value} that a piece of evidence states; {} for one that is a condition."""
+        if evidence.kind == "base":
+            return dict.fromkeys(range(6), 0.0)
+        if evidence.kind == "zero":
+            return {6 + evidence.index: 0.0}
+        if evidence.kind == "limits":
+            wanted = self.limit_zero(evidence.index, signs)
+            assert wanted is not None
+            return {6 + evidence.index: wanted}
+        return {}
+
+
+def turning_columns(problem: Problem) -> list[int]:
+    """Return the indices of the unknowns that turn: rotation of the base, zeros of joints that turn."""
+    found = [0, 1, 2]
+    for i in problem.signed:
+        if problem.kinds[i] in ONE_COORDINATE and problem.axes[i].is_angle:
+            found.append(6 + i)
+    return found
