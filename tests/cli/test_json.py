@@ -44,6 +44,7 @@ DONE = {
     "hazards": ("hazards", ["hazards", "raven_left", "--sessions", "1", "--processes", "1"]),
     "operate": ("operate", ["operate", "sher"]),
     "track": ("track", ["track", "{column}"]),
+    "prove": ("proof", ["prove", "sils", "--states", "64"]),
     "compare": ("compare", ["compare", "hibou", "hibou"]),
     "explain": ("explain", ["explain", "hibou", "--seconds", "0"]),
     "selftest": ("selftest", ["selftest", "hibou", "--count", "1"]),

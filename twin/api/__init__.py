@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         build as build,
         export as export,
     )
+    from twin.api.proof import prove as prove
     from twin.api.published import (
         console as console,
         equations_of_motion as equations_of_motion,
@@ -60,6 +61,7 @@ _HOMES = {
     "current": ("check_build",),
     "judge": ("check_plan", "explain", "plan", "strokes", "validate"),
     "make": ("audit", "build", "export"),
+    "proof": ("prove",),
     "published": ("console", "equations_of_motion", "masses", "study"),
     "robot": ("STAGE_SUFFIXES", "Progress", "Robot", "load", "names"),
     "standing": ("load_scene",),

@@ -15,6 +15,7 @@ HELP = {
     "plan": "plan the timed motion of a protocol and check every sample",
     "validate": "compare the equations with the mechanism",
     "explain": "show which row of which equation disagrees with the mechanism, why, and the edit that fixes it",
+    "prove": "prove that the equations agree with the mechanism at all poses, or show a pose where they do not",
     "run": "build, plan and validate: from CAD to report in one command",
     "selftest": "seed faults into a correct robot, and measure how many the validator finds (mutation score)",
     "view": "show a robot in the browser: play, drag, measure, redesign",

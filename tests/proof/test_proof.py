@@ -1,0 +1,152 @@
+"""Proofs of the built-in robots: what is right is proved, what is printed wrongly is refuted at a pose."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twin
+from made import explain_mutants as mutants
+from made import explain_seeds as seeds
+from made.lanes import robots
+from twin.cli import main
+from twin.core.errors import TwinError
+from twin.formula import flow
+from twin.kinematics.compile import compile_formula
+from twin.proof.prove import prove
+
+STATES = 1024
+MUTANTS = int(os.environ.get("TWIN_PROOF_MUTANTS", "12"))
+
+OPEN = {
+    "sher": ("no exact form", 25),
+    "raven_left": ("the degree of the expressions", 2),
+    "raven_right": ("the degree of the expressions", 2),
+}
+"""Robots with claims that are not proved: the reason and how many."""
+
+
+@pytest.mark.parametrize("name", robots(["sils"], slow=[n for n in twin.names() if n != "sils"]))
+def test_right_equations_are_proved_or_the_reason_is_named(name):
+    found = twin.prove(name, states=4 * STATES)
+    reason, count = OPEN.get(name, ("", 0))
+    assert found.proof.count("refuted") == 0
+    assert found.proof.count("unproved") == count
+    assert found.exit_code == (2 if count else 0)
+    for claim in found.proof.claims:
+        if claim.status == "proved":
+            assert claim.log_odds < -10
+            assert claim.largest < 1e-9
+        else:
+            assert claim.reason.startswith(reason)
+
+
+@pytest.mark.parametrize(
+    ("name", "variants", "claims"),
+    [
+        (
+            "sils",
+            {"eq1": "printed"},
+            {"inverse: joint s1", "inverse: joint s3", "inverse: point s1", "inverse: point s3"},
+        ),
+        ("davinci_psm", {"table1": "printed"}, {"forward: joint q6", "forward of inverse"}),
+        ("raven_left", {"table": "davinci_tool"}, {"forward: joint yaw", "forward of inverse"}),
+    ],
+)
+def test_printed_errors_are_refuted_and_all_else_is_proved(name, variants, claims):
+    found = twin.prove(name, variants, states=STATES)
+    assert {claim.name for claim in found.proof.claims if claim.status == "refuted"} == claims
+    assert found.exit_code == 1
+
+
+def test_a_witness_is_a_pose_where_the_equations_are_wrong():
+    """The compiled equations and the independent model of the CAD judge the pose."""
+    robot = twin.load("sils")
+    found = twin.prove(robot, {"eq1": "printed"}, states=STATES)
+    claim = next(claim for claim in found.proof.claims if claim.name == "inverse: joint s1")
+    T = robot.kinematics().program.pose_of_coordinates.one(np.array(list(claim.witness.values())))
+    q = robot.kinematics({"eq1": "printed"}).inverse(T)
+    assembly = robot.reference().solve(robot.kinematics().inverse(T))
+    np.testing.assert_allclose(assembly.T_base_tool, T, atol=1e-9)
+    assert np.abs(robot.kinematics().inverse(T) - q).max() > 1e-4
+
+
+def test_an_error_of_a_nanometre_is_no_proof():
+    robot = twin.load("pa10")
+    formula = robot.formula
+    changed = tuple(replace(p, value=p.value + 1e-9) if p.name == "RL3" else p for p in formula.parameters)
+    proof = prove(replace(formula, parameters=changed), flow.choose(formula, None), robot.mechanism, STATES)
+    wrong = {claim.name: claim.status for claim in proof.claims}
+    assert wrong["forward: joint mount"] == "unproved"
+    assert wrong["inverse: point elbow"] == "unproved"
+    assert wrong["inverse: point shoulder"] == "proved"
+
+
+def test_the_same_seed_gives_the_same_proof():
+    first = twin.prove("sils", states=256, seed=4)
+    again = twin.prove("sils", states=256, seed=4)
+    other = twin.prove("sils", states=256, seed=5)
+    assert first.as_dict() == again.as_dict()
+    assert first.as_dict() != other.as_dict()
+
+
+@pytest.mark.slow
+def test_no_mutant_that_computes_something_else_is_proved(tmp_path):
+    """The truth is the compiled functions of right and wrong equations at random states."""
+    generator = np.random.default_rng(8)
+    cases = [case for case in seeds.built_ins() if case.name != "sher"]
+    refuted = 0
+    for i in range(MUTANTS):
+        case = cases[i % len(cases)]
+        path = tmp_path / str(i) / "formula.py"
+        path.parent.mkdir()
+        slip = mutants.mutant(case, path, generator)
+        if slip is None:
+            continue
+        try:
+            formula = case.load(path).formula if hasattr(case.load(path), "formula") else case.load(path)
+            proof = prove(formula, flow.choose(formula, None), twin.load(case.name).mechanism, STATES)
+        except TwinError:
+            continue
+        if proof.count("refuted"):
+            refuted += 1
+        elif proof.count("proved") == len(proof.claims):
+            assert same(case.formula, formula), slip
+    assert refuted >= MUTANTS / 2
+
+
+def same(first, second):
+    """Return whether two formulas compute the same numbers, where the first computes any."""
+    right, wrong = compile_formula(first), compile_formula(second)
+    seed = np.asarray(first.seeds[0], float)
+    generator = np.random.default_rng(2)
+    if first.has("inverse"):
+        poses = [
+            right.program.pose_of_coordinates.one(seed + generator.uniform(-0.02, 0.02, len(seed))) for _ in range(50)
+        ]
+        a, b = right.inverse_many(np.array(poses)), wrong.inverse_many(np.array(poses))
+    else:
+        q = seed + generator.uniform(-0.02, 0.02, (50, len(seed)))
+        a, b = right.forward_many(q), wrong.forward_many(q)
+    known = np.isfinite(a)
+    return known.any() and np.allclose(a[known], b[known], atol=1e-9)
+
+
+def test_the_command_prints_a_verdict_and_json(capsys):
+    assert main(["prove", "sils", "--states", "256", "--quiet"]) == 0
+    assert "PROVED" in capsys.readouterr().out
+    assert main(["prove", "sils", "--states", "256", "--variant", "eq1=printed", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["verdict"] == "disagree"
+    wrong = [claim for claim in data["claims"] if claim["verdict"] == "refuted"]
+    assert set(wrong[0]["witness"]) == {"X_E", "Y_E", "Z_E", "psi", "theta", "phi"}
+
+
+@pytest.mark.parametrize("states", [0, 63, 1_000_001])
+def test_a_number_of_states_out_of_range_is_refused(states):
+    with pytest.raises(TwinError, match="give 64 to 1000000"):
+        twin.prove("sils", states=states)

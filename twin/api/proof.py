@@ -1,0 +1,180 @@
+"""Prove that the equations of a robot agree with its mechanism at all poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from twin.api.robot import Progress, Robot, load, silent
+from twin.core.errors import TwinError
+from twin.core.findings import Finding, by_severity, disagreement, error, warning
+from twin.core.json_types import JsonObject
+from twin.core.quantity import Quantity
+from twin.core.result import Part, Result, TextTable
+
+if TYPE_CHECKING:
+    from twin.proof.claims import Claim
+    from twin.proof.prove import Proof
+
+STATES = 4096
+"""Number of random states at which each claim is judged."""
+
+MOST_STATES = 1_000_000
+"""Maximum number of states: each needs about 100 kB of memory while an equation is repeated."""
+
+_FEWEST_STATES = 64
+
+_SHOWN = 4
+"""Number of claims that are named together if they are not proved for one reason."""
+
+
+@dataclass(frozen=True)
+class Proved(Result):
+    """The claims about a robot: proved, refuted with a witness, or not proved with the reason.
+
+    Attributes:
+        robot: name of the robot.
+        variants: the chosen variant of each equation.
+        proof: the claims.
+        findings: a disagreement for each refuted claim, an error for each reason why claims are not proved.
+    """
+
+    robot: str
+    variants: Mapping[str, str]
+    proof: Proof
+    findings: tuple[Finding, ...]
+
+    kind = "proof"
+
+    @property
+    def summary(self) -> str:
+        """How many claims are proved, and what the proofs rest on."""
+        proof = self.proof
+        count = len(proof.claims)
+        text = f"{proof.count('proved')} of {count} claims are proved for all poses"
+        if proof.drawn:
+            text += f" and for all values of {', '.join(proof.drawn)}"
+        if proof.fixed:
+            text += f", for the published values of {', '.join(proof.fixed)}"
+        if proof.one_sided:
+            text += (
+                f", where {proof.one_sided} conditions of the equations have the answers that they have at the "
+                f"{proof.states} drawn states"
+            )
+        return text
+
+    def content(self) -> JsonObject:
+        """Return the claims as plain data."""
+        proof = self.proof
+        return {
+            "robot": self.robot,
+            "variants": dict(self.variants),
+            "states": proof.states,
+            "within_reach": proof.inside,
+            "conditions_with_one_answer": proof.one_sided,
+            "arbitrary_parameters": list(proof.drawn),
+            "published_angles": list(proof.fixed),
+            "largest_rounding_of_cad": proof.largest,
+            "uncovered_bodies": list(proof.uncovered),
+            "claims": [_record(claim) for claim in proof.claims],
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield the table of the claims, what they rest on, the findings and the verdict."""
+        rows = []
+        for claim in self.proof.claims:
+            odds = "-"
+            if claim.status == "proved":
+                odds = f"1e{math.ceil(claim.log_odds)}"
+            shown = str(Quantity(claim.largest, "m")) if claim.largest >= 1e-12 else "rounding"
+            rows.append((claim.name, claim.status, f"{claim.zeros}/{claim.known}", odds, shown))
+        yield TextTable(("claim", "verdict", "exact zeros", "odds of chance", "largest"), rows)
+        yield ""
+        yield from by_severity(self.findings)
+        proof = self.proof
+        yield f"  {self.summary}"
+        yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
+        if proof.uncovered:
+            yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
+        words = {
+            "agree": "PROVED: the equations agree with the mechanism at all poses",
+            "disagree": f"REFUTED: {proof.count('refuted')} claims are wrong",
+            "unchecked": f"NOT PROVED: {proof.count('unproved')} claims are neither proved nor refuted",
+        }
+        yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
+
+
+def prove(
+    source: Robot | str,
+    variants: Mapping[str, str] | str | None = None,
+    states: int = STATES,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> Proved:
+    """Prove that the equations of a robot agree with its mechanism at all poses, or find a pose where they do not.
+
+    Args:
+        source: a robot, its name or its folder.
+        variants: {equation: variant}, or one variant for all equations that have it.
+        states: number of random states.
+        seed: of the random states.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the robot has no equations, or the number of states is out of range.
+    """
+    from twin.formula import flow
+    from twin.proof.prove import prove as prove_formula
+
+    if not _FEWEST_STATES <= states <= MOST_STATES:
+        raise TwinError(f"{states} states: give {_FEWEST_STATES} to {MOST_STATES}")
+    robot = source
+    if not isinstance(robot, Robot):
+        robot = load(robot)
+    chosen = flow.choose(robot.formula, variants)
+    proof = prove_formula(robot.formula, chosen, robot.mechanism, states, seed, progress)
+    if not proof.claims:
+        raise TwinError(
+            f"{robot.name}: nothing can be claimed, because the equations give no joint between placed bodies; "
+            "give the passive joints in the formula"
+        )
+    findings = []
+    open_claims: dict[str, list[str]] = {}
+    for claim in proof.claims:
+        if claim.status == "refuted":
+            findings.append(_refuted(claim, proof.drawn))
+        elif claim.status == "unproved":
+            open_claims.setdefault(claim.reason, []).append(claim.name)
+    kind = error
+    if proof.count("refuted"):
+        kind = warning  # the verdict is that of the refuted claims
+    for reason, claims in open_claims.items():
+        text = f"not proved: {', '.join(claims[:_SHOWN])}"
+        if len(claims) > _SHOWN:
+            text += f" and {len(claims) - _SHOWN} more"
+        findings.append(kind("proof.open", claims[0], f"{text}; {reason}"))
+    return Proved(robot.name, chosen, proof, tuple(findings))
+
+
+def _refuted(claim: Claim, drawn: tuple[str, ...]) -> Finding:
+    """Return the finding of a refuted claim, with the state where it is wrong."""
+    at = ", ".join(f"{name} = {value:.6g}" for name, value in claim.witness.items() if name not in drawn)
+    text = f"it is not so that {claim.sentence}"
+    return disagreement("proof.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
+
+
+def _record(claim: Claim) -> JsonObject:
+    """Return a claim as plain data."""
+    return {
+        "name": claim.name,
+        "claim": claim.sentence,
+        "verdict": claim.status,
+        "exact_zeros": claim.zeros,
+        "exact_states": claim.known,
+        "log10_odds": claim.log_odds,
+        "largest": claim.largest,
+        "witness": dict(claim.witness),
+        "reason": claim.reason,
+    }

@@ -1,0 +1,121 @@
+"""Claims that follow from the structure of a mechanism, and their judgement at random states.
+
+A claim is a list of numbers that must all be zero: the tool is where the mechanism puts it, a ball is in its socket, a
+point of the equations is the point of a body, forward equations undo the inverse. Claims are proved in the prime field;
+real values find what is wrong, and the signs of roots that the field leaves open.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.proof.draws import STEPS
+from twin.proof.values import Scalar, Truths
+
+Status = Literal["proved", "refuted", "unproved"]
+
+ROUNDING = 1e-6
+"""Largest real value, in m or as a difference of cosines, that can be a rounding error: near a singularity, an error of
+1e-16 becomes its root."""
+
+ENOUGH = 8
+"""Number of states with an exact zero that a proof needs."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim and its verdict.
+
+    Attributes:
+        name: identifier, as "inverse: joint s1".
+        sentence: what is claimed.
+        status: the verdict.
+        zeros: number of states where all numbers are exactly zero.
+        known: number of states where all numbers have an exact value.
+        log_odds: decimal logarithm of a bound for the probability that a wrong claim has these zeros by chance; 0: no
+            bound.
+        largest: largest real value in m, or as a difference of cosines.
+        witness: {name of a random number: its real value} at the state with the largest value, if the claim is refuted.
+        reason: why a claim is not proved; "" if it is.
+    """
+
+    name: str
+    sentence: str
+    status: Status
+    zeros: int
+    known: int
+    log_odds: float
+    largest: float
+    witness: Mapping[str, float]
+    reason: str
+
+
+def judged(
+    name: str,
+    sentence: str,
+    numbers: Iterable[Scalar],
+    inside: Truths,
+    state: Mapping[str, Array],
+    reasons: Sequence[str],
+) -> Claim:
+    """Return the verdict on a claim.
+
+    Args:
+        name: identifier.
+        sentence: what is claimed.
+        numbers: the numbers that must be zero.
+        inside: the states (k,) within reach.
+        state: {name of a random number: its real values (k,)}.
+        reasons: texts of what has no exact form, for a claim that is not proved.
+    """
+    known = inside.copy()
+    zero = np.ones(len(inside), bool)
+    largest = np.zeros(len(inside))
+    degree = 1
+    for number in numbers:
+        known &= number.known
+        zero &= number.residue == 0
+        largest = np.maximum(largest, np.abs(number.real))
+        degree = max(degree, number.degree.zeros)
+    zeros = int((known & zero).sum())
+    exact = int(known.sum())
+    largest[~inside] = 0
+    worst = int(largest.argmax())
+    log_odds = _log_odds(zeros, exact, degree)
+    status: Status = "unproved"
+    witness: dict[str, float] = {}
+    reason = ""
+    if not inside.any():
+        reason = "no drawn state is within reach"
+    elif not largest[worst] <= ROUNDING:
+        status = "refuted"
+        witness = {name: float(values[worst]) for name, values in state.items()}
+    elif zeros >= ENOUGH and log_odds < 0:
+        status = "proved"
+    elif zeros >= ENOUGH:
+        reason = "the degree of the expressions is too high for a bound of the odds"
+    elif exact < ENOUGH and reasons:
+        reason = "no exact form: " + ", ".join(reasons)
+    elif exact < ENOUGH:
+        reason = f"only {exact} of {int(inside.sum())} states have roots in the field"
+    else:
+        reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
+    return Claim(name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason)
+
+
+def _log_odds(zeros: int, states: int, degree: int) -> float:
+    """Return the decimal logarithm of a bound for the probability of this number of zeros by chance; 0: no bound.
+
+    A number that is not identically zero is zero at a random state with a probability of at most p = degree / STEPS;
+    with `zeros` of `states` independent ones, that of at least as many is at most (states over zeros) p^zeros.
+    """
+    if not zeros or degree >= STEPS:
+        return 0.0
+    choices = math.lgamma(states + 1) - math.lgamma(zeros + 1) - math.lgamma(states - zeros + 1)
+    return min(0.0, choices / math.log(10) + zeros * math.log10(degree / STEPS))

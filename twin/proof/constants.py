@@ -1,0 +1,110 @@
+"""The exact number behind a rounded one: a decimal, or a fraction multiplied by the root of 2, 3 or 6."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+
+from twin.proof import field
+
+ROOTS = (2, 3, 6)
+"""Numbers whose roots appear in drawings: of squares, of equilateral triangles, and products of both."""
+
+_DIGITS = 12
+"""A number with fewer significant digits was written as a decimal."""
+
+_DENOMINATORS = 240
+"""Largest denominator of a fraction that multiplies a root, or that is a part of a half turn or of a number."""
+
+_GRID = 10**7
+"""Decimals of a drawing: 0.1 micrometres in m."""
+
+_ROUNDING = 4e-16
+"""Rounding error of a number up to 1 that was computed with double precision, as 6e-17 for the cosine of 90 degrees."""
+
+
+@dataclass(frozen=True)
+class ExactNumber:
+    """The number `rational + factor sqrt(radicand)`."""
+
+    rational: Fraction
+    factor: Fraction = Fraction(0)
+    radicand: int = 1
+
+    def __float__(self) -> float:
+        return float(self.rational) + float(self.factor) * math.sqrt(self.radicand)
+
+    @property
+    def residue(self) -> int:
+        """The number in the prime field."""
+        return (field.residue(self.rational) + field.residue(self.factor) * _root(self.radicand)) % field.PRIME
+
+    def __str__(self) -> str:
+        if not self.factor:
+            return str(self.rational)
+        irrational = f"{self.factor} sqrt({self.radicand})"
+        if not self.rational:
+            return irrational
+        return f"{self.rational} + {irrational}"
+
+
+@cache
+def _root(radicand: int) -> int:
+    """Return a root in the field; that of 6 is the product of those of 2 and 3."""
+    if radicand == 6:
+        return _root(2) * _root(3) % field.PRIME
+    return pow(radicand, (field.PRIME + 1) // 4, field.PRIME)
+
+
+def exact_number(value: float) -> ExactNumber | None:
+    """Return the exact form of a number in an equation; None if there is none.
+
+    A decimal with few digits is meant as it is written. Other numbers were computed: fractions, multiples of roots.
+    """
+    if not math.isfinite(value):
+        return None
+    # a conversion of units may have rounded the decimal, as in 0.013000000000000001
+    decimal = Fraction(f"{value:.{_DIGITS - 1}g}")
+    if abs(float(decimal) - value) <= _ROUNDING * abs(value):
+        return ExactNumber(decimal)
+    return recognised(value, _ROUNDING * max(1.0, abs(value)))
+
+
+def recognised(value: float, tolerance: float, denominators: int = _DENOMINATORS) -> ExactNumber | None:
+    """Return the fraction, or the fraction multiplied by a root, within a tolerance of a value; None: there is none."""
+    for radicand in (1, *ROOTS):
+        quotient = value / math.sqrt(radicand)
+        fraction = Fraction(quotient).limit_denominator(denominators)
+        if abs(float(fraction) - quotient) <= tolerance:
+            if radicand == 1:
+                return ExactNumber(fraction)
+            return ExactNumber(Fraction(0), fraction, radicand)
+    return None
+
+
+def decimal(value: float, tolerance: float) -> ExactNumber | None:
+    """Return a length in m as a decimal of a drawing, or as one multiplied by a root; None if there is none."""
+    if not math.isfinite(value):
+        return None
+    for radicand in (1, *ROOTS):
+        factor = value / math.sqrt(radicand)
+        fraction = Fraction(round(factor * _GRID), _GRID)
+        if abs(float(fraction) - factor) * math.sqrt(radicand) <= tolerance:
+            return ExactNumber(Fraction(0), fraction, radicand)
+    return None
+
+
+def exact_angle(value: float, tolerance: float = 4e-15) -> tuple[ExactNumber, ExactNumber] | None:
+    """Return cosine and sine of an angle in rad that is a multiple of 30 or of 45 degrees; None for other angles."""
+    for part in (6, 4):
+        parts = value / (math.pi / part)
+        if abs(parts - round(parts)) > tolerance * max(1.0, abs(parts)):
+            continue
+        angle = round(parts) * math.pi / part
+        cosine = recognised(math.cos(angle), 1e-14)
+        sine = recognised(math.sin(angle), 1e-14)
+        if cosine is not None and sine is not None:
+            return cosine, sine
+    return None

@@ -1,0 +1,76 @@
+"""Random states: fractions near given values, each with its exact and its real value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from fractions import Fraction
+
+import numpy as np
+
+from twin.proof import field, values
+from twin.proof.constants import exact_angle
+from twin.proof.values import Angle, Degree, Scalar, Value
+
+STEPS = 2**30
+"""Number of fractions among which a random number is drawn; the odds of a chance zero are a degree divided by this."""
+
+_OPEN = 0.999
+"""Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
+
+
+def number(generator: np.random.Generator, low: float, high: float, states: int) -> Scalar:
+    """Return a random fraction from low to high at each of k states."""
+    first = Fraction(low)
+    step = (Fraction(high) - first) / STEPS
+    multiples = generator.integers(0, STEPS, states).astype(np.uint64)
+    real = low + (high - low) * (multiples.astype(float) / STEPS)
+    steps = np.full(states, field.residue(step), np.uint64)
+    starts = np.full(states, field.residue(first), np.uint64)
+    residue = field.add(field.multiply(multiples, steps), starts)
+    return Scalar(residue, np.ones(states, bool), real, Degree(1))
+
+
+def turn(generator: np.random.Generator, low: float, high: float, states: int) -> Angle:
+    """Return a random angle from low to high rad at each of k states, within half a turn of their middle.
+
+    The tangent t of half its distance from the middle is a random fraction; cosine and sine are fractions of t.
+    """
+    middle = (low + high) / 2
+    reach = min((high - low) / 2, _OPEN * math.pi)
+    t = number(generator, -math.tan(reach / 2), math.tan(reach / 2), states)
+    one = values.constant(1.0, states)
+    square = values.product(t, t)
+    scale = values.reciprocal(values.total(one, square))
+    cosine = values.product(values.difference(one, square), scale)
+    sine = values.product(values.total(t, t), scale)
+    real = 2 * np.arctan(t.real)
+    start = fixed_angle(_nearest(middle), states)
+    return values.turned(start, Angle(cosine, sine, real))
+
+
+def _nearest(angle: float) -> float:
+    """Return the multiple of 30 degrees nearest to an angle in rad."""
+    return round(angle / (math.pi / 6)) * (math.pi / 6)
+
+
+def fixed_angle(angle: float, states: int) -> Angle:
+    """Return an angle in rad at k states; cosine and sine are unknown in the field if they have no exact form."""
+    real = np.full(states, angle)
+    found = exact_angle(angle, tolerance=1e-12)
+    if found is None:
+        return Angle(values.unknown(np.cos(real)), values.unknown(np.sin(real)), real)
+    return Angle(values.exact(found[0], states), values.exact(found[1], states), real)
+
+
+def named(
+    generator: np.random.Generator, ranges: Mapping[str, tuple[bool, float, float]], states: int
+) -> dict[str, Value]:
+    """Return random values by name; a range is (whether it is an angle, low, high)."""
+    drawn: dict[str, Value] = {}
+    for name, (is_angle, low, high) in ranges.items():
+        if is_angle:
+            drawn[name] = turn(generator, low, high, states)
+        else:
+            drawn[name] = number(generator, low, high, states)
+    return drawn

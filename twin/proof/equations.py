@@ -1,0 +1,103 @@
+"""The equations' side of a proof: functions of the joints or of the pose, in the chosen variants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from twin.core.errors import KinematicsError
+from twin.formula import flow, symbolic
+from twin.formula.contract import POSE_SYMBOL, Formula
+from twin.formula.scalar import Value
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """A function of the equations, and what its outputs are.
+
+    Attributes:
+        function: a function of the state and of the parameters, both as columns.
+        state: names of the entries of the state.
+        names: names of the outputs: "pose" (16,), "joints", "passive", "reach", "again" (16,), and "point <name>" (3,).
+    """
+
+    function: ca.Function
+    state: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+def from_joints(formula: Formula, variants: Mapping[str, str]) -> Outputs:
+    """Return pose, passive joints and reach as functions of the joints; the formula has forward equations."""
+    parameters = _parameters(formula)
+    names = tuple(joint.name for joint in formula.joints)
+    state = {name: ca.SX.sym(name) for name in names}
+    symbols = flow.run(formula, variants, {**parameters, **state}, "forward")
+    T = _pose(formula, symbols)
+    symbols = {**flow.from_pose(formula, T), **symbols, POSE_SYMBOL: T}
+    symbols = flow.run(formula, variants, symbols, "inverse")
+    outputs = {"pose": symbolic.flat(T), **_of_helpers(formula, variants, symbols)}
+    return _function(state, parameters, outputs)
+
+
+def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool) -> Outputs:
+    """Return joints, passive joints, points and the pose again as functions of the pose.
+
+    The formula has inverse equations. The state is the pose (16,), row by row, or the coordinates of the equations.
+    """
+    parameters = _parameters(formula)
+    if coordinates:
+        state = {name: ca.SX.sym(name) for name in formula.coordinates.names}
+        T = flow.to_pose(formula, {**parameters, **state})
+        symbols: Mapping[str, Value] = {**parameters, **state, POSE_SYMBOL: T}
+    else:
+        state = {f"T{i}{j}": ca.SX.sym(f"T{i}{j}") for i in range(4) for j in range(4)}
+        T = symbolic.unflat(ca.vertcat(*state.values()), 4, 4)
+        symbols = {**parameters, **flow.from_pose(formula, T)}
+    symbols = flow.run(formula, variants, symbols, "inverse")
+    names = tuple(joint.name for joint in formula.joints)
+    joints = flow.gather(formula, symbols, names, "joint")
+    outputs = {"pose": symbolic.flat(T), "joints": joints}
+    if formula.has("forward"):
+        again = flow.run(formula, variants, {**parameters, **{name: symbols[name] for name in names}}, "forward")
+        outputs["again"] = symbolic.flat(_pose(formula, again))
+    symbols = flow.run(formula, variants, symbols, "forward")
+    outputs |= _of_helpers(formula, variants, symbols)
+    return _function(state, parameters, outputs)
+
+
+def _of_helpers(formula: Formula, variants: Mapping[str, str], symbols: Mapping[str, Value]) -> dict[str, ca.SX]:
+    """Return passive joints, reach and points, as far as the helpers can be computed from these symbols."""
+    try:
+        symbols = flow.run(formula, variants, symbols, "helper")
+    except KinematicsError:  # a helper needs a symbol of another way of computing: then nothing is claimed of it
+        return {}
+    outputs = {
+        "passive": flow.gather(formula, symbols, formula.passive, "passive"),
+        "reach": flow.gather(formula, symbols, tuple(formula.reach.values()), "reach"),
+    }
+    for name, symbol in formula.points.items():
+        if isinstance(symbol, str):
+            outputs[f"point {name}"] = ca.vec(ca.SX(symbols[symbol]))
+        else:
+            outputs[f"point {name}"] = flow.gather(formula, symbols, symbol, f"point '{name}':")
+    return outputs
+
+
+def _parameters(formula: Formula) -> dict[str, ca.SX]:
+    return {parameter.name: ca.SX.sym(parameter.name) for parameter in formula.parameters}
+
+
+def _pose(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
+    """Return the pose (4, 4) that forward equations gave as a matrix or as coordinates."""
+    if POSE_SYMBOL in symbols:
+        return ca.SX(symbols[POSE_SYMBOL])
+    return flow.to_pose(formula, symbols)
+
+
+def _function(state: Mapping[str, ca.SX], parameters: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> Outputs:
+    columns = [ca.densify(ca.SX(value)) for value in outputs.values()]
+    numbers = ca.vertcat(*parameters.values()) if parameters else ca.SX(0, 1)
+    function = ca.Function("equations", [ca.vertcat(*state.values()), numbers], columns)
+    return Outputs(function, tuple(state), tuple(outputs))

@@ -1,0 +1,337 @@
+"""Prove that equations and mechanism agree at all poses, or find where they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.formula.contract import Formula
+from twin.model.mechanism import Mechanism
+from twin.proof import draws, equations, mechanism, values
+from twin.proof.claims import Claim, judged
+from twin.proof.constants import exact_number
+from twin.proof.equations import Outputs
+from twin.proof.mechanism import ExactMechanism, Matrix
+from twin.proof.replay import Notes, replay
+from twin.proof.values import Angle, Scalar, Truths, Value
+
+STATES = 4096
+"""Number of random states."""
+
+SPREAD_LENGTH = 0.04
+"""Distance in m to both sides of a seed within which lengths of a pose are drawn, if there are no forward equations."""
+
+SPREAD_ANGLE = 0.3
+"""The same for angles, in rad."""
+
+SPREAD_PARAMETER = 0.05
+"""The same for a parameter that is an angle, around its published value."""
+
+_TRIAL_STATES = 256
+"""Number of states at which other values of a parameter are tried."""
+
+_REASONS = 3
+"""Number of numbers without an exact form that a claim names."""
+
+Found = Mapping[str, list[Value]]
+"""{output of the equations: its entries}."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """The claims about a robot, with what they rest on.
+
+    Attributes:
+        claims: all claims.
+        states: number of random states.
+        inside: smallest share of the states within reach.
+        one_sided: number of conditions in the equations that have one answer at all states; nothing is proved of the
+            expressions that they do not choose.
+        drawn: parameters for all of whose values the claims are proved.
+        fixed: other parameters that are angles: with other values, a claim is wrong, or none was tried.
+        inexact: parameters without an exact form.
+        largest: largest difference in m or rad between a number of the CAD and its exact form.
+        unrecognised: numbers of the CAD without an exact form.
+        uncovered: bodies that no claim covers.
+    """
+
+    claims: tuple[Claim, ...]
+    states: int
+    inside: float
+    one_sided: int
+    drawn: tuple[str, ...]
+    fixed: tuple[str, ...]
+    inexact: tuple[str, ...]
+    largest: float
+    unrecognised: tuple[str, ...]
+    uncovered: tuple[str, ...]
+
+    def count(self, status: str) -> int:
+        """Return the number of claims with a status."""
+        return sum(claim.status == status for claim in self.claims)
+
+
+@dataclass
+class _Work:
+    """What the steps of a proof share."""
+
+    formula: Formula
+    variants: Mapping[str, str]
+    robot: Mechanism
+    states: int
+    generator: np.random.Generator
+    parameters: dict[str, Value] = field(default_factory=dict)
+    drawn: list[str] = field(default_factory=list)
+    inexact: list[str] = field(default_factory=list)
+    notes: Notes = field(default_factory=Notes)
+    one_sided: int = 0
+    claims: list[Claim] = field(default_factory=list)
+    uncovered: set[str] = field(default_factory=set)
+    shares: list[float] = field(default_factory=list)
+
+
+def prove(
+    formula: Formula,
+    variants: Mapping[str, str],
+    robot: Mechanism,
+    states: int = STATES,
+    seed: int = 0,
+    progress: Callable[[str, float], None] = lambda label, fraction: None,
+) -> Proof:
+    """Return the claims about a robot and their verdicts.
+
+    The claims are judged with the published parameters. Then each parameter that is an angle gets other values: if no
+    claim is wrong with them, what is proved holds for all of its values. An angle without an exact form, such as 52
+    degrees, is possible only in this way.
+
+    Args:
+        formula: the equations.
+        variants: the chosen variant of each equation.
+        robot: the mechanism of the CAD; it is independent of the equations.
+        states: number of random states.
+        seed: of the random numbers.
+        progress: called with a label and the finished fraction.
+    """
+
+    def attempt(drawn: Collection[str], count: int) -> Proof:
+        return _attempt(_Work(formula, variants, robot, count, np.random.default_rng(seed)), drawn)
+
+    progress("the published parameters", 0.0)
+    proof = attempt((), states)
+    if proof.count("refuted"):
+        return proof
+    general: list[str] = []
+    angles = _angles(formula)
+    for k, name in enumerate(angles):
+        progress(f"other values of {name}", (1 + k) / (2 + len(angles)))
+        if not attempt([*general, name], _TRIAL_STATES).count("refuted"):
+            general.append(name)
+    if not general:
+        return proof
+    progress("all of these values", (1 + len(angles)) / (2 + len(angles)))
+    return _either(proof, attempt(general, states))
+
+
+def _either(published: Proof, general: Proof) -> Proof:
+    """Return the proof for arbitrary parameters, where a claim is only proved for published ones with that verdict."""
+    claims = []
+    for claim, other in zip(published.claims, general.claims, strict=True):
+        better = other.status == "proved" or (claim.status == "unproved" and other.zeros >= claim.zeros)
+        claims.append(other if better and other.status != "refuted" else claim)
+    if not any(claim.status == "proved" for claim in general.claims):
+        return replace(published, claims=tuple(claims))
+    return replace(published, claims=tuple(claims), drawn=general.drawn, fixed=general.fixed)
+
+
+def _angles(formula: Formula) -> list[str]:
+    """Return the parameters that are angles."""
+    return [parameter.name for parameter in formula.parameters if parameter.unit in ("deg", "rad")]
+
+
+def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
+    """Return a proof in which some angles among the parameters are drawn."""
+    formula = work.formula
+    _set_parameters(work, drawn)
+    exact = _exact_mechanism(work)
+    if formula.has("forward"):
+        state = draws.named(work.generator, _joint_ranges(work), work.states)
+        found = _replayed(work, equations.from_joints(formula, work.variants), list(state.values()))
+        inside = _inside(work, found)
+        _claim_mechanism(work, exact, "forward", found, state, inside, state)
+        if formula.has("inverse"):
+            outputs = equations.from_pose(formula, work.variants, coordinates=False)
+            again = _replayed(work, outputs, found["pose"])
+            _claim_inverse(work, exact, again, inside & _inside(work, again), state)
+    else:
+        outputs = equations.from_pose(formula, work.variants, coordinates=True)
+        state = draws.named(work.generator, _coordinate_ranges(formula), work.states)
+        found = _replayed(work, outputs, list(state.values()))
+        _claim_inverse(work, exact, found, _inside(work, found), state)
+    return Proof(
+        claims=tuple(work.claims),
+        states=work.states,
+        inside=min(work.shares),
+        one_sided=work.one_sided,
+        drawn=tuple(work.drawn),
+        fixed=tuple(name for name in _angles(formula) if name not in work.drawn),
+        inexact=tuple(work.inexact),
+        largest=exact.largest,
+        unrecognised=tuple(dict.fromkeys(exact.unrecognised)),
+        uncovered=tuple(sorted(work.uncovered)),
+    )
+
+
+# ------------------------------------------------------------------------------------------- numbers
+
+
+def _set_parameters(work: _Work, drawn: Collection[str]) -> None:
+    """Set the parameters to their published values, but those of `drawn`, which are angles, to random ones nearby."""
+    for parameter in work.formula.parameters:
+        name = parameter.name
+        value = float(parameter.value)
+        if parameter.unit not in ("deg", "rad"):
+            work.parameters[name] = values.constant(value, work.states)
+            if exact_number(value) is None:
+                work.inexact.append(name)
+        elif name in drawn:
+            angle = draws.turn(work.generator, value - SPREAD_PARAMETER, value + SPREAD_PARAMETER, work.states)
+            work.parameters[name] = replace(angle, published=value)
+            work.drawn.append(name)
+        else:
+            angle = draws.fixed_angle(value, work.states)
+            work.parameters[name] = angle
+            if not (angle.cosine.known.all() and angle.sine.known.all()):
+                work.inexact.append(name)
+
+
+def _exact_mechanism(work: _Work) -> ExactMechanism:
+    """Return the mechanism with exact numbers, in which parameters of the equations are recognised."""
+    angles = {}
+    lengths = {}
+    for parameter in work.formula.parameters:
+        value = work.parameters[parameter.name]
+        if isinstance(value, Angle) and parameter.name in work.drawn:
+            angles[parameter.name] = value
+        exact = exact_number(float(parameter.value))
+        if parameter.unit in ("mm", "m") and exact is not None and not exact.factor:
+            lengths[parameter.name] = Fraction(exact.rational)
+    return ExactMechanism(work.robot, work.states, angles, lengths)
+
+
+def _joint_ranges(work: _Work) -> dict[str, tuple[bool, float, float]]:
+    """Return the limits of the active joints of the equations."""
+    ranges = {}
+    for joint in work.formula.joints:
+        low, high = work.robot.joint(joint.name).limits or (-1.0, 1.0)
+        ranges[joint.name] = (joint.kind == "revolute", low, high)
+    return ranges
+
+
+def _coordinate_ranges(formula: Formula) -> dict[str, tuple[bool, float, float]]:
+    """Return ranges of the coordinates around the first seed."""
+    ranges = {}
+    for name, unit, value in zip(formula.coordinates.names, formula.coordinates.units, formula.seeds[0], strict=True):
+        spread = SPREAD_ANGLE if unit == "rad" else SPREAD_LENGTH
+        ranges[name] = (unit == "rad", value - spread, value + spread)
+    return ranges
+
+
+def _replayed(work: _Work, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
+    """Return the outputs of the equations at a state."""
+    inputs = [list(state), list(work.parameters.values())]
+    work.notes = Notes()
+    found = replay(outputs.function, inputs, work.notes)
+    return dict(zip(outputs.names, found, strict=True))
+
+
+def _inside(work: _Work, found: Found) -> Truths:
+    """Return the states within reach: all values are defined, and no margin is negative."""
+    inside = np.ones(work.states, bool)
+    for name in ("pose", "joints", "reach"):
+        for value in found.get(name, ()):
+            inside &= np.isfinite(values.real_of(value))
+    for margin in found.get("reach", ()):
+        inside &= values.real_of(margin) >= 0
+    work.shares.append(float(inside.mean()))
+    for answers in work.notes.conditions:
+        work.one_sided += bool(answers[inside].all() or not answers[inside].any())
+    return inside
+
+
+def _matrix(entries: Sequence[Value]) -> Matrix:
+    """Return a pose (16,), row by row, as rows."""
+    return [[values.scalar(entries[4 * i + j]) for j in range(4)] for i in range(4)]
+
+
+# ------------------------------------------------------------------------------------------- claims
+
+
+def _claim_mechanism(
+    work: _Work,
+    exact: ExactMechanism,
+    stage: str,
+    found: Found,
+    joints: Mapping[str, Value],
+    inside: Truths,
+    state: Mapping[str, Value],
+) -> mechanism.PlacedBodies:
+    """Claim that all joints fit where the equations put tool and joints; return the placed bodies."""
+    known = dict(joints)
+    if "passive" in found:
+        known |= zip(work.formula.passive, found["passive"], strict=True)
+    placed = mechanism.place(exact, known, _matrix(found["pose"]))
+    uncovered = set(placed.missing)
+    for joint in placed.closing:
+        numbers = mechanism.conditions(exact, placed, joint, known.get(joint.name))
+        sentence = f"joint {joint.name} ({joint.type}) between {joint.parent} and {joint.child} fits"
+        _claim(work, exact, f"{stage}: joint {joint.name}", sentence, numbers, inside, state)
+    for body, sentence, numbers in mechanism.slides(exact, placed):
+        _claim(work, exact, f"{stage}: {body}", sentence, numbers, inside, state)
+        uncovered.remove(body)
+    work.uncovered |= uncovered
+    return placed
+
+
+def _claim_inverse(
+    work: _Work, exact: ExactMechanism, found: Found, inside: Truths, state: Mapping[str, Value]
+) -> None:
+    """Claim that the joints of the inverse equations put the tool and the named points where the equations say."""
+    names = [joint.name for joint in work.formula.joints]
+    joints = dict(zip(names, found["joints"], strict=True))
+    placed = _claim_mechanism(work, exact, "inverse", found, joints, inside, state)
+    for point in work.robot.points:
+        entries = found.get(f"point {point.name}")
+        if entries is None or point.body not in placed.poses:
+            continue
+        p = mechanism.moved(placed.poses[point.body], exact.point(point.body, point.p_body, point.name))
+        numbers = [values.difference(a, values.scalar(b)) for a, b in zip(p, entries, strict=True)]
+        sentence = f"point {point.name} of the equations is that of {point.body}"
+        _claim(work, exact, f"inverse: point {point.name}", sentence, numbers, inside, state)
+    if "again" in found:
+        numbers = list(mechanism.deviations(_matrix(found["again"]), _matrix(found["pose"])))
+        sentence = "forward equations of the joints of the inverse equations give the pose"
+        _claim(work, exact, "forward of inverse", sentence, numbers, inside, state)
+
+
+def _claim(
+    work: _Work,
+    exact: ExactMechanism,
+    name: str,
+    sentence: str,
+    numbers: Iterator[Scalar] | list[Scalar],
+    inside: Truths,
+    state: Mapping[str, Value],
+) -> None:
+    """Judge a claim and keep it."""
+    reals: dict[str, Array] = {key: values.real_of(value) for key, value in state.items()}
+    for key in work.drawn:
+        reals[key] = values.real_of(work.parameters[key])
+    numbers = list(numbers)
+    reasons = [f"parameter {key}" for key in work.inexact]
+    reasons += dict.fromkeys(exact.unrecognised)
+    reasons += dict.fromkeys(work.notes.inexact)
+    work.claims.append(judged(name, sentence, numbers, inside, reals, reasons[:_REASONS]))

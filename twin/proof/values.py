@@ -1,0 +1,430 @@
+"""Values at many random states at once: exact in the prime field, and real in double precision.
+
+An angle is a point of the unit circle, because only its cosine and sine are algebraic. What has no exact value, such as
+the logarithm of a length, keeps its real value and is unknown in the field.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.core.spatial import Array
+from twin.proof import field as prime
+from twin.proof.constants import ExactNumber, decimal, exact_angle, exact_number
+from twin.proof.field import Residues
+
+Truths = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Degree:
+    """A bound of the degree of an algebraic function of the random numbers.
+
+    Attributes:
+        numerator: degree of the numerator; a root counts half of the degree of its argument.
+        factors: {factor of the denominator: (its degree, its exponent)}.
+        roots: the roots in the function; each doubles the number of states where the function can be zero.
+    """
+
+    numerator: int = 0
+    factors: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+    roots: frozenset[int] = frozenset()
+
+    @property
+    def denominator(self) -> int:
+        """Degree of the denominator."""
+        return sum(degree * exponent for degree, exponent in self.factors.values())
+
+    def __add__(self, other: Degree) -> Degree:
+        """Return the degree of a sum, over the least common denominator."""
+        factors = dict(self.factors)
+        for factor, (degree, exponent) in other.factors.items():
+            _, own = factors.get(factor, (degree, 0))
+            factors[factor] = (degree, max(own, exponent))
+        common = Degree(0, factors).denominator
+        first = self.numerator + common - self.denominator
+        second = other.numerator + common - other.denominator
+        return Degree(max(first, second), factors, self.roots | other.roots)
+
+    def __mul__(self, other: Degree) -> Degree:
+        """Return the degree of a product."""
+        factors = dict(self.factors)
+        for factor, (degree, exponent) in other.factors.items():
+            _, own = factors.get(factor, (degree, 0))
+            factors[factor] = (degree, own + exponent)
+        return Degree(self.numerator + other.numerator, factors, self.roots | other.roots)
+
+    def inverse(self) -> Degree:
+        """Return the degree of the reciprocal value; the numerator becomes a new factor."""
+        factors = {}
+        if self.numerator:
+            factors[next(_numbers)] = (self.numerator, 1)
+        return Degree(self.denominator, factors, self.roots)
+
+    def root(self, number: int) -> Degree:
+        """Return the degree of the root of the function; `number` distinguishes it from other roots."""
+        half = -(-(self.numerator + self.denominator) // 2)
+        return Degree(half, self.factors, self.roots | {number})
+
+    def rational_root(self) -> Degree:
+        """Return the degree of the root of a square of a fraction."""
+        return Degree(-(-(self.numerator + self.denominator) // 2), self.factors, self.roots)
+
+    def either(self, other: Degree) -> Degree:
+        """Return a degree that holds for both functions."""
+        total = self + other
+        return Degree(max(self.numerator, other.numerator, total.numerator), total.factors, total.roots)
+
+    @property
+    def zeros(self) -> int:
+        """Bound of the share of states where the function is zero by chance, multiplied by the count of fractions."""
+        return max(self.numerator, 1) << len(self.roots)
+
+
+_numbers = count()
+"""Numbers of roots and of factors of denominators."""
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A number at k states.
+
+    Attributes:
+        residue: the exact value (k,) in the prime field.
+        known: whether the exact value is known (k,).
+        real: the value (k,) in double precision; NaN where the expression is not defined.
+        degree: as an algebraic function of the random numbers.
+        constant: the value if it is a constant of the equations; None otherwise.
+    """
+
+    residue: Residues
+    known: Truths
+    real: Array
+    degree: Degree = field(default_factory=Degree)
+    constant: float | None = None
+
+
+@dataclass(frozen=True)
+class Angle:
+    """An angle at k states.
+
+    Attributes:
+        cosine, sine: its point of the unit circle.
+        real: the angle (k,) in rad.
+        published: for a parameter, its published value in rad.
+    """
+
+    cosine: Scalar
+    sine: Scalar
+    real: Array
+    published: float = math.nan
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A condition at k states; the real values decide it."""
+
+    real: Truths
+
+
+Value = Scalar | Angle | Truth
+
+_MANY = 100
+"""Number of states of which all have squares only if the argument is one."""
+
+ROUNDING = 1e-12
+"""Error in m of a length that was computed with double precision."""
+
+
+# ------------------------------------------------------------------------------------------- constants
+
+
+def constant(value: float, states: int) -> Scalar:
+    """Return a constant of the equations; it is unknown in the field if it has no exact form."""
+    exact = exact_number(value)
+    known = np.full(states, exact is not None)
+    residue = 0 if exact is None else exact.residue
+    return Scalar(np.full(states, residue, np.uint64), known, np.full(states, float(value)), constant=float(value))
+
+
+def exact(number: ExactNumber, states: int) -> Scalar:
+    """Return an exact number as a value."""
+    residue = np.full(states, number.residue, np.uint64)
+    return Scalar(residue, np.ones(states, bool), np.full(states, float(number)))
+
+
+def unknown(real: Array) -> Scalar:
+    """Return a value without an exact form."""
+    return Scalar(np.zeros(len(real), np.uint64), np.zeros(len(real), bool), real)
+
+
+def real_of(value: Value) -> Array:
+    """Return the real values (k,); a condition is 1 or 0."""
+    return value.real.astype(float)
+
+
+def scalar(value: Value) -> Scalar:
+    """Return a value as a number: a condition is 1 or 0; an angle as a number has no exact form."""
+    if isinstance(value, Scalar):
+        return value
+    if isinstance(value, Truth):
+        known = np.ones(len(value.real), bool)
+        return Scalar(value.real.astype(np.uint64), known, value.real.astype(float))
+    return unknown(value.real)
+
+
+def truth(value: Value) -> Truths:
+    """Return a value as a condition (k,)."""
+    return real_of(value) != 0
+
+
+# ------------------------------------------------------------------------------------------- numbers
+
+
+def add(a: Value, b: Value) -> Value:
+    """Return a + b; a sum with an angle is an angle."""
+    if isinstance(a, Angle) or isinstance(b, Angle):
+        return turned(angle(a), angle(b))
+    a = scalar(a)
+    b = scalar(b)
+    return Scalar(prime.add(a.residue, b.residue), a.known & b.known, a.real + b.real, a.degree + b.degree)
+
+
+def negative(a: Value) -> Value:
+    """Return -a."""
+    if isinstance(a, Angle):
+        return turned_back(a)
+    return minus(scalar(a))
+
+
+def minus(a: Scalar) -> Scalar:
+    """Return -a of a number."""
+    negated = None
+    if a.constant is not None:
+        negated = -a.constant
+    return replace(a, residue=prime.negative(a.residue), real=-a.real, constant=negated)
+
+
+def multiply(a: Value, b: Value) -> Value:
+    """Return a b; a whole multiple or a half of an angle is an angle."""
+    for factor, other in ((a, b), (b, a)):
+        if isinstance(other, Angle) and isinstance(factor, Scalar) and factor.constant is not None:
+            return _multiple(other, factor.constant)
+    return product(scalar(a), scalar(b))
+
+
+def product(a: Scalar, b: Scalar) -> Scalar:
+    """Return a b of two numbers."""
+    return Scalar(prime.multiply(a.residue, b.residue), a.known & b.known, a.real * b.real, a.degree * b.degree)
+
+
+def total(a: Scalar, b: Scalar) -> Scalar:
+    """Return a + b of two numbers."""
+    return Scalar(prime.add(a.residue, b.residue), a.known & b.known, a.real + b.real, a.degree + b.degree)
+
+
+def difference(a: Scalar, b: Scalar) -> Scalar:
+    """Return a - b of two numbers."""
+    return total(a, minus(b))
+
+
+def reciprocal(a: Scalar) -> Scalar:
+    """Return 1 / a."""
+    with np.errstate(divide="ignore"):
+        real = 1 / a.real
+    return Scalar(prime.inverse(a.residue), a.known & (a.residue != 0), real, a.degree.inverse())
+
+
+def divide(a: Value, b: Value) -> Value:
+    """Return a / b."""
+    if isinstance(a, Angle) and isinstance(b, Scalar) and b.constant:
+        return _multiple(a, 1 / b.constant)
+    numerator = scalar(a)
+    denominator = scalar(b)
+    quotient = product(numerator, reciprocal(denominator))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return replace(quotient, real=numerator.real / denominator.real)
+
+
+def root(a: Value) -> Scalar:
+    """Return the root of a; it is unknown where the residue is no square."""
+    number = scalar(a)
+    with np.errstate(invalid="ignore"):
+        real = np.sqrt(number.real)
+    same = number.residue[number.known]
+    if len(same) and (same == same[0]).all():
+        # a length that does not depend on the state, written as a root; in the field both signs are roots
+        length = decimal(float(real[number.known][0]), ROUNDING)
+        if length is not None and length.residue**2 % prime.PRIME == same[0]:
+            residue = np.full(len(real), length.residue, np.uint64)
+            return Scalar(residue, number.known, real)
+    residue = prime.root(number.residue)
+    squares = prime.multiply(residue, residue) == number.residue
+    known = number.known & squares
+    if len(same) >= _MANY and squares[number.known].all():
+        # the argument is the square of a fraction: at random states, each is one with a probability of a half only
+        return Scalar(residue, known, real, number.degree.rational_root())
+    return Scalar(residue, known, real, number.degree.root(_number_of(number)))
+
+
+def _number_of(argument: Scalar) -> int:
+    """Return the number of a root; equal arguments, as seen at the first states, have one root."""
+    return hash(("root", argument.residue[:8].tobytes()))
+
+
+def power(a: Value, exponent: Value) -> Value:
+    """Return a to a constant whole exponent, or to a half."""
+    number = scalar(a)
+    with np.errstate(all="ignore"):
+        real = number.real ** real_of(exponent)
+    if not isinstance(exponent, Scalar) or exponent.constant is None:
+        return unknown(real)
+    if exponent.constant == 0.5:
+        return root(number)
+    if not float(exponent.constant).is_integer():
+        return unknown(real)
+    whole = int(exponent.constant)
+    if whole < 0:
+        number = reciprocal(number)
+    result = constant(1.0, len(real))
+    for _ in range(abs(whole)):
+        result = product(result, number)
+    return replace(result, real=real, constant=None)
+
+
+def choose(condition: Truths, a: Value, b: Value) -> Value:
+    """Return a where a condition (k,) is true, and b elsewhere."""
+    if isinstance(a, Angle) or isinstance(b, Angle):
+        first = angle(a)
+        second = angle(b)
+        cosine = _either(condition, first.cosine, second.cosine)
+        sine = _either(condition, first.sine, second.sine)
+        return Angle(cosine, sine, np.where(condition, first.real, second.real))
+    return _either(condition, scalar(a), scalar(b))
+
+
+def _either(condition: Truths, a: Scalar, b: Scalar) -> Scalar:
+    residue = np.where(condition, a.residue, b.residue)
+    known = np.where(condition, a.known, b.known)
+    return Scalar(residue, known, np.where(condition, a.real, b.real), a.degree.either(b.degree))
+
+
+# ------------------------------------------------------------------------------------------- angles
+
+
+def angle(value: Value) -> Angle:
+    """Return a value as an angle; a number is one if it is 0 or a constant with a known cosine."""
+    if isinstance(value, Angle):
+        return value
+    number = scalar(value)
+    states = len(number.real)
+    if number.constant is not None:
+        found = exact_angle(number.constant)
+        if found is not None:
+            return Angle(exact(found[0], states), exact(found[1], states), number.real)
+    # the part of a conditional expression that is not chosen is the number 0
+    known = number.known & (number.residue == 0) & (number.real == 0)
+    cosine = Scalar(np.ones(states, np.uint64), known, np.cos(number.real))
+    return Angle(cosine, Scalar(np.zeros(states, np.uint64), known, np.sin(number.real)), number.real)
+
+
+def turned_back(a: Angle) -> Angle:
+    """Return -a of an angle."""
+    return Angle(a.cosine, minus(a.sine), -a.real, -a.published)
+
+
+def turned(a: Angle, b: Angle) -> Angle:
+    """Return a + b of two angles."""
+    cosine = difference(product(a.cosine, b.cosine), product(a.sine, b.sine))
+    sine = total(product(a.sine, b.cosine), product(a.cosine, b.sine))
+    return Angle(cosine, sine, a.real + b.real)
+
+
+def _multiple(a: Angle, factor: float) -> Value:
+    """Return a whole multiple or a half of an angle; any other multiple has no exact form."""
+    if abs(factor) == 0.5:
+        half = _half(a)
+        if factor > 0:
+            return half
+        return negative(half)
+    if not float(factor).is_integer() or abs(factor) > 4:
+        return unknown(a.real * factor)
+    result = angle(constant(0.0, len(a.real)))
+    step = a
+    if factor < 0:
+        step = turned_back(a)
+    for _ in range(int(abs(factor))):
+        result = turned(result, step)
+    return result
+
+
+def _half(a: Angle) -> Angle:
+    """Return half of an angle: cos(a/2) = sqrt((1 + cos a) / 2), with the sign of its real value."""
+    states = len(a.real)
+    one = constant(1.0, states)
+    two = constant(2.0, states)
+    half = a.real / 2
+    cosine = root(product(total(one, a.cosine), reciprocal(two)))
+    cosine = _either(np.cos(half) < 0, minus(cosine), cosine)
+    sine = product(a.sine, reciprocal(product(two, cosine)))
+    return Angle(replace(cosine, real=np.cos(half)), replace(sine, real=np.sin(half)), half)
+
+
+def direction(y: Value, x: Value) -> Angle:
+    """Return atan2(y, x)."""
+    opposite = scalar(y)
+    adjacent = scalar(x)
+    length = root(total(product(opposite, opposite), product(adjacent, adjacent)))
+    scale = reciprocal(length)
+    real = np.arctan2(opposite.real, adjacent.real)
+    cosine = replace(product(adjacent, scale), real=np.cos(real))
+    sine = replace(product(opposite, scale), real=np.sin(real))
+    return Angle(cosine, sine, real)
+
+
+def of_cosine(x: Value) -> Angle:
+    """Return acos(x)."""
+    cosine = scalar(x)
+    sine = root(_rest(cosine))
+    with np.errstate(invalid="ignore"):
+        return Angle(cosine, sine, np.arccos(cosine.real))
+
+
+def of_sine(x: Value) -> Angle:
+    """Return asin(x)."""
+    sine = scalar(x)
+    cosine = root(_rest(sine))
+    with np.errstate(invalid="ignore"):
+        return Angle(cosine, sine, np.arcsin(sine.real))
+
+
+def _rest(a: Scalar) -> Scalar:
+    """Return 1 - a^2."""
+    return difference(constant(1.0, len(a.real)), product(a, a))
+
+
+# ------------------------------------------------------------------------------------------- signs
+
+
+def magnitude(a: Value) -> Value:
+    """Return |a|."""
+    return choose(real_of(a) < 0, negative(a), a)
+
+
+def sign(a: Value) -> Scalar:
+    """Return 1, 0 or -1."""
+    real = np.sign(real_of(a))
+    residue = np.where(real < 0, prime.PRIME - 1, np.where(real > 0, 1, 0)).astype(np.uint64)
+    return Scalar(residue, np.isfinite(real), real)
+
+
+def compared(relation: Callable[[Array, Array], Truths], a: Value, b: Value) -> Truth:
+    """Return a condition on the real values."""
+    with np.errstate(invalid="ignore"):
+        return Truth(relation(real_of(a), real_of(b)))
