@@ -126,3 +126,30 @@ def test_a_direction_without_effect_on_the_lines_stays_in_place(seed: int, tmp_p
     found = twin.compare(first, robot(tmp_path / "second.urdf", turned)).pairs[0]
     assert found.kinematics == "disagree"
     assert max(item.shift for item in found.items) < 0.5
+
+
+@pytest.mark.parametrize("axis", ["-1 0 0", "0 1 0", "0 0 -1"])
+@pytest.mark.parametrize("joint", [2, 5])
+def test_an_axis_that_alone_is_wrong_has_its_edit(joint: int, axis: str, tmp_path: Path) -> None:
+    joints = [
+        {"name": f"joint_{i}", "xyz": xyz, "axis": direction, "limits": f"-1 {1 + 0.1 * i}"}
+        for i, (xyz, direction) in enumerate(
+            [
+                ("0 0 0.3", "0 0 1"),
+                ("0.1 0 0.2", "0 1 0"),
+                ("0 0 0.4", "1 0 0"),
+                ("0.3 0 0.05", "0 1 0"),
+                ("0.2 0.1 0", "0 0 1"),
+                ("0.1 0 0", "1 0 0"),
+            ]
+        )
+    ]
+    right = robot(tmp_path / "right.urdf", joints)
+    joints[joint] = {**joints[joint], "axis": axis}
+    wrong = robot(tmp_path / "wrong.urdf", joints)
+    found = twin.compare(wrong, right).pairs[0]
+    (item,) = found.items
+    assert item.joint == f"joint_{joint}"
+    (edit,) = [edit for edit in item.edits if edit.side == "wrong.urdf"][:1]
+    assert edit.what.startswith(f"joint 'joint_{joint}' axis xyz")
+    assert edit.new in ("1 0 0", "1")

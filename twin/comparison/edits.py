@@ -130,7 +130,7 @@ def _without(problem: Problem, u: Unknowns, item: ComparedItem) -> Unknowns | No
         signs[joint] = 1.0
         return replace(u, signs=signs)
     assert u.deviations is not None
-    kept = [k for k, deviating in enumerate(u.deviating) if deviating != joint]
+    kept = [k for k, deviating in enumerate(u.deviating) if deviating not in (joint, problem.turned_axis(joint))]
     return replace(u, deviating=tuple(u.deviating[k] for k in kept), deviations=u.deviations[kept])
 
 
@@ -144,12 +144,15 @@ def _edits(case: _Case, known: Sequence[NumberStatement], moved_tools: Sequence[
             values = _solved(case, statement, [k], before, moved_tools)
             if values is not None:
                 found.append((case.moved_frames(statement, values), _edit(side, statement, k, values)))
-    if not found:
-        for statement in known:
-            columns = list(range(len(statement.values)))
-            values = _solved(case, statement, columns, before, moved_tools)
-            if values is not None:
-                found.append((case.moved_frames(statement, values), _edit(side, statement, None, values)))
+    named = {(edit.file, edit.line, edit.what.partition("[")[0]) for _, edit in found}
+    for statement in known:
+        # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
+        if (found and statement.role != "axis") or (statement.file, statement.line, statement.what) in named:
+            continue
+        columns = list(range(len(statement.values)))
+        values = _solved(case, statement, columns, before, moved_tools)
+        if values is not None:
+            found.append((case.moved_frames(statement, values), _edit(side, statement, None, values)))
     # frames of inner links that agree as well, and a round number, make an edit likelier
     found.sort(key=lambda pair: (pair[0], len(pair[1].new)))
     # a value that changes less than its text shows is no edit
@@ -167,6 +170,11 @@ def _solved(
         opposite[columns] *= -1.0
         if np.any(opposite != values) and _holds(case, statement, opposite, moved_tools):
             return opposite
+        if len(columns) == 3:
+            # a wrong axis is mostly one of the others, too far away for small steps
+            for unit in (*np.eye(3), *-np.eye(3)):
+                if _holds(case, statement, unit, moved_tools):
+                    return unit + 0.0
     r = before
     for _ in range(_ROUNDS):
         J = _derivatives(case, statement, values, columns, r)

@@ -68,8 +68,14 @@ class Stated:
 
     @cached_property
     def frames(self) -> tuple[FrameGap, ...]:
-        """The frames of leaf links without any change."""
-        return tuple(gap for gap in gaps(self.problem, self.problem.start) if gap.leaf)
+        """The frames of leaf links without any change; on a link with the tool frame, only this frame.
+
+        Where a file puts the frame of a link is of no consequence, also on the last one.
+        """
+        leaves = [gap for gap in gaps(self.problem, self.problem.start) if gap.leaf]
+        tools = (self.problem.first.tool, self.problem.second.tool)
+        with_tool = {gap.joint for gap in leaves if gap.name in tools}
+        return tuple(gap for gap in leaves if gap.joint not in with_tool or gap.name in tools)
 
     @cached_property
     def partners(self) -> dict[int, int]:

@@ -52,7 +52,8 @@ class Unknowns:
         signs: (joints,) 1 or -1 for each joint of the second side.
         base: (6,) rotation vector in rad and shift in m of the base transform X.
         zeros: (joints,) by how much the zero of each joint of the first side differs, see `Problem.shifted`.
-        deviating: joints whose place on their parent link changes.
+        deviating: joints whose place on their parent link changes; `Problem.turned_axis` is the number of a joint whose
+            axis alone is turned, while all links stay.
         deviations: (deviating, 6) their rotation vectors in rad and shifts in m, in the frame of the joint.
     """
 
@@ -164,16 +165,36 @@ class Problem:
         for i in self.order:
             axis = self.axes[i]
             parent = groups[:, axis.parent]
+            step = steps[:, i]
             if i in places:
                 start = places[i]
                 parent = parent @ self._deviation(i, values[:, start : start + 6])
+            turned = self.turned_axis(i)
+            if turned in places:
+                start = places[turned]
+                turn = self._deviation(i, values[:, start : start + 6])
+                parent = parent @ turn
+                step = step @ spatial.inverse(turn)
             parents[:, i] = parent
             if axis.closing:
                 children[:, i] = groups[:, axis.child]
                 continue
-            children[:, i] = parent @ steps[:, i]
+            children[:, i] = parent @ step
             groups[:, axis.child] = children[:, i]
         return parents, children, groups
+
+    def turned_axis(self, joint: int) -> int:
+        """Return the number in `Unknowns.deviating` of a joint whose axis alone is turned."""
+        return self.count + joint
+
+    def free(self, deviating: Sequence[int]) -> Array:
+        """Return which values (unknowns,) may change: all but the shifts of axes that are only turned."""
+        free = np.ones(6 + self.count + 6 * len(deviating), bool)
+        for k, joint in enumerate(deviating):
+            if joint >= self.count:
+                start = 6 + self.count + 6 * k
+                free[start + 3 : start + 6] = False
+        return free
 
     def _joint_motions(self, moved: Array) -> Array:
         turning = np.array([kind in TURNING for kind in self.kinds])
@@ -240,9 +261,10 @@ class Problem:
         distances = np.zeros(self.count)
         angles = np.zeros(self.count)
         for i, axis in enumerate(self.axes):
-            for motion in (parents[0, i], children[0, i]):
-                if motion is children[0, i] and not axis.closing:
-                    continue
+            motions = [parents[0, i]]
+            if axis.closing:
+                motions.append(children[0, i])
+            for motion in motions:
                 point, direction = self._line(motion, i, u.signs)
                 target = self.target_directions[i]
                 to_line = point - self.target_points[i]
@@ -274,7 +296,7 @@ class Problem:
 
         Args:
             u: values to begin with.
-            free: (unknowns,) which values may change. None: all.
+            free: (unknowns,) which values may change. None: see `free`.
             more: a function of values (k, unknowns) that returns (k, rows) of further residuals in m and rad.
         """
 
@@ -286,7 +308,7 @@ class Problem:
 
         x = values_of(u)
         if free is None:
-            free = np.ones(len(x), bool)
+            free = self.free(u.deviating)
         columns = np.flatnonzero(free)
         r = residuals(x[None])[0]
         damping = 0.0
@@ -352,19 +374,27 @@ class Problem:
             if i in deviating:
                 parent, values = self._placed_on_target(i, parent, signs)
                 deviations[deviating.index(i)] = values
+            if self.turned_axis(i) in deviating:
+                _, values = self._placed_on_target(i, parent, signs)
+                deviations[deviating.index(self.turned_axis(i)), :3] = values[:3]
+                groups[axis.child] = parent
+                continue
             displacements[i] = self._displacement(i, parent, signs, deviating, neutral[i])
             step = self._joint_motions(displacements[None])[0, i]
             groups[axis.child] = parent @ step
         base = np.concatenate([spatial.log_so3(X[:3, :3]), X[:3, 3]])
         return Unknowns(signs, base, self.zeros(signs, displacements), deviating, deviations)
 
+    def _deviates(self, joint: int, deviating: Sequence[int]) -> bool:
+        return joint in deviating or self.turned_axis(joint) in deviating
+
     def _aligned_base(self, signs: Array, deviating: tuple[int, ...]) -> Array | None:
         """Return the base transform that maps the lines of the first two joints in a chain to their targets."""
         for i in self.order:
-            if i in deviating or self.axes[i].kind == "spherical":
+            if self._deviates(i, deviating) or self.axes[i].kind == "spherical":
                 continue
             for k in (*self.below[i], *self.order):
-                if k == i or k in deviating or self.axes[k].parent not in (0, self.axes[i].child):
+                if k == i or self._deviates(k, deviating) or self.axes[k].parent not in (0, self.axes[i].child):
                     continue
                 own = _pair_frame(
                     self.points[i], signs[i] * self.directions[i], self.points[k], signs[k] * self.directions[k]
@@ -407,7 +437,7 @@ class Problem:
         axis = parent[:3, :3] @ self.directions[i]
         below = self.below[i]
         while below:
-            children = [k for k in below if k not in deviating]
+            children = [k for k in below if not self._deviates(k, deviating)]
             if kind == "prismatic":
                 found = self._slide(parent, axis, children)
             else:

@@ -122,22 +122,33 @@ class Local:
     """What consecutive joints say.
 
     Attributes:
-        different: joints whose distance or angle to the joint before them differs.
+        different: {joint: joint before it} where the distance or the angle of the two differs.
         products: {(joint before, joint): product of their signs, 1 or -1}, where the pair determines it.
         between: joints with a joint before and behind them.
+        count: number of joints.
     """
 
-    different: frozenset[int]
+    different: dict[int, int]
     products: dict[tuple[int, int], float]
     between: tuple[Between, ...]
+    count: int
+
+    def _of_pair(self, before: int, joint: int) -> frozenset[int]:
+        """Return what changes the distance or the angle of two consecutive lines, as in `Unknowns.deviating`."""
+        return frozenset({joint, self.count + before, self.count + joint})
+
+    def _of_three(self, rule: Between) -> frozenset[int]:
+        """Return what changes a joint with those before and behind it, as in `Unknowns.deviating`."""
+        axes = (rule.before, rule.joint, rule.behind)
+        return frozenset({rule.joint, rule.behind, *(self.count + joint for joint in axes)})
 
     def allows(self, signs: Array, deviating: tuple[int, ...]) -> bool:
         """Return whether a set of signs is possible if these joints deviate."""
         for (i, k), product in self.products.items():
-            if k not in deviating and signs[i] * signs[k] != product:
+            if self._of_pair(i, k).isdisjoint(deviating) and signs[i] * signs[k] != product:
                 return False
         for rule in self.between:
-            if rule.joint in deviating or rule.behind in deviating:
+            if not self._of_three(rule).isdisjoint(deviating):
                 continue
             if not rule.possible((signs[rule.before], signs[rule.joint], signs[rule.behind])):
                 return False
@@ -149,14 +160,16 @@ class Local:
         Args:
             signs: {joint: sign} of the joints before `last` and of `last`.
             last: the joint whose sign was chosen last.
-            deviating: joints whose place on their link changes.
+            deviating: as in `Unknowns`.
         """
         for (i, k), product in self.products.items():
-            if k == last and k not in deviating and signs[i] * signs[k] != product:
+            if k != last or not self._of_pair(i, k).isdisjoint(deviating):
+                continue
+            if signs[i] * signs[k] != product:
                 return None
         needed = set()
         for rule in self.between:
-            if rule.behind != last or rule.joint in deviating or last in deviating:
+            if rule.behind != last or not self._of_three(rule).isdisjoint(deviating):
                 continue
             chosen = (signs[rule.before], signs[rule.joint], signs[rule.behind])
             if not rule.possible(chosen):
@@ -166,19 +179,19 @@ class Local:
         return needed
 
     def contradictions(self) -> Iterator[frozenset[int]]:
-        """Yield sets of joints, of each of which one at least must have another place on its link."""
-        for k in self.different:
-            yield frozenset({k})
+        """Yield sets of what may deviate, as in `Unknowns.deviating`, of each of which one at least must."""
+        for k, i in self.different.items():
+            yield self._of_pair(i, k)
         for rule in self.between:
             signs = [(a, b, c) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)]
             if not any(rule.possible(chosen) for chosen in signs):
-                yield frozenset({rule.joint, rule.behind})
+                yield self._of_three(rule)
 
 
 def local(problem: Problem) -> Local:
     """Compare all pairs of consecutive joints of the tree."""
     carrier = carriers(problem)
-    different = set()
+    different = {}
     products = {}
     between = []
     for k, axis in enumerate(problem.axes):
@@ -193,7 +206,7 @@ def local(problem: Problem) -> Local:
         turning = kinds[0] in TURNING and kinds[1] in TURNING
         product = _product(problem, first, second, turning)
         if product == 0.0:
-            different.add(k)
+            different[k] = i
         elif product is not None:
             products[i, k] = product
         before = carrier.get(problem.axes[i].parent)
@@ -201,7 +214,7 @@ def local(problem: Problem) -> Local:
             rule = _between(problem, before, i, k)
             if rule is not None:
                 between.append(rule)
-    return Local(frozenset(different), products, tuple(between))
+    return Local(different, products, tuple(between), problem.count)
 
 
 def _between(problem: Problem, before: int, joint: int, behind: int) -> Between | None:

@@ -186,8 +186,9 @@ def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
 
 def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     found = []
-    for k, i in enumerate(u.deviating):
+    for k, deviating in enumerate(u.deviating):
         assert u.deviations is not None
+        i = deviating % problem.count
         values = u.deviations[k]
         axis = problem.axes[i]
         second = problem.second.axes[i]
@@ -195,6 +196,8 @@ def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
         shift = problem.frames[i] @ values[3:]
         link = problem.second.groups[second.parent].bodies[-1]
         text = f"the place of joint '{second.name}' on link '{link}' differs by {placed(shift, turn)}"
+        if deviating >= problem.count:
+            text = f"the axis of joint '{second.name}' on link '{link}' is turned by {placed(shift, turn)}"
         before = [
             j for j in range(problem.count) if problem.axes[j].child == axis.parent and not problem.axes[j].closing
         ]

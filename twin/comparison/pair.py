@@ -11,7 +11,7 @@ from twin.comparison.items import ComparedItem, items
 from twin.comparison.matching import match
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.range import Worst, worst
-from twin.comparison.search import conventions, deviations
+from twin.comparison.search import solutions
 from twin.comparison.side import RobotSide
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
@@ -98,20 +98,19 @@ def compare_pair(first: RobotSide, second: RobotSide, tolerance: float) -> SideP
         raise TwinError(f"tolerance {tolerance:g} m: {limit}: with more, all robots agree")
     matching = match(first, second)
     problem = Problem(first, second, matching, tolerance)
-    solutions = conventions(problem)
-    kinematics: Kinematics = "agree after conventions"
-    if not solutions:
-        solutions = deviations(problem)
-        kinematics = "disagree"
-    if not solutions:
+    found_solutions = solutions(problem)
+    if not found_solutions:
         return SidePair(first, second, "unexplained", (), (), None, None, problem, None)
-    best = solutions[0]
+    best = found_solutions[0]
+    kinematics: Kinematics = "agree after conventions"
+    if best.unknowns.deviating:
+        kinematics = "disagree"
     found = with_edits(problem, matching, best, items(problem, matching, best))
     if not found:
         kinematics = "agree"
     others: list[tuple[str, ...]] = []
     told = tuple(item.text for item in found)
-    for other in solutions[1:]:
+    for other in found_solutions[1:]:
         texts = tuple(item.text for item in items(problem, matching, other))
         if texts not in others and texts != told:
             others.append(texts)

@@ -36,6 +36,9 @@ _FITS = 160
 _NODES = 400
 """Maximum number of choices of evidence that are fitted."""
 
+_DEVIATION = 2.6
+"""Cost of a deviating joint where conventions are an explanation as well: one convention and limits are likelier."""
+
 _INNER = 0.01
 """Cost of a moved frame of an inner link: it decides between as many conventions."""
 
@@ -147,7 +150,7 @@ class _Search:
         solution = self.problem.solve(signs, node.deviating)
         if not self.problem.holds(solution.gap):
             return
-        choice = self._rounded(_Choice(solution, np.ones(len(values_of(solution.unknowns)), bool), (), frozenset()))
+        choice = self._rounded(_Choice(solution, self.problem.free(node.deviating), (), frozenset()))
         self._push(self._bound(choice), choice)
 
     def _rounded(self, choice: _Choice) -> _Choice:
@@ -367,25 +370,56 @@ def base_moved(problem: Problem, u: Unknowns) -> bool:
     return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
-def conventions(problem: Problem) -> list[FitSolution]:
-    """Return the solutions without deviating joints that change the fewest conventions; [] if there are none."""
+def solutions(problem: Problem) -> list[FitSolution]:
+    """Return the likeliest solutions, all with as many changes; [] if no few deviating joints explain the difference.
+
+    Conventions explain all differences where they can. Only where they leave limits or inertias different that one
+    deviating joint makes equal, with far fewer changes, is this joint the explanation.
+    """
     known = local(problem)
-    if any(True for _ in known.contradictions()):
-        return []
-    return _ordered(problem, _Search(problem, known, np.inf).run([()]))
+    found: list[FitSolution] = []
+    if not any(True for _ in known.contradictions()):
+        found = _ordered(problem, _Search(problem, known, np.inf).run([()]))
+    if not found:
+        return _deviations(problem, known)
+    stated = Stated(problem)
+    most = _cost(stated, found[0].unknowns) - _DEVIATION
+    if most < 0.0 or not _contradicted(stated, found[0].unknowns):
+        return found
+    sets = [(place,) for place in _places(problem)]
+    others = _Search(problem, known, most - 2 * _SAME).run(sets)
+    return _explained(problem, others) or found
 
 
-def deviations(problem: Problem) -> list[FitSolution]:
+def _cost(stated: Stated, u: Unknowns) -> float:
+    """Return the cost of signs and of all evidence that differs."""
+    return CONVENTION * len(u.flips) + sum(evidence.weight for evidence in stated.violated(stated.known(u.signs), u))
+
+
+def _contradicted(stated: Stated, u: Unknowns) -> bool:
+    """Return whether limits or inertias differ that other conventions could make equal."""
+    return any(evidence.weight > CONVENTION for evidence in stated.violated(stated.known(u.signs), u))
+
+
+def _places(problem: Problem) -> list[int]:
+    """Return what may deviate: the place of each joint, and the axis alone of each joint that has one."""
+    axes = [problem.turned_axis(i) for i in problem.signed if not problem.axes[i].closing]
+    return [*range(problem.count), *axes]
+
+
+def _deviations(problem: Problem, known: Local) -> list[FitSolution]:
     """Return all solutions with the fewest deviating joints, those with the fewest conventions first.
 
     The result is empty if no `_DEVIATING` joints explain the difference.
     """
-    known = local(problem)
     contradictions = list(known.contradictions())
     for size in range(1, _SETS + 1):
-        sets = [chosen for chosen in combinations(range(problem.count), size) if _explains(chosen, contradictions)]
         if size == _SETS and not contradictions:
             break
+        places = list(range(problem.count))
+        if size < _SETS:
+            places = _places(problem)
+        sets = [chosen for chosen in combinations(places, size) if _explains(chosen, contradictions)]
         found = _Search(problem, known, _FLIPS).run(sets)
         if found:
             return _explained(problem, found)
@@ -459,6 +493,7 @@ def _sparse(problem: Problem, solution: FitSolution) -> FitSolution:
         start = first + 6 * k
         groups += [[start, start + 1, start + 2], [start + 3, start + 4, start + 5]]
         groups += [[start + j] for j in range(6)]
+    free &= problem.free(u.deviating)
     best = solution
     for group in groups:
         if not free[group].any():
