@@ -77,6 +77,7 @@ class Proved(Result):
             "arbitrary_parameters": list(proof.drawn),
             "published_angles": list(proof.fixed),
             "largest_rounding_of_cad": proof.largest,
+            "recognised_lengths": dict(proof.recognised),
             "uncovered_bodies": list(proof.uncovered),
             "claims": [_record(claim) for claim in proof.claims],
         }
@@ -88,7 +89,9 @@ class Proved(Result):
             odds = "-"
             if claim.status == "proved":
                 odds = f"1e{math.ceil(claim.log_odds)}"
-            shown = str(Quantity(claim.largest, "m")) if claim.largest >= 1e-12 else "rounding"
+            shown = "rounding"
+            if claim.status == "refuted" or claim.largest >= 1e-9:
+                shown = str(Quantity(claim.largest * 1e3, "mm"))
             rows.append((claim.name, claim.status, f"{claim.zeros}/{claim.known}", odds, shown))
         yield TextTable(("claim", "verdict", "exact zeros", "odds of chance", "largest"), rows)
         yield ""
@@ -96,6 +99,8 @@ class Proved(Result):
         proof = self.proof
         yield f"  {self.summary}"
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
+        for number, form in list(proof.recognised.items())[:_SHOWN]:
+            yield f"  {number} is {form}"
         if proof.uncovered:
             yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
         words = {
@@ -162,6 +167,8 @@ def _refuted(claim: Claim, drawn: tuple[str, ...]) -> Finding:
     """Return the finding of a refuted claim, with the state where it is wrong."""
     at = ", ".join(f"{name} = {value:.6g}" for name, value in claim.witness.items() if name not in drawn)
     text = f"it is not so that {claim.sentence}"
+    if claim.error:
+        text += f"; the error is {claim.error}"
     return disagreement("proof.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
 
 
@@ -177,4 +184,5 @@ def _record(claim: Claim) -> JsonObject:
         "largest": claim.largest,
         "witness": dict(claim.witness),
         "reason": claim.reason,
+        "error": claim.error,
     }

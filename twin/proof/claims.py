@@ -16,13 +16,13 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.proof.draws import STEPS
+from twin.proof.form import MOST_READ
 from twin.proof.values import Scalar, Truths
 
 Status = Literal["proved", "refuted", "unproved"]
 
 ROUNDING = 1e-6
-"""Largest real value, in m or as a difference of cosines, that can be a rounding error: near a singularity, an error of
-1e-16 becomes its root."""
+"""Largest real value in m that can be a rounding error: near a singularity, an error of 1e-16 becomes its root."""
 
 ENOUGH = 8
 """Number of states with an exact zero that a proof needs."""
@@ -40,9 +40,11 @@ class Claim:
         known: number of states where all numbers have an exact value.
         log_odds: decimal logarithm of a bound for the probability that a wrong claim has these zeros by chance; 0: no
             bound.
-        largest: largest real value in m, or as a difference of cosines.
+        largest: largest real value in m; a difference of directions counts by the distance at half a metre.
         witness: {name of a random number: its real value} at the state with the largest value, if the claim is refuted.
         reason: why a claim is not proved; "" if it is.
+        error: what is not zero, as a formula of cosines, sines and lengths in m; "" if the claim is not refuted, or if
+            there is no short formula.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Claim:
     largest: float
     witness: Mapping[str, float]
     reason: str
+    error: str = ""
 
 
 def judged(
@@ -78,7 +81,10 @@ def judged(
     zero = np.ones(len(inside), bool)
     largest = np.zeros(len(inside))
     degree = 1
+    error = ""
     for number in numbers:
+        if number.form and len(number.form.terms) <= MOST_READ:
+            error = min(error or str(number.form), str(number.form), key=len)
         known &= number.known
         zero &= number.residue == 0
         largest = np.maximum(largest, np.abs(number.real))
@@ -106,7 +112,7 @@ def judged(
         reason = f"only {exact} of {int(inside.sum())} states have roots in the field"
     else:
         reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
-    return Claim(name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason)
+    return Claim(name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error)
 
 
 def _log_odds(zeros: int, states: int, degree: int) -> float:

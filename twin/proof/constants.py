@@ -41,13 +41,23 @@ class ExactNumber:
         """The number in the prime field."""
         return (field.residue(self.rational) + field.residue(self.factor) * _root(self.radicand)) % field.PRIME
 
-    def __str__(self) -> str:
+    @property
+    def in_mm(self) -> str:
+        """A length in m as text, in mm."""
+        irrational = f"{_text(1000 * self.factor)} sqrt({self.radicand})"
         if not self.factor:
-            return str(self.rational)
-        irrational = f"{self.factor} sqrt({self.radicand})"
+            return _text(1000 * self.rational)
         if not self.rational:
             return irrational
-        return f"{self.rational} + {irrational}"
+        return f"{_text(1000 * self.rational)} + {irrational}"
+
+
+def _text(fraction: Fraction) -> str:
+    """Return a fraction as a decimal if it is one, else as a quotient."""
+    decimal_text = f"{float(fraction):.12g}"
+    if Fraction(decimal_text) == fraction:
+        return decimal_text
+    return str(fraction)
 
 
 @cache

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 
 from twin.proof import field, values
+from twin.proof import form as forms
 from twin.proof.constants import exact_angle
 from twin.proof.values import Angle, Degree, Scalar, Value
 
@@ -19,8 +21,8 @@ _OPEN = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
 
 
-def number(generator: np.random.Generator, low: float, high: float, states: int) -> Scalar:
-    """Return a random fraction from low to high at each of k states."""
+def number(generator: np.random.Generator, low: float, high: float, states: int, name: str = "") -> Scalar:
+    """Return a random fraction from low to high at each of k states; with a name, it is a variable of formulas."""
     first = Fraction(low)
     step = (Fraction(high) - first) / STEPS
     multiples = generator.integers(0, STEPS, states).astype(np.uint64)
@@ -28,10 +30,11 @@ def number(generator: np.random.Generator, low: float, high: float, states: int)
     steps = np.full(states, field.residue(step), np.uint64)
     starts = np.full(states, field.residue(first), np.uint64)
     residue = field.add(field.multiply(multiples, steps), starts)
-    return Scalar(residue, np.ones(states, bool), real, Degree(1))
+    form = forms.variable(name) if name else None
+    return Scalar(residue, np.ones(states, bool), real, Degree(1), form=form)
 
 
-def turn(generator: np.random.Generator, low: float, high: float, states: int) -> Angle:
+def turn(generator: np.random.Generator, low: float, high: float, states: int, name: str = "") -> Angle:
     """Return a random angle from low to high rad at each of k states, within half a turn of their middle.
 
     The tangent t of half its distance from the middle is a random fraction; cosine and sine are fractions of t.
@@ -46,7 +49,11 @@ def turn(generator: np.random.Generator, low: float, high: float, states: int) -
     sine = values.product(values.total(t, t), scale)
     real = 2 * np.arctan(t.real)
     start = fixed_angle(_nearest(middle), states)
-    return values.turned(start, Angle(cosine, sine, real))
+    angle = values.turned(start, Angle(cosine, sine, real))
+    if not name:
+        return angle
+    cosine = replace(angle.cosine, form=forms.cosine(name))
+    return replace(angle, cosine=cosine, sine=replace(angle.sine, form=forms.sine(name)))
 
 
 def _nearest(angle: float) -> float:
@@ -64,13 +71,14 @@ def fixed_angle(angle: float, states: int) -> Angle:
 
 
 def named(
-    generator: np.random.Generator, ranges: Mapping[str, tuple[bool, float, float]], states: int
+    generator: np.random.Generator, ranges: Mapping[str, tuple[bool, float, float]], states: int, formulas: bool
 ) -> dict[str, Value]:
-    """Return random values by name; a range is (whether it is an angle, low, high)."""
+    """Return random values by name; a range is (whether it is an angle, low, high).
+
+    `formulas`: whether they are variables of formulas.
+    """
     drawn: dict[str, Value] = {}
     for name, (is_angle, low, high) in ranges.items():
-        if is_angle:
-            drawn[name] = turn(generator, low, high, states)
-        else:
-            drawn[name] = number(generator, low, high, states)
+        draw = turn if is_angle else number
+        drawn[name] = draw(generator, low, high, states, name if formulas else "")
     return drawn

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Literal
 
@@ -17,9 +17,14 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
+from twin.proof import form as forms
 from twin.proof import values
 from twin.proof.constants import ROOTS, ExactNumber, decimal, exact_angle
+from twin.proof.form import Form
 from twin.proof.values import Angle, Scalar, Value
+
+ARM = 0.5
+"""Distance in m at which differences of directions count."""
 
 LENGTH_TOLERANCE = 1e-10
 """Distance in m within which a length of the CAD is taken as a decimal, or as a decimal multiplied by a root."""
@@ -32,6 +37,9 @@ _COARSE_GRID = 10**5
 
 _PARTS = (Fraction(1), Fraction(1, 2), Fraction(2), Fraction(1, 3))
 """Multiples of a parameter that are parts of lengths in drawings."""
+
+_LARGEST_PART = 6
+"""Largest numerator and denominator of a part of a parameter in a formula."""
 
 Matrix = list[list[Scalar]]
 """A pose (4, 4), as rows."""
@@ -47,11 +55,17 @@ class ExactMechanism:
         mechanism: the mechanism.
         states: number k of states.
         unrecognised: numbers without an exact form, as texts with their body.
+        recognised: {length of the CAD as text: its exact form}, for lengths that are no decimals.
         largest: the largest difference in m or rad between a number and its exact form.
     """
 
     def __init__(
-        self, mechanism: Mechanism, states: int, angles: Mapping[str, Angle], lengths: Mapping[str, Fraction]
+        self,
+        mechanism: Mechanism,
+        states: int,
+        angles: Mapping[str, Angle],
+        lengths: Mapping[str, Fraction],
+        formulas: bool,
     ) -> None:
         """Choose the frames of the bodies.
 
@@ -60,13 +74,16 @@ class ExactMechanism:
             states: number of states.
             angles: {parameter of the equations: angle}; an angle of the CAD may be a sum with one.
             lengths: {parameter of the equations: length in m}; lengths of the CAD may contain them.
+            formulas: whether lengths that are parts of a parameter are this part in formulas.
         """
         self.mechanism = mechanism
         self.states = states
         self.unrecognised: list[str] = []
+        self.recognised: dict[str, str] = {}
         self.largest = 0.0
         self._angles = angles
         self._lengths = lengths
+        self._formulas = formulas
         self._links: dict[tuple[str, str], Matrix] = {}
         self._frames = {mechanism.base: np.eye(4)}
         for joint in mechanism.joints:
@@ -172,7 +189,23 @@ class ExactMechanism:
 
     def _recognised(self, found: ExactNumber, value: float) -> Scalar:
         self.largest = max(self.largest, abs(float(found) - value))
-        return values.exact(found, self.states)
+        if found.radicand != 1 and found.factor:
+            self.recognised[f"{value * 1e3:.9g} mm"] = f"{found.in_mm} mm"
+        length = values.exact(found, self.states)
+        if self._formulas and found.factor and not found.rational:
+            return replace(length, form=self._form(found) or length.form)
+        return length
+
+    def _form(self, found: ExactNumber) -> Form | None:
+        """Return a length as a part of a parameter; None if it is none."""
+        for name, length in self._lengths.items():
+            if not length:
+                continue
+            part = found.factor / length
+            if part.denominator <= _LARGEST_PART and abs(part.numerator) <= _LARGEST_PART:
+                root = forms.number(ExactNumber(Fraction(0), part, found.radicand))
+                return forms.product(root, forms.variable(name))
+        return None
 
 
 # ------------------------------------------------------------------------------------------- poses
@@ -375,14 +408,20 @@ def conditions(exact: ExactMechanism, placed: PlacedBodies, joint: Joint, value:
     if joint.type in ("fixed", "revolute", "spherical"):
         yield T[2][3]
     if joint.type in ("revolute", "cylindrical", "prismatic", "fixed"):
-        yield T[0][2]
-        yield T[1][2]
+        yield _at_arm(T[0][2])
+        yield _at_arm(T[1][2])
     if joint.type in ("prismatic", "fixed"):
-        yield T[1][0]
+        yield _at_arm(T[1][0])
 
 
 def deviations(A: Matrix, B: Matrix) -> Iterator[Scalar]:
     """Yield the differences of the entries of two poses."""
     for i in range(3):
-        for j in range(4):
-            yield values.difference(A[i][j], B[i][j])
+        for j in range(3):
+            yield _at_arm(values.difference(A[i][j], B[i][j]))
+        yield values.difference(A[i][3], B[i][3])
+
+
+def _at_arm(entry: Scalar) -> Scalar:
+    """Return a difference of directions whose real value is a distance in m."""
+    return replace(entry, real=ARM * entry.real)

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import combinations
 
 import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
+from twin.model.body import Point
 from twin.model.mechanism import Mechanism
 from twin.proof import draws, equations, mechanism, values
+from twin.proof import form as forms
 from twin.proof.claims import Claim, judged
 from twin.proof.constants import exact_number
 from twin.proof.equations import Outputs
@@ -37,6 +40,9 @@ _TRIAL_STATES = 256
 _REASONS = 3
 """Number of numbers without an exact form that a claim names."""
 
+_FORMULA_STATES = 16
+"""Number of states at which formulas are computed; they do not depend on it."""
+
 Found = Mapping[str, list[Value]]
 """{output of the equations: its entries}."""
 
@@ -56,6 +62,7 @@ class Proof:
         inexact: parameters without an exact form.
         largest: largest difference in m or rad between a number of the CAD and its exact form.
         unrecognised: numbers of the CAD without an exact form.
+        recognised: {length of the CAD as text: its exact form}, for lengths that are no decimals.
         uncovered: bodies that no claim covers.
     """
 
@@ -68,6 +75,7 @@ class Proof:
     inexact: tuple[str, ...]
     largest: float
     unrecognised: tuple[str, ...]
+    recognised: Mapping[str, str]
     uncovered: tuple[str, ...]
 
     def count(self, status: str) -> int:
@@ -84,6 +92,7 @@ class _Work:
     robot: Mechanism
     states: int
     generator: np.random.Generator
+    formulas: bool = False
     parameters: dict[str, Value] = field(default_factory=dict)
     drawn: list[str] = field(default_factory=list)
     inexact: list[str] = field(default_factory=list)
@@ -117,13 +126,16 @@ def prove(
         progress: called with a label and the finished fraction.
     """
 
-    def attempt(drawn: Collection[str], count: int) -> Proof:
-        return _attempt(_Work(formula, variants, robot, count, np.random.default_rng(seed)), drawn)
+    def attempt(drawn: Collection[str], count: int, formulas: bool = False) -> Proof:
+        return _attempt(_Work(formula, variants, robot, count, np.random.default_rng(seed), formulas), drawn)
 
     progress("the published parameters", 0.0)
     proof = attempt((), states)
     if proof.count("refuted"):
-        return proof
+        progress("the errors as formulas", 0.5)
+        formulas = {claim.name: claim.error for claim in attempt((), _FORMULA_STATES, formulas=True).claims}
+        claims = [replace(claim, error=formulas[claim.name]) for claim in proof.claims]
+        return replace(proof, claims=tuple(claims))
     general: list[str] = []
     angles = _angles(formula)
     for k, name in enumerate(angles):
@@ -158,7 +170,7 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
     _set_parameters(work, drawn)
     exact = _exact_mechanism(work)
     if formula.has("forward"):
-        state = draws.named(work.generator, _joint_ranges(work), work.states)
+        state = draws.named(work.generator, _joint_ranges(work), work.states, work.formulas)
         found = _replayed(work, equations.from_joints(formula, work.variants), list(state.values()))
         inside = _inside(work, found)
         _claim_mechanism(work, exact, "forward", found, state, inside, state)
@@ -168,7 +180,7 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
             _claim_inverse(work, exact, again, inside & _inside(work, again), state)
     else:
         outputs = equations.from_pose(formula, work.variants, coordinates=True)
-        state = draws.named(work.generator, _coordinate_ranges(formula), work.states)
+        state = draws.named(work.generator, _coordinate_ranges(formula), work.states, work.formulas)
         found = _replayed(work, outputs, list(state.values()))
         _claim_inverse(work, exact, found, _inside(work, found), state)
     return Proof(
@@ -181,6 +193,7 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
         inexact=tuple(work.inexact),
         largest=exact.largest,
         unrecognised=tuple(dict.fromkeys(exact.unrecognised)),
+        recognised=dict(exact.recognised),
         uncovered=tuple(sorted(work.uncovered)),
     )
 
@@ -194,7 +207,10 @@ def _set_parameters(work: _Work, drawn: Collection[str]) -> None:
         name = parameter.name
         value = float(parameter.value)
         if parameter.unit not in ("deg", "rad"):
-            work.parameters[name] = values.constant(value, work.states)
+            number = values.constant(value, work.states)
+            if work.formulas:
+                number = replace(number, form=forms.variable(name), constant=None)
+            work.parameters[name] = number
             if exact_number(value) is None:
                 work.inexact.append(name)
         elif name in drawn:
@@ -219,7 +235,7 @@ def _exact_mechanism(work: _Work) -> ExactMechanism:
         exact = exact_number(float(parameter.value))
         if parameter.unit in ("mm", "m") and exact is not None and not exact.factor:
             lengths[parameter.name] = Fraction(exact.rational)
-    return ExactMechanism(work.robot, work.states, angles, lengths)
+    return ExactMechanism(work.robot, work.states, angles, lengths, work.formulas)
 
 
 def _joint_ranges(work: _Work) -> dict[str, tuple[bool, float, float]]:
@@ -311,10 +327,43 @@ def _claim_inverse(
         numbers = [values.difference(a, values.scalar(b)) for a, b in zip(p, entries, strict=True)]
         sentence = f"point {point.name} of the equations is that of {point.body}"
         _claim(work, exact, f"inverse: point {point.name}", sentence, numbers, inside, state)
+    for first, second in combinations(work.robot.points, 2):
+        ends = [found.get(f"point {point.name}") for point in (first, second)]
+        if first.body != second.body or None in ends:
+            continue
+        square = _square(found, first.name, second.name)
+        own_square = _own_square(exact, first, second)
+        distance = values.difference(square, own_square)
+        distance = replace(distance, real=np.sqrt(square.real) - np.sqrt(own_square.real))
+        sentence = f"points {first.name} and {second.name} of the equations keep their distance on {first.body}"
+        _claim(work, exact, f"inverse: {first.name} to {second.name}", sentence, [distance], inside, state)
+        claim = work.claims[-1]
+        if claim.error:
+            work.claims[-1] = replace(claim, error=f"{claim.error} of the square")
     if "again" in found:
         numbers = list(mechanism.deviations(_matrix(found["again"]), _matrix(found["pose"])))
         sentence = "forward equations of the joints of the inverse equations give the pose"
         _claim(work, exact, "forward of inverse", sentence, numbers, inside, state)
+
+
+def _square(found: Found, first: str, second: str) -> Scalar:
+    """Return the square of the distance of two points of the equations, in m2."""
+    pairs = zip(found[f"point {first}"], found[f"point {second}"], strict=True)
+    return _length_squared([values.difference(values.scalar(a), values.scalar(b)) for a, b in pairs])
+
+
+def _own_square(exact: ExactMechanism, first: Point, second: Point) -> Scalar:
+    """Return the square of the distance of two points of a body, in m2."""
+    p = exact.point(first.body, first.p_body, first.name)
+    q = exact.point(second.body, second.p_body, second.name)
+    return _length_squared([values.difference(a, b) for a, b in zip(p, q, strict=True)])
+
+
+def _length_squared(vector: Sequence[Scalar]) -> Scalar:
+    square = values.product(vector[0], vector[0])
+    for x in vector[1:]:
+        square = values.total(square, values.product(x, x))
+    return square
 
 
 def _claim(

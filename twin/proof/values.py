@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.proof import field as prime
+from twin.proof import form as forms
 from twin.proof.constants import ExactNumber, decimal, exact_angle, exact_number
 from twin.proof.field import Residues
+from twin.proof.form import Form
 
 Truths = NDArray[np.bool_]
 
@@ -101,6 +103,7 @@ class Scalar:
         real: the value (k,) in double precision; NaN where the expression is not defined.
         degree: as an algebraic function of the random numbers.
         constant: the value if it is a constant of the equations; None otherwise.
+        form: the value as a polynomial; None if it is none, or if nobody asked for it.
     """
 
     residue: Residues
@@ -108,6 +111,7 @@ class Scalar:
     real: Array
     degree: Degree = field(default_factory=Degree)
     constant: float | None = None
+    form: Form | None = None
 
 
 @dataclass(frozen=True)
@@ -149,14 +153,19 @@ def constant(value: float, states: int) -> Scalar:
     """Return a constant of the equations; it is unknown in the field if it has no exact form."""
     exact = exact_number(value)
     known = np.full(states, exact is not None)
-    residue = 0 if exact is None else exact.residue
-    return Scalar(np.full(states, residue, np.uint64), known, np.full(states, float(value)), constant=float(value))
+    residue = 0
+    form = None
+    if exact is not None:
+        residue = exact.residue
+        form = forms.number(exact)
+    real = np.full(states, float(value))
+    return Scalar(np.full(states, residue, np.uint64), known, real, constant=float(value), form=form)
 
 
 def exact(number: ExactNumber, states: int) -> Scalar:
     """Return an exact number as a value."""
     residue = np.full(states, number.residue, np.uint64)
-    return Scalar(residue, np.ones(states, bool), np.full(states, float(number)))
+    return Scalar(residue, np.ones(states, bool), np.full(states, float(number)), form=forms.number(number))
 
 
 def unknown(real: Array) -> Scalar:
@@ -191,9 +200,7 @@ def add(a: Value, b: Value) -> Value:
     """Return a + b; a sum with an angle is an angle."""
     if isinstance(a, Angle) or isinstance(b, Angle):
         return turned(angle(a), angle(b))
-    a = scalar(a)
-    b = scalar(b)
-    return Scalar(prime.add(a.residue, b.residue), a.known & b.known, a.real + b.real, a.degree + b.degree)
+    return total(scalar(a), scalar(b))
 
 
 def negative(a: Value) -> Value:
@@ -208,7 +215,7 @@ def minus(a: Scalar) -> Scalar:
     negated = None
     if a.constant is not None:
         negated = -a.constant
-    return replace(a, residue=prime.negative(a.residue), real=-a.real, constant=negated)
+    return replace(a, residue=prime.negative(a.residue), real=-a.real, constant=negated, form=forms.minus(a.form))
 
 
 def multiply(a: Value, b: Value) -> Value:
@@ -221,12 +228,16 @@ def multiply(a: Value, b: Value) -> Value:
 
 def product(a: Scalar, b: Scalar) -> Scalar:
     """Return a b of two numbers."""
-    return Scalar(prime.multiply(a.residue, b.residue), a.known & b.known, a.real * b.real, a.degree * b.degree)
+    residue = prime.multiply(a.residue, b.residue)
+    form = forms.product(a.form, b.form)
+    return Scalar(residue, a.known & b.known, a.real * b.real, a.degree * b.degree, form=form)
 
 
 def total(a: Scalar, b: Scalar) -> Scalar:
     """Return a + b of two numbers."""
-    return Scalar(prime.add(a.residue, b.residue), a.known & b.known, a.real + b.real, a.degree + b.degree)
+    residue = prime.add(a.residue, b.residue)
+    form = forms.total(a.form, b.form)
+    return Scalar(residue, a.known & b.known, a.real + b.real, a.degree + b.degree, form=form)
 
 
 def difference(a: Scalar, b: Scalar) -> Scalar:
@@ -238,7 +249,8 @@ def reciprocal(a: Scalar) -> Scalar:
     """Return 1 / a."""
     with np.errstate(divide="ignore"):
         real = 1 / a.real
-    return Scalar(prime.inverse(a.residue), a.known & (a.residue != 0), real, a.degree.inverse())
+    known = a.known & (a.residue != 0)
+    return Scalar(prime.inverse(a.residue), known, real, a.degree.inverse(), form=forms.reciprocal(a.form))
 
 
 def divide(a: Value, b: Value) -> Value:

@@ -1,0 +1,211 @@
+"""Polynomials of cosines, sines and lengths with exact coefficients: what is wrong in an equation, as a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from twin.proof.constants import ROOTS, ExactNumber
+
+Monomial = tuple[tuple[str, int], ...]
+"""Powers of variables, sorted by their names."""
+
+MOST_TERMS = 40
+"""Maximum number of terms while a formula is computed: a longer one is given up."""
+
+MOST_READ = 6
+"""Maximum number of terms of a formula that is shown: a longer one would not be read."""
+
+_SINE = "sin "
+_COSINE = "cos "
+_ROOT = "sqrt "
+
+
+@dataclass(frozen=True)
+class Form:
+    """A polynomial.
+
+    Attributes:
+        terms: {monomial: its coefficient}, without squares of sines and of roots.
+    """
+
+    terms: Mapping[Monomial, Fraction]
+
+    def __bool__(self) -> bool:
+        return bool(self.terms)
+
+    def __str__(self) -> str:
+        """Return the polynomial with the common powers before a bracket, as "l_p^2 (cos(theta)^2 - cos(phi)^2)"."""
+        if not self.terms:
+            return "0"
+        if len(self.terms) == 1:
+            ((monomial, coefficient),) = self.terms.items()
+            return _term(coefficient, _powers(monomial)).removeprefix("+ ")
+        common = _common(self.terms)
+        size = min((abs(c) for c in self.terms.values()), key=lambda c: (c.denominator, c))
+        parts = []
+        for monomial, coefficient in sorted(self.terms.items(), key=lambda term: (-term[1], term[0])):
+            parts.append(_term(coefficient / size, _powers(_divided(monomial, common))))
+        inside = " ".join(parts).removeprefix("+ ")
+        before = _powers(common)
+        if size != 1:
+            before = f"{_number(size)} {before}".rstrip()
+        if not before:
+            return inside
+        return f"{before} ({inside})"
+
+
+def variable(name: str) -> Form:
+    """Return a variable."""
+    return Form({((name, 1),): Fraction(1)})
+
+
+def cosine(name: str) -> Form:
+    """Return the cosine of an angle."""
+    return variable(_COSINE + name)
+
+
+def sine(name: str) -> Form:
+    """Return the sine of an angle."""
+    return variable(_SINE + name)
+
+
+def number(value: ExactNumber) -> Form:
+    """Return an exact number."""
+    terms: dict[Monomial, Fraction] = {}
+    if value.rational:
+        terms[()] = value.rational
+    if value.factor and value.radicand == 1:
+        terms[()] = terms.get((), Fraction(0)) + value.factor
+    elif value.factor:
+        terms[((f"{_ROOT}{value.radicand}", 1),)] = value.factor
+    return Form(terms)
+
+
+def total(a: Form | None, b: Form | None) -> Form | None:
+    """Return a + b; None if one is unknown or the sum is too long."""
+    if a is None or b is None:
+        return None
+    terms = dict(a.terms)
+    for monomial, coefficient in b.terms.items():
+        _add(terms, monomial, coefficient)
+    return _short(terms)
+
+
+def minus(a: Form | None) -> Form | None:
+    """Return -a."""
+    if a is None:
+        return None
+    return Form({monomial: -coefficient for monomial, coefficient in a.terms.items()})
+
+
+def product(a: Form | None, b: Form | None) -> Form | None:
+    """Return a b; None if one is unknown or the product is too long."""
+    if a is None or b is None:
+        return None
+    terms: dict[Monomial, Fraction] = {}
+    for first, x in a.terms.items():
+        for second, y in b.terms.items():
+            powers = dict(first)
+            for name, exponent in second:
+                powers[name] = powers.get(name, 0) + exponent
+            _reduce(terms, powers, x * y)
+    return _short(terms)
+
+
+def reciprocal(a: Form | None) -> Form | None:
+    """Return 1 / a of a number; None for other polynomials."""
+    if a is None or set(a.terms) != {()}:
+        return None
+    return Form({(): 1 / a.terms[()]})
+
+
+def _reduce(terms: dict[Monomial, Fraction], powers: dict[str, int], coefficient: Fraction) -> None:
+    """Add a term after its squares of roots and sines are replaced: sin^2 = 1 - cos^2."""
+    for name, exponent in powers.items():
+        if exponent < 2:
+            continue
+        if name.startswith(_ROOT):
+            rest = {**powers, name: exponent - 2}
+            _reduce(terms, rest, coefficient * int(name.removeprefix(_ROOT)))
+            return
+        if name.startswith(_SINE):
+            rest = {**powers, name: exponent - 2}
+            _reduce(terms, rest, coefficient)
+            other = _COSINE + name.removeprefix(_SINE)
+            _reduce(terms, {**rest, other: rest.get(other, 0) + 2}, -coefficient)
+            return
+    roots = [radicand for radicand in ROOTS if powers.get(f"{_ROOT}{radicand}")]
+    if len(roots) == 2:  # sqrt 2 sqrt 3 = sqrt 6, sqrt 2 sqrt 6 = 2 sqrt 3, sqrt 3 sqrt 6 = 3 sqrt 2
+        first, second = roots
+        (third,) = set(ROOTS) - set(roots)
+        rest = {**powers, f"{_ROOT}{first}": 0, f"{_ROOT}{second}": 0, f"{_ROOT}{third}": 1}
+        factor = {6: 1, 3: 2, 2: 3}[third]
+        _reduce(terms, rest, coefficient * factor)
+        return
+    monomial = tuple(sorted((name, exponent) for name, exponent in powers.items() if exponent))
+    _add(terms, monomial, coefficient)
+
+
+def _add(terms: dict[Monomial, Fraction], monomial: Monomial, coefficient: Fraction) -> None:
+    total = terms.get(monomial, Fraction(0)) + coefficient
+    if total:
+        terms[monomial] = total
+    else:
+        terms.pop(monomial, None)
+
+
+def _short(terms: dict[Monomial, Fraction]) -> Form | None:
+    if len(terms) > MOST_TERMS:
+        return None
+    return Form(terms)
+
+
+def _common(terms: Mapping[Monomial, Fraction]) -> Monomial:
+    """Return the powers that all monomials have in common."""
+    monomials = [dict(monomial) for monomial in terms]
+    shared = []
+    for name, exponent in monomials[0].items():
+        least = min([exponent, *(powers.get(name, 0) for powers in monomials[1:])])
+        if least:
+            shared.append((name, least))
+    return tuple(shared)
+
+
+def _divided(monomial: Monomial, common: Monomial) -> Monomial:
+    powers = dict(monomial)
+    for name, exponent in common:
+        powers[name] -= exponent
+    return tuple((name, exponent) for name, exponent in powers.items() if exponent)
+
+
+def _powers(monomial: Monomial) -> str:
+    """Return a monomial as text."""
+    words = []
+    for name, exponent in monomial:
+        word = name
+        if " " in name:
+            function, argument = name.split(" ")
+            word = f"{function}({argument})"
+        if exponent > 1:
+            word += f"^{exponent}"
+        words.append(word)
+    return " ".join(words)
+
+
+def _term(coefficient: Fraction, powers: str) -> str:
+    """Return a term with its sign."""
+    sign = "-" if coefficient < 0 else "+"
+    size = abs(coefficient)
+    if size == 1 and powers:
+        return f"{sign} {powers}"
+    return f"{sign} {_number(size)} {powers}".rstrip()
+
+
+def _number(size: Fraction) -> str:
+    """Return a fraction as text: as a decimal if it is a short one."""
+    decimal = f"{float(size):.12g}"
+    if Fraction(decimal) == size:
+        return decimal
+    return str(size)
