@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,9 +15,10 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.body import Body
 from twin.model.inertia import Inertia
+from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
-from twin.reference.inertia import Inertias, parameters, weighed
+from twin.reference.inertia import Inertias, Link, parameters, weighed
 
 
 @dataclass(frozen=True)
@@ -47,15 +49,22 @@ class Arm:
     @property
     def effort_units(self) -> tuple[str, ...]:
         """Unit of the effort of each motor, "N m" or "N"."""
-        kinds = {a.name: a.is_angle for a in self.mechanism.actuators}
-        angles = (kinds.get(m, j.is_angle) for m, j in zip(self.motors, self.mechanism.active, strict=True))
-        return tuple("N m" if angle else "N" for angle in angles)
+        turns = {actuator.name: actuator.is_angle for actuator in self.mechanism.actuators}
+        units = []
+        for motor, joint in zip(self.motors, self.mechanism.active, strict=True):
+            is_angle = turns.get(motor, joint.is_angle)
+            units.append("N m" if is_angle else "N")
+        return tuple(units)
 
     @property
     def masses(self) -> dict[str, float]:
         """Mass in kg of each body that a tree joint moves; the keys are the names of these joints."""
-        bodies = {b.name: b.inertia for b in self.mechanism.bodies}
-        return {j.name: m.mass for j in self.mechanism.tree if (m := bodies[j.child]) is not None}
+        masses = {}
+        for joint in self.mechanism.tree:
+            inertia = self.mechanism.body(joint.child).inertia
+            if inertia is not None:
+                masses[joint.name] = inertia.mass
+        return masses
 
     @cached_property
     def _outward(self) -> Array:
@@ -74,11 +83,22 @@ class Arm:
                 factor for all bodies; mass centres and rotors are unchanged.
             friction: (n,) viscous friction that replaces `Arm.friction`; None: `Arm.friction` is used.
         """
-        names = [j.child for j in self.mechanism.tree]
-        known = dict(zip(names, np.broadcast_to(np.asarray(factors, float), len(names)), strict=True))
-        bodies = (replace(b, inertia=_scaled(b.inertia, known.get(b.name, 1.0))) for b in self.mechanism.bodies)
+        tree = self.mechanism.tree
+        factor_of_joint = np.broadcast_to(np.asarray(factors, float), len(tree))
+        factor_of_body = {}
+        for joint, factor in zip(tree, factor_of_joint, strict=True):
+            factor_of_body[joint.child] = factor
+        bodies = []
+        for body in self.mechanism.bodies:
+            inertia = body.inertia
+            if inertia is not None:
+                factor = factor_of_body.get(body.name, 1.0)
+                inertia = replace(inertia, mass=inertia.mass * factor, I_com=inertia.I_com * factor)
+            bodies.append(replace(body, inertia=inertia))
         mechanism = replace(self.mechanism, bodies=tuple(bodies))
-        return Dynamics(mechanism, rotor=self.rotor, friction=self.friction if friction is None else friction)
+        if friction is None:
+            friction = self.friction
+        return Dynamics(mechanism, rotor=self.rotor, friction=friction)
 
 
 def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = True, instrument: bool = True) -> Arm:
@@ -94,42 +114,62 @@ def arm(mechanism: Mechanism, table: Inertias | None = None, *, cited: bool = Tr
     Raises:
         MechanismError: a moving body has no mass, or the file does not match the mechanism.
     """
-    masses = table if cited else None
-    if masses is not None:
-        mechanism = weighed(masses, mechanism, instrument=instrument)
+    if table is not None and cited:
+        mechanism = weighed(table, mechanism, instrument=instrument)
     else:
-        for body in mechanism.bodies:
-            if body.meshes and body.inertia is None and body.name != mechanism.base:
-                raise MechanismError(
-                    f"{mechanism.name}: body '{body.name}' has no mass: give its parts a material with a density, or "
-                    f"state its mass; `twin info --inertia` names parts that cannot be weighed"
-                )
-    out = without_fixed(mechanism)
-    bodies = {b.name: b for b in out.bodies}
-    missing = [j.name for j in out.tree if bodies[j.child].inertia is None]
-    if missing:
+        _check_weighed(mechanism)
+    merged = without_fixed(mechanism)
+    # Only after the merge, because a link without a mass may be fixed to one with a mass.
+    massless = []
+    for joint in merged.tree:
+        if merged.body(joint.child).inertia is None:
+            massless.append(joint.name)
+    if massless:
         raise MechanismError(
-            f"{mechanism.name}: no body with a mass is moved by {', '.join(missing)}: give the bodies there a "
+            f"{mechanism.name}: no body with a mass is moved by {', '.join(massless)}: give the bodies there a "
             "material with a density, or add their links to inertia.toml"
         )
-    links = {link.joint: link for link in table.link} if table is not None else {}
-    motors = {a.name: a.max_effort for a in out.actuators}
+    links: dict[str, Link] = {}
+    provenance: tuple[Parameter, ...] = ()
+    if table is not None:
+        for link in table.link:
+            links[link.joint] = link
+        provenance = tuple(parameters(table))
+    n = len(merged.active)
+    rotor = np.zeros(n)
+    friction = np.zeros(n)
+    limit = np.full(n, np.inf)
+    motor_limits = {actuator.name: actuator.max_effort for actuator in merged.actuators}
+    for i, (joint, motor) in enumerate(zip(merged.active, merged.motor_names, strict=True)):
+        link = links.get(joint.name)
+        if link is not None and link.rotor is not None:
+            rotor[i] = link.rotor.value
+        if link is not None and link.friction is not None:
+            friction[i] = link.friction.value
+        # The limit of an actuator counts also if it is unknown: that of a joint behind it would be another quantity.
+        largest = motor_limits[motor] if motor in motor_limits else _drive_limit(joint, link)
+        if largest is not None:
+            limit[i] = largest
+    return Arm(merged, rotor, friction, limit, provenance)
 
-    def of(key: str, joint: str) -> float | None:
-        entry = getattr(links.get(joint), key, None)
-        return None if entry is None else entry.value
 
-    limits = [
-        motors[motor] if motor in motors else of("torque", j.name) or (j.drive.max_effort if j.drive else None)
-        for j, motor in zip(out.active, out.motor_names, strict=True)
-    ]
-    return Arm(
-        out,
-        np.array([of("rotor", j.name) or 0.0 for j in out.active]),
-        np.array([of("friction", j.name) or 0.0 for j in out.active]),
-        np.array([np.inf if limit is None else limit for limit in limits]),
-        tuple(parameters(table)) if table is not None else (),
-    )
+def _check_weighed(mechanism: Mechanism) -> None:
+    """Raise `MechanismError` if a moving body with a shape has no mass."""
+    for body in mechanism.bodies:
+        if body.meshes and body.inertia is None and body.name != mechanism.base:
+            raise MechanismError(
+                f"{mechanism.name}: body '{body.name}' has no mass: give its parts a material with a density, or "
+                f"state its mass; `twin info --inertia` names parts that cannot be weighed"
+            )
+
+
+def _drive_limit(joint: Joint, link: Link | None) -> float | None:
+    """Return the largest effort in N m or N of a joint without actuator: that of the inertia file, or of its drive."""
+    if link is not None and link.torque is not None:
+        return link.torque.value
+    if joint.drive is not None:
+        return joint.drive.max_effort
+    return None
 
 
 def without_fixed(mechanism: Mechanism) -> Mechanism:
@@ -137,53 +177,100 @@ def without_fixed(mechanism: Mechanism) -> Mechanism:
 
     Passive joints that move no mass are removed, except joints of a loop, of a coupling, or on the path to the tool.
     """
-    at: dict[str, tuple[str, Array]] = {mechanism.base: (mechanism.base, np.eye(4))}  # body -> carrier, T_carrier_body
-    for joint in mechanism.tree:
-        name, T = at[joint.parent]
-        fixed = joint.type == "fixed"
-        step = T @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
-        at[joint.child] = (name, step) if fixed else (joint.child, np.eye(4))
-    masses: dict[str, Inertia] = {}
+    carriers = _carriers(mechanism)
+    inertias = _merged_inertias(mechanism, carriers)
+    needed = _needed_bodies(mechanism, carriers, set(inertias))
+    bodies = []
     for body in mechanism.bodies:
-        if body.inertia is not None:
-            name, T = at[body.name]
-            part = body.inertia.seen_from(T)
-            masses[name] = masses[name] + part if name in masses else part
-    kept = {j.name for j in mechanism.loops} | {n for c in mechanism.couplings for n in c.joints}
-    kept |= {j.name for j in mechanism.active}
-    tied = {at[b][0] for j in mechanism.loops for b in (j.parent, j.child)}
-    needed = {at[mechanism.frame(mechanism.tool).body][0], mechanism.base, *masses, *tied}
-    for joint in mechanism.tree[::-1]:
-        if at[joint.child][0] in needed or joint.name in kept:
-            needed |= {at[joint.child][0], at[joint.parent][0]}
-    welded = {j.name for j in mechanism.tree if j.type == "fixed"}
-    joints = tuple(
-        replace(
-            j,
-            parent=at[j.parent][0],
-            child=at[j.child][0],
-            T_parent_joint=at[j.parent][1] @ j.T_parent_joint,
-            T_child_joint=at[j.child][1] @ j.T_child_joint,
+        if body.name in needed:
+            bodies.append(Body(body.name, (), inertias.get(body.name)))
+    # A fixed joint of the tree has disappeared into its carrier; a loop is closed also by a fixed joint.
+    welded = {joint.name for joint in mechanism.tree if joint.type == "fixed"}
+    joints = []
+    for joint in mechanism.joints:
+        parent, T_carrier_parent = carriers[joint.parent]
+        child, T_carrier_child = carriers[joint.child]
+        if joint.name in welded or parent not in needed or child not in needed:
+            continue
+        moved = replace(
+            joint,
+            parent=parent,
+            child=child,
+            T_parent_joint=T_carrier_parent @ joint.T_parent_joint,
+            T_child_joint=T_carrier_child @ joint.T_child_joint,
             mating=(),
         )
-        for j in mechanism.joints
-        if j.name not in welded and {at[j.parent][0], at[j.child][0]} <= needed
-    )
-    names = {j.name for j in joints}
+        joints.append(moved)
+    frames = []
+    for frame in mechanism.frames:
+        carrier, T_carrier_body = carriers[frame.body]
+        if carrier in needed:
+            frames.append(replace(frame, body=carrier, T_body_frame=T_carrier_body @ frame.T_body_frame))
+    rest = {}
+    for name, T_base_body in mechanism.rest.items():
+        if name in needed:
+            rest[name] = T_base_body
+    trocars = []
+    joint_names = {joint.name for joint in joints}
+    for name in mechanism.trocars:
+        if name in joint_names:
+            trocars.append(name)
     return replace(
         mechanism,
-        bodies=tuple(Body(b.name, (), masses.get(b.name)) for b in mechanism.bodies if b.name in needed),
-        joints=joints,
-        frames=tuple(
-            replace(f, body=at[f.body][0], T_body_frame=at[f.body][1] @ f.T_body_frame)
-            for f in mechanism.frames
-            if at[f.body][0] in needed
-        ),
+        bodies=tuple(bodies),
+        joints=tuple(joints),
+        frames=tuple(frames),
         points=(),
-        rest={n: T for n, T in mechanism.rest.items() if n in needed},
-        trocars=tuple(n for n in mechanism.trocars if n in names),
+        rest=rest,
+        trocars=tuple(trocars),
     )
 
 
-def _scaled(inertia: Inertia | None, factor: float) -> Inertia | None:
-    return None if inertia is None else replace(inertia, mass=inertia.mass * factor, I_com=inertia.I_com * factor)
+def _carriers(mechanism: Mechanism) -> dict[str, tuple[str, Array]]:
+    """Return for each body the body into which it is merged, and its pose T_carrier_body (4, 4)."""
+    carriers = {mechanism.base: (mechanism.base, np.eye(4))}
+    for joint in mechanism.tree:
+        if joint.type == "fixed":
+            carrier, T_carrier_parent = carriers[joint.parent]
+            T_carrier_child = T_carrier_parent @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
+            carriers[joint.child] = carrier, T_carrier_child
+        else:
+            carriers[joint.child] = joint.child, np.eye(4)
+    return carriers
+
+
+def _merged_inertias(mechanism: Mechanism, carriers: Mapping[str, tuple[str, Array]]) -> dict[str, Inertia]:
+    """Return the inertia of each carrier, in its frame, with all bodies that are merged into it."""
+    inertias: dict[str, Inertia] = {}
+    for body in mechanism.bodies:
+        if body.inertia is None:
+            continue
+        carrier, T_carrier_body = carriers[body.name]
+        part = body.inertia.seen_from(T_carrier_body)
+        if carrier in inertias:
+            inertias[carrier] = inertias[carrier] + part
+        else:
+            inertias[carrier] = part
+    return inertias
+
+
+def _needed_bodies(mechanism: Mechanism, carriers: Mapping[str, tuple[str, Array]], heavy: set[str]) -> set[str]:
+    """Return the carriers of a mass (`heavy`), of base, tool, loops, couplings and motors, and all that carry these."""
+    kept_joints: set[str] = set()
+    tool = mechanism.frame(mechanism.tool)
+    needed = {carriers[tool.body][0], mechanism.base, *heavy}
+    for joint in mechanism.active:
+        kept_joints.add(joint.name)
+    for joint in mechanism.loops:
+        kept_joints.add(joint.name)
+        needed.add(carriers[joint.parent][0])
+        needed.add(carriers[joint.child][0])
+    for coupling in mechanism.couplings:
+        kept_joints.update(coupling.joints)
+    # From the leaves to the base, so that a needed body makes all bodies that carry it needed.
+    for joint in mechanism.tree[::-1]:
+        parent = carriers[joint.parent][0]
+        child = carriers[joint.child][0]
+        if child in needed or joint.name in kept_joints:
+            needed.update((parent, child))
+    return needed

@@ -35,9 +35,11 @@ ASSUMED: the encoders of the PA-10 are not published; the gear ratio follows fro
 A prismatic joint has steps of this number times `LENGTH_SCALE` in m.
 """
 
-EXACT_LIMIT, TIP_LIMIT = 10e-6, 1e-3
-"""Limits of the tip error in m: `EXACT_LIMIT` for an exact model, whose only errors come from constant efforts within a
-tick; `TIP_LIMIT`, the value of the paper, for a wrong model."""
+EXACT_LIMIT = 10e-6
+"""Limit of the tip error in m for an exact model, whose only errors come from constant efforts within a tick."""
+
+TIP_LIMIT = 1e-3
+"""Limit of the tip error in m for a wrong model: the value of the paper."""
 
 _LOST = 1.0
 """Joint error in rad above which a run is stopped as divergent; for a length, times `LENGTH_SCALE`, in m."""
@@ -144,8 +146,10 @@ class Run:
     @property
     def rcm_max(self) -> float | None:
         """Largest distance in m from the RCM to the shaft; None if there is no RCM during the motion."""
-        seen = self.rcm_error[np.isfinite(self.rcm_error)]
-        return float(seen.max()) if seen.size else None
+        distances = self.rcm_error[np.isfinite(self.rcm_error)]
+        if not distances.size:
+            return None
+        return float(distances.max())
 
     def as_dict(self) -> JsonObject:
         """Return the conditions, the tip and RCM errors, and the number of saturated ticks as plain data."""
@@ -171,7 +175,9 @@ class EffortRow:
     @property
     def margin(self) -> float | None:
         """Relative margin at the peak: 1 for zero effort, 0 at the limit, negative beyond; None without a limit."""
-        return None if self.limit is None else 1.0 - self.peak / self.limit
+        if self.limit is None:
+            return None
+        return 1.0 - self.peak / self.limit
 
     def as_dict(self) -> JsonObject:
         """Return plain data."""
@@ -180,16 +186,21 @@ class EffortRow:
 
 def model_of(arm: Arm, conditions: Conditions = Conditions()) -> Dynamics:
     """Return the controller's model of the robot under the given conditions."""
-    c, parts, n = conditions, len(arm.masses), len(arm.friction)
+    bodies = len(arm.masses)
+    joints = len(arm.friction)
     # The errors of masses and of frictions are independent.
-    drawn = signs(parts + n, c.signs)
-    off = 0.0 if c.friction_known else c.friction_error
-    return arm.dynamics(1.0 + c.inertia_error * drawn[:parts], arm.friction * (1.0 + off * drawn[parts:]))
+    error_signs = _signs(bodies + joints, conditions.signs)
+    friction_error = 0.0 if conditions.friction_known else conditions.friction_error
+    mass_factors = 1.0 + conditions.inertia_error * error_signs[:bodies]
+    friction_factors = 1.0 + friction_error * error_signs[bodies:]
+    return arm.dynamics(mass_factors, arm.friction * friction_factors)
 
 
-def signs(n: int, seed: int | None) -> Array:
+def _signs(n: int, seed: int | None) -> Array:
     """Return n signs: all +1 if seed is None, otherwise random +1 or -1."""
-    return np.ones(n) if seed is None else np.random.default_rng(seed).choice([-1.0, 1.0], n)
+    if seed is None:
+        return np.ones(n)
+    return np.random.default_rng(seed).choice([-1.0, 1.0], n)
 
 
 def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
@@ -203,7 +214,8 @@ def plant_of(arm: Arm, conditions: Conditions = Conditions()) -> Plant:
             raise TwinError(
                 f"{arm.mechanism.name}: MuJoCo needs the robot as MJCF; without it, use the plant 'pinocchio'"
             )
-        return MujocoPlant(arm.mjcf, [j.name for j in arm.mechanism.active], arm.rotor, arm.friction)
+        joint_names = [joint.name for joint in arm.mechanism.active]
+        return MujocoPlant(arm.mjcf, joint_names, arm.rotor, arm.friction)
     if conditions.plant == "pinocchio":
         return ModelPlant(arm.dynamics())
     raise TwinError(f"there is no plant '{conditions.plant}'. Known: mujoco, pinocchio.")
@@ -223,53 +235,69 @@ def run(
     Raises:
         TwinError: the motion does not fit the robot or the control rate, or the robot diverges.
     """
-    c, tick = conditions, 1.0 / conditions.rate
-    k, n = _checked(arm, motion, c)
-    if not (c.w > 0 and c.velocity_cutoff > 0 and c.quantisation >= 0):
-        raise TwinError(
-            f"w = {c.w:g} rad/s and the cut-off of {c.velocity_cutoff:g} Hz must be above 0, and the encoder step of "
-            f"{c.quantisation:g} rad at least 0"
-        )
-    if abs(tick / STEP - round(tick / STEP)) > 1e-9:
-        raise TwinError(f"at {c.rate:g} Hz, a control tick is not a whole number of steps of {STEP * 1e3:g} ms")
-    model, plant, half = model_of(arm, c), plant_of(arm, c), 0.5 * tick * c.middle
+    c = conditions
+    tick = 1.0 / c.rate
+    _check_motion(arm, motion, c)
+    _check_control(c)
+    k, n = motion.q.shape
+    model = model_of(arm, c)
+    plant = plant_of(arm, c)
     limit = arm.limit if c.saturation else np.full(n, np.inf)
-    unit = np.where([j.is_angle for j in arm.mechanism.active], 1.0, LENGTH_SCALE)
-    ahead = 0.5 * (motion.qdd + np.vstack([motion.qdd[1:], motion.qdd[-1:]])) if c.middle else motion.qdd
-    Kp, Kv, blend = c.w**2, 2 * c.w, 1.0 - np.exp(-2 * np.pi * c.velocity_cutoff * tick)
-    step = c.quantisation * unit
+    # One rad of an angle counts as much as LENGTH_SCALE of a length, for the encoder steps and the divergence.
+    joint_scale = np.ones(n)
+    for i, joint in enumerate(arm.mechanism.active):
+        if not joint.is_angle:
+            joint_scale[i] = LENGTH_SCALE
+    encoder_step = c.quantisation * joint_scale
+    # Time in s by which the state of the equations is ahead of the tick; see the head of the file.
+    lead = 0.0
+    desired_qdd = motion.qdd
+    if c.middle:
+        lead = 0.5 * tick
+        next_qdd = np.vstack([motion.qdd[1:], motion.qdd[-1:]])
+        desired_qdd = 0.5 * (motion.qdd + next_qdd)
+    Kp = c.w**2
+    Kv = 2 * c.w
+    low_pass_share = 1.0 - np.exp(-2 * np.pi * c.velocity_cutoff * tick)
+
     plant.reset(motion.q[0], motion.qd[0])
-    qs, efforts, cut = np.zeros((k, n)), np.zeros((k, n)), np.zeros((k, n), bool)
-    before, rate, state = _measured(motion.q[0], step), motion.qd[0], None
+    true_q = np.zeros((k, n))
+    efforts = np.zeros((k, n))
+    saturated = np.zeros((k, n), bool)
+    previous_q = _measured(motion.q[0], encoder_step)
+    rate = motion.qd[0]
+    state: State | None = None
     for i in range(k):
         if i % _OFTEN == 0:
             progress(i / k)
-        qs[i] = plant.q
-        if not np.abs((motion.q[i] - qs[i]) / unit).max() < _LOST:  # true also for NaN
-            raise TwinError(
-                f"at {motion.t[i]:.3f} s a joint is more than {_LOST:g} rad or {_LOST * LENGTH_SCALE:g} m from its "
-                f"target: the drives are too weak for this motion, or the bandwidth w = {c.w:g} rad/s of "
-                f"the controller is unstable at {c.rate:g} Hz"
-            )
-        seen = _measured(qs[i], step)
+        true_q[i] = plant.q
+        _check_convergence(motion, i, true_q[i], joint_scale, c)
+        measured_q = _measured(true_q[i], encoder_step)
         if c.quantisation:
+            # The first tick has no earlier position; its rate is the desired one.
             if i:
-                rate = rate + blend * ((seen - before) / tick - rate)
-            before = seen
+                difference_quotient = (measured_q - previous_q) / tick
+                rate = rate + low_pass_share * (difference_quotient - rate)
+            previous_q = measured_q
         else:
             rate = plant.qd
-        wish = ahead[i] + Kv * (motion.qd[i] - rate) + Kp * (motion.q[i] - seen)
-        state: State | None = model.near(seen + half * rate, state)
-        asked = model.motor_efforts(state, rate + half * ahead[i], wish)
+        rate_error = motion.qd[i] - rate
+        position_error = motion.q[i] - measured_q
+        wished_qdd = desired_qdd[i] + Kv * rate_error + Kp * position_error
+        state = model.near(measured_q + lead * rate, state)
+        asked = model.motor_efforts(state, rate + lead * desired_qdd[i], wished_qdd)
         efforts[i] = np.clip(asked, -limit, limit)
-        cut[i] = efforts[i] != asked
+        saturated[i] = efforts[i] != asked
         plant.advance(arm.joint_efforts(efforts[i]), tick)
-    tip, wanted = (model.tools(q) @ motion.T_tool_tip for q in (qs, motion.q))
-    error = np.linalg.norm(tip[:, :3, 3] - wanted[:, :3, 3], axis=1)
-    beside = np.full(k, np.nan)
+
+    true_tips = model.tools(true_q) @ motion.T_tool_tip
+    desired_tips = model.tools(motion.q) @ motion.T_tool_tip
+    tip_error = np.linalg.norm(true_tips[:, :3, 3] - desired_tips[:, :3, 3], axis=1)
+    rcm_error = np.full(k, np.nan)
     if motion.rcm is not None:
-        beside = spatial.point_to_line(motion.rcm, tip[:, :3, 3], tip[:, :3, :3] @ motion.shaft)
-    return Run(c, motion.t, error, motion.q - qs, beside, efforts, cut)
+        shafts = true_tips[:, :3, :3] @ motion.shaft
+        rcm_error = spatial.point_to_line(motion.rcm, true_tips[:, :3, 3], shafts)
+    return Run(c, motion.t, tip_error, motion.q - true_q, rcm_error, efforts, saturated)
 
 
 def curve(
@@ -280,34 +308,67 @@ def curve(
     progress: Callable[[float], None] = lambda part: None,
 ) -> list[Run]:
     """Return one run for each inertia error in `fractions`; the other conditions are unchanged."""
-    out = []
-    for i, fraction in enumerate(fractions):
-        out.append(run(arm, motion, replace(conditions, inertia_error=float(fraction))))
-        progress((i + 1) / len(fractions))
-    return out
+    runs = []
+    for fraction in fractions:
+        changed = replace(conditions, inertia_error=float(fraction))
+        runs.append(run(arm, motion, changed))
+        progress(len(runs) / len(fractions))
+    return runs
 
 
 def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
     """Return peak effort, root-mean-square effort and effort limit of each motor, over all runs."""
-    effort = np.vstack([r.effort for r in runs])
-    peak, rms = np.abs(effort).max(axis=0), np.sqrt(np.mean(effort**2, axis=0))
-    return [
-        EffortRow(name, unit, float(p), float(r), float(limit) if np.isfinite(limit) else None)
-        for name, unit, p, r, limit in zip(arm.motors, arm.effort_units, peak, rms, arm.limit, strict=True)
-    ]
+    efforts = np.vstack([run.effort for run in runs])
+    peaks = np.abs(efforts).max(axis=0)
+    rms = np.sqrt(np.mean(efforts**2, axis=0))
+    units = arm.effort_units
+    rows = []
+    for i, motor in enumerate(arm.motors):
+        limit = float(arm.limit[i])
+        known_limit = limit if np.isfinite(limit) else None
+        rows.append(EffortRow(motor, units[i], float(peaks[i]), float(rms[i]), known_limit))
+    return rows
 
 
 def _measured(q: Array, step: Array) -> Array:
     """Return joint values as the encoders measure them, in multiples of `step`; exact if step is 0."""
-    return step * np.round(q / step) if step.all() else q
+    if not step.all():
+        return q
+    return step * np.round(q / step)
 
 
-def _checked(arm: Arm, motion: DesiredMotion, c: Conditions) -> tuple[int, int]:
-    """Return the shape (k, n) of a motion; raise `TwinError` if it does not fit the robot and the control rate."""
-    k, n = len(motion.t), len(arm.friction)
+def _check_motion(arm: Arm, motion: DesiredMotion, conditions: Conditions) -> None:
+    """Raise `TwinError` if a motion does not fit the robot and the control rate."""
+    k = len(motion.t)
+    n = len(arm.friction)
     for name, values in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
         if values.shape != (k, n) or not np.isfinite(values).all():
             raise TwinError(f"motion: {name} {values.shape} must be {k} rows of {n} finite numbers")
-    if k < 2 or np.abs(np.diff(motion.t) * c.rate - 1).max() > 1e-6:
-        raise TwinError(f"motion: the time between two samples is not one tick of {1e3 / c.rate:g} ms")
-    return k, n
+    if k < 2 or np.abs(np.diff(motion.t) * conditions.rate - 1).max() > 1e-6:
+        raise TwinError(f"motion: the time between two samples is not one tick of {1e3 / conditions.rate:g} ms")
+
+
+def _check_control(conditions: Conditions) -> None:
+    """Raise `TwinError` for impossible parameters, or if a tick is not a whole number of integration steps."""
+    c = conditions
+    if not (c.w > 0 and c.velocity_cutoff > 0 and c.quantisation >= 0):
+        raise TwinError(
+            f"w = {c.w:g} rad/s and the cut-off of {c.velocity_cutoff:g} Hz must be above 0, and the encoder step of "
+            f"{c.quantisation:g} rad at least 0"
+        )
+    steps = 1.0 / c.rate / STEP
+    # far above the rounding error of the quotient, far below a step
+    if abs(steps - round(steps)) > 1e-9:
+        raise TwinError(f"at {c.rate:g} Hz, a control tick is not a whole number of steps of {STEP * 1e3:g} ms")
+
+
+def _check_convergence(motion: DesiredMotion, tick: int, q: Array, joint_scale: Array, conditions: Conditions) -> None:
+    """Raise `TwinError` if a joint is far from its target in a tick, or is NaN."""
+    error = np.abs((motion.q[tick] - q) / joint_scale).max()
+    # written so that NaN, which compares as False, raises too
+    if not error < _LOST:
+        raise TwinError(
+            f"at {motion.t[tick]:.3f} s a joint is more than {_LOST:g} rad or {_LOST * LENGTH_SCALE:g} m from its "
+            f"target: the drives are too weak for this motion, or the bandwidth w = {conditions.w:g} rad/s of "
+            f"the controller is unstable at {conditions.rate:g} Hz"
+        )

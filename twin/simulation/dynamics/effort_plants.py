@@ -15,8 +15,11 @@ from twin.reference.dynamics import Dynamics, State
 STEP = 0.25e-3
 """Integration step in s: four steps per tick at 1 kHz."""
 
-_STRIDES = (0.02, 0.1)
-"""Largest steps of an active joint, in m and in rad, on the way from home; the loops are closed after each step."""
+_LENGTH_STRIDE = 0.02
+"""Largest step of a prismatic joint, in m, from home to the start; the loops are closed after each step."""
+
+_ANGLE_STRIDE = 0.1
+"""The same for a revolute joint, in rad."""
 
 
 class Plant(Protocol):
@@ -48,28 +51,35 @@ class ModelPlant:
     """
 
     def __init__(self, dynamics: Dynamics, step: float = STEP) -> None:
-        self._dynamics, self._step = dynamics, step
+        self._dynamics = dynamics
+        self._step = step
         self._state: State | None = None
-        self.q = self.qd = np.zeros(dynamics.n)
+        self.q = np.zeros(dynamics.n)
+        self.qd = np.zeros(dynamics.n)
 
     def reset(self, q: ArrayLike, qd: ArrayLike) -> None:
         """Set the state to joint values q (n,) and rates qd (n,)."""
-        self.q, self.qd, self._state = np.array(q, float), np.array(qd, float), None
+        self.q = np.array(q, float)
+        self.qd = np.array(qd, float)
+        self._state = None
 
     def advance(self, efforts: Array, duration: float) -> None:
         """Advance by a duration in s, a multiple of the step, under constant joint efforts (n,) in N m or N."""
 
-        def f(q: Array, v: Array) -> Array:
+        def acceleration(q: Array, v: Array) -> Array:
+            # The last state is a start for closing the loops at the next one.
             self._state = self._dynamics.near(q, self._state)
             return self._dynamics.forward(self._state, v, efforts)
 
+        # The velocities of the four stages are inserted, so that each stage needs only its acceleration.
         h = self._step
         for _ in range(round(duration / h)):
-            q, v = self.q, self.qd
-            a1 = f(q, v)
-            a2 = f(q + h / 2 * v, v + h / 2 * a1)
-            a3 = f(q + h / 2 * v + h * h / 4 * a1, v + h / 2 * a2)
-            a4 = f(q + h * v + h * h / 2 * a2, v + h * a3)
+            q = self.q
+            v = self.qd
+            a1 = acceleration(q, v)
+            a2 = acceleration(q + h / 2 * v, v + h / 2 * a1)
+            a3 = acceleration(q + h / 2 * v + h * h / 4 * a1, v + h / 2 * a2)
+            a4 = acceleration(q + h * v + h * h / 2 * a2, v + h * a3)
             self.q = q + h * v + h * h / 6 * (a1 + a2 + a3)
             self.qd = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
@@ -106,17 +116,23 @@ class MujocoPlant:
             self.model = model = mujoco.MjModel.from_xml_string(mjcf)
         except ValueError as error:
             raise MechanismError(f"MuJoCo rejects the masses or joints: {error}") from error
-        model.opt.timestep, model.opt.integrator = step, mujoco.mjtIntegrator.mjINT_RK4
+        model.opt.timestep = step
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        # `_close` reads the Jacobian of the constraints as a dense matrix.
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        bits = mujoco.mjtDisableBit  # by default, MuJoCo resets a diverging simulation without raising an error
-        model.opt.disableflags |= int(bits.mjDSBL_AUTORESET | bits.mjDSBL_ACTUATION | bits.mjDSBL_LIMIT)
-        model.opt.disableflags |= int(bits.mjDSBL_CONTACT)
+        bits = mujoco.mjtDisableBit
+        # By default, MuJoCo resets a diverging simulation without raising an error.
+        disabled = bits.mjDSBL_AUTORESET | bits.mjDSBL_ACTUATION | bits.mjDSBL_LIMIT | bits.mjDSBL_CONTACT
+        model.opt.disableflags |= int(disabled)
         ids = [model.joint(name).id for name in joints]
-        self._places, self._rates = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
+        self._places = model.jnt_qposadr[ids]
+        self._rates = model.jnt_dofadr[ids]
         self._free = np.setdiff1d(np.arange(model.nv), self._rates)
         model.dof_armature[self._rates] += np.asarray(rotor, float)
-        damping = model.dof_damping  # in newer versions a polynomial, whose first coefficient is the linear one
-        (damping if damping.ndim == 1 else damping[:, 0])[self._rates] = friction
+        damping = model.dof_damping
+        if damping.ndim > 1:  # newer versions have a polynomial, whose first coefficient is the linear one
+            damping = damping[:, 0]
+        damping[self._rates] = friction
         self._angles = model.jnt_type[ids] == mujoco.mjtJoint.mjJNT_HINGE
         self.data = mujoco.MjData(model)
         mujoco.mj_setConst(model, self.data)
@@ -138,40 +154,50 @@ class MujocoPlant:
         Raises:
             MechanismError: the loops cannot be closed at q.
         """
-        data, q, qd = self.data, np.asarray(q, float), np.asarray(qd, float)
+        data = self.data
+        q = np.asarray(q, float)
+        qd = np.asarray(qd, float)
         self._mujoco.mj_resetDataKeyframe(self.model, data, self.model.key("home").id)
         if not self.model.neq:
-            data.qpos[self._places], data.qvel[self._rates] = q, qd
+            data.qpos[self._places] = q
+            data.qvel[self._rates] = qd
             return
-        start = self.q.copy()
-        steps = max(1, int(np.ceil(np.max(np.abs(q - start) / np.where(self._angles, *_STRIDES[::-1])))))
+        home = self.q.copy()
+        largest_strides = np.where(self._angles, _ANGLE_STRIDE, _LENGTH_STRIDE)
+        strides = np.abs(q - home) / largest_strides
+        steps = max(1, int(np.ceil(np.max(strides))))
         J = np.zeros((0, self.model.nv))
-        for s in np.linspace(0, 1, steps + 1)[1:]:
-            data.qpos[self._places] = start + s * (q - start)
+        for share in np.linspace(0, 1, steps + 1)[1:]:
+            data.qpos[self._places] = home + share * (q - home)
             J = self._close()
         data.qvel[self._rates] = qd
+        # the rates of the free joints that keep the constraints, J qvel = 0
         data.qvel[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ (J[:, self._rates] @ qd)
 
     def _close(self) -> Array:
         """Close the loops by Gauss-Newton, at fixed active joints; return the Jacobian of MuJoCo's constraints."""
-        mujoco, model, data = self._mujoco, self.model, self.data
+        mujoco = self._mujoco
+        model = self.model
+        data = self.data
         gap = np.inf
         for _ in range(20):
             mujoco.mj_fwdPosition(model, data)
-            r = data.efc_pos.copy()
+            # copies, because MuJoCo overwrites its arrays in the next call
+            residual = data.efc_pos.copy()
             J = data.efc_J.reshape(-1, model.nv).copy()
-            gap = np.abs(r).max()
+            gap = np.abs(residual).max()
             if gap < 1e-12:
                 return J
             step = np.zeros(model.nv)
-            step[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ r
+            step[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ residual
             mujoco.mj_integratePos(model, data.qpos, step, 1.0)
         raise MechanismError(f"the loops of the plant do not close at the start: {gap:.1e} m or rad remain")
 
     def advance(self, efforts: Array, duration: float) -> None:
         """Advance by a duration in s, a multiple of the step, under constant joint efforts (n,) in N m or N."""
         self.data.qfrc_applied[self._rates] = efforts
-        self._mujoco.mj_step(self.model, self.data, round(duration / self._step))
+        steps = round(duration / self._step)
+        self._mujoco.mj_step(self.model, self.data, steps)
 
 
 def _engine() -> Any:

@@ -67,7 +67,8 @@ class Tracking(Result):
     @property
     def worst(self) -> str:
         """Name of the run with the largest tip error among the runs with a wrong model."""
-        return max((n for n in self.runs if n != EXACT), key=lambda n: self.runs[n].tip_max)
+        wrong_models = [name for name in self.runs if name != EXACT]
+        return max(wrong_models, key=lambda name: self.runs[name].tip_max)
 
     @property
     def duration(self) -> float:
@@ -82,50 +83,65 @@ class Tracking(Result):
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Findings on exceeded limits of tip error and motor effort."""
-        return tuple(f for name, run in self.runs.items() for f in _judged(name, run, self.arm))
+        findings: list[Finding] = []
+        for name, run in self.runs.items():
+            findings += _judged(name, run, self.arm)
+        return tuple(findings)
 
     @property
     def word(self) -> str:
         """The verdict as text."""
-        return (
-            f"The tip error stays within {TIP_LIMIT / MM:g} mm"
-            if self.verdict == "agree"
-            else "The tip error exceeds the limit"
-        )
+        if self.verdict == "agree":
+            return f"The tip error stays within {TIP_LIMIT / MM:g} mm"
+        return "The tip error exceeds the limit"
 
     def content(self) -> JsonObject:
         """Return plain data."""
+        masses = {}
+        for joint, mass in self.arm.masses.items():
+            masses[joint] = round(mass, 6)
+        runs = {}
+        for name, run in self.runs.items():
+            runs[name] = run.as_dict()
+        curves = {}
+        for name, curve in self.curves.items():
+            curves[name] = [run.as_dict() for run in curve]
         return {
             "robot": self.robot,
             "protocol": self.protocol,
             "inertia": SOURCES[self.inertia],
-            "masses_kg": {joint: round(mass, 6) for joint, mass in self.arm.masses.items()},
+            "masses_kg": masses,
             "duration_s": self.duration,
             "assumed": "rate, gains, mismatch, encoders and instrument: the paper gives no values",
-            "runs": {n: r.as_dict() for n, r in self.runs.items()},
+            "runs": runs,
             "worst": self.worst,
             "torques": [row.as_dict() for row in self.efforts],
-            "curves": {n: [r.as_dict() for r in rs] for n, rs in self.curves.items()},
+            "curves": curves,
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the parts of the printed result."""
         c = self.runs[EXACT].conditions
+        moving_mass = sum(self.arm.masses.values())
         yield f"{self.robot} · {self.title} · {self.duration:.3f} s · simulated with {c.plant}"
         yield (
             f"  Kp = w², Kv = 2 w, w = {c.w:g} rad/s, {c.rate:g} Hz, efforts constant during a tick. Wrong models:\n"
             f"  masses {100 * self.mismatch:g} % wrong, friction {100 * c.friction_error:g} % wrong, encoder step "
             f"{ENCODER * 1e6:.2f} µrad. All ASSUMED: the paper prints no values.\n"
-            f"  Inertias: {SOURCES[self.inertia]}; moving mass {sum(self.arm.masses.values()):.2f} kg.\n"
+            f"  Inertias: {SOURCES[self.inertia]}; moving mass {moving_mass:.2f} kg.\n"
         )
-        rows = [(n, *_lengths(r), _um(r.rcm_max)) for n, r in self.runs.items()]
+        rows = []
+        for name, run in self.runs.items():
+            rcm_error = "-" if run.rcm_max is None else f"{run.rcm_max / UM:.2f}"
+            rows.append((name, *_tip_errors(run), rcm_error))
         yield TextTable(("model", "tip error max µm", "tip error RMS µm", "shaft to RCM max µm"), rows)
         yield ""
-        for name, runs in self.curves.items():
-            yield TextTable(
-                (name, "tip error max µm", "tip error RMS µm"),
-                [(f"{100 * r.conditions.inertia_error:+.0f} %", *_lengths(r)) for r in runs],
-            )
+        for name, curve in self.curves.items():
+            rows = []
+            for run in curve:
+                inertia_error = f"{100 * run.conditions.inertia_error:+.0f} %"
+                rows.append((inertia_error, *_tip_errors(run)))
+            yield TextTable((name, "tip error max µm", "tip error RMS µm"), rows)
             yield ""
         yield TextTable(("all runs", "unit", "peak", "RMS", "limit", "margin"), [_effort(row) for row in self.efforts])
         yield ""
@@ -133,60 +149,67 @@ class Tracking(Result):
 
     def write(self, folder: Path) -> None:
         """Write track.csv: time; tip and RCM error of every run; joint errors and motor efforts of the worst run."""
-        columns, head = [self.motion.t], ["t_s"]
-        for name, r in self.runs.items():
+        head = ["t_s"]
+        columns = [self.motion.t]
+        for name, run in self.runs.items():
             label = _label(name)
-            columns += [r.tip_error, r.rcm_error]
             head += [f"tip_error_{label}_m", f"rcm_error_{label}_m"]
-        r = self.runs[self.worst]
-        columns += [*r.joint_error.T, *r.effort.T]
-        head += [f"error_{j.name}_{'rad' if j.is_angle else 'm'}" for j in self.arm.mechanism.active]
-        kinds = {"N m": "torque_{}_n_m", "N": "force_{}_n"}
-        head += [kinds[unit].format(m) for m, unit in zip(self.arm.motors, self.arm.effort_units, strict=True)]
+            columns += [run.tip_error, run.rcm_error]
+        worst = self.runs[self.worst]
+        columns += [*worst.joint_error.T, *worst.effort.T]
+        for joint in self.arm.mechanism.active:
+            unit = "rad" if joint.is_angle else "m"
+            head.append(f"error_{joint.name}_{unit}")
+        for motor, effort_unit in zip(self.arm.motors, self.arm.effort_units, strict=True):
+            head.append(f"torque_{motor}_n_m" if effort_unit == "N m" else f"force_{motor}_n")
+        # comments="": without it, numpy writes "# " before the head
         np.savetxt(folder / "track.csv", np.column_stack(columns), "%.9g", ",", header=",".join(head), comments="")
 
 
-def _judged(name: str, r: Run, arm: Arm) -> Iterator[Finding]:
-    if name == EXACT and r.tip_max > EXACT_LIMIT:
+def _judged(name: str, run: Run, arm: Arm) -> Iterator[Finding]:
+    if name == EXACT and run.tip_max > EXACT_LIMIT:
         yield warning(
             "track.exact",
             name,
             "maximum tip error with an exact model; the only cause is that efforts are constant during a tick",
-            um(r.tip_max),
+            um(run.tip_max),
             um(EXACT_LIMIT),
         )
-    if r.tip_max > TIP_LIMIT:
+    if run.tip_max > TIP_LIMIT:
+        time = run.t[int(run.tip_error.argmax())]
         yield disagreement(
             "track.tip",
             name,
             f"{name}: maximum tip error exceeds the value in the paper on the PA-10",
-            mm(r.tip_max),
+            mm(run.tip_max),
             mm(TIP_LIMIT),
             "use a higher control bandwidth w or a better friction model",
-            when=f"{r.t[int(r.tip_error.argmax())]:.3f} s",
+            when=f"{time:.3f} s",
         )
-    cut = [motor for i, motor in enumerate(arm.motors) if r.saturated[:, i].any()]
-    if cut:
-        ticks = int(r.saturated.any(axis=1).sum())
-        text = f"{name}: the efforts of {', '.join(cut)} were at their limits for {ticks} ticks"
-        yield warning("track.saturated", cut[0], text)
+    saturated = []
+    for i, motor in enumerate(arm.motors):
+        if run.saturated[:, i].any():
+            saturated.append(motor)
+    if saturated:
+        ticks = int(run.saturated.any(axis=1).sum())
+        text = f"{name}: the efforts of {', '.join(saturated)} were at their limits for {ticks} ticks"
+        yield warning("track.saturated", saturated[0], text)
 
 
-def _lengths(r: Run) -> tuple[str, str]:
-    return f"{r.tip_max / UM:.2f}", f"{r.tip_rms / UM:.2f}"
-
-
-def _um(value: float | None) -> str:
-    return "-" if value is None else f"{value / UM:.2f}"
+def _tip_errors(run: Run) -> tuple[str, str]:
+    return f"{run.tip_max / UM:.2f}", f"{run.tip_rms / UM:.2f}"
 
 
 def _effort(row: EffortRow) -> tuple[str, ...]:
-    limit = ("-", "-") if row.margin is None else (f"{row.limit:g}", f"{100 * row.margin:.0f} %")
-    return row.joint, row.unit, f"{row.peak:.2f}", f"{row.rms:.2f}", *limit
+    limit = "-"
+    margin = "-"
+    if row.limit is not None and row.margin is not None:
+        limit = f"{row.limit:g}"
+        margin = f"{100 * row.margin:.0f} %"
+    return row.joint, row.unit, f"{row.peak:.2f}", f"{row.rms:.2f}", limit, margin
 
 
 def _label(name: str) -> str:
     """Return the name of a run as part of a column name: "links -5 %" becomes links_minus_5_percent."""
-    for sign, word in (("±", " either "), ("+", " plus "), ("-", " minus "), ("%", " percent "), (",", " ")):
-        name = name.replace(sign, word)
-    return "_".join(name.replace(".", "p").split())
+    words = {"±": " either ", "+": " plus ", "-": " minus ", "%": " percent ", ",": " ", ".": "p"}
+    return "_".join(name.translate(str.maketrans(words)).split())

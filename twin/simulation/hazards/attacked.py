@@ -6,9 +6,9 @@ for all sessions. In a second run of a session, a trainee responds; these respon
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -154,46 +154,59 @@ class Arena:
 
     def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
         """Store the compiled parts of the robot; `adaptive`: limit of the deviation, which depends on the speed."""
-        self._parts, self._adaptive, self.cue = parts, adaptive, Cue()
+        self._parts = parts
+        self._adaptive = adaptive
+        self.cue = Cue()
         self._models: dict[float, tuple[AttackedRun, Trace]] = {}
 
     def run(self, session: AttackedSession) -> Outcome:
         """Return the outcome of a session without a response."""
-        start, packets = session.start, session.start + session.length + _AFTER
-        physics, hand = self._physics(session), Hand(self._parts.settings, session.scale)
-        seen = trace(self._parts, hand, packets, start + _SETTLED, physics, session.faults())
-        k = len(seen.q)
+        start = session.start
+        packets = start + session.length + _AFTER
+        hand = Hand(self._parts.settings, session.scale)
+        record = trace(self._parts, hand, packets, start + _SETTLED, self._physics(session), session.faults())
+        k = len(record.q)
         model = self._model(session.scale, k)
-        tips = self._tips(model.q[:k])
-        stopped = seen.levels == Level.E_STOP
-        wanted = tips.copy()
-        if stopped.any():  # from the stop on, the machine is compared with the model at the stop
-            wanted[stopped] = wanted[int(np.argmax(stopped))]
-        true = self._tips(seen.q)
-        apart = np.linalg.norm(true - wanted, axis=1) * _MM
-        beside = self._tips(model.measured[:k])
-        both = (seen.read == Level.PEDAL_DN) & (model.read[:k] == Level.PEDAL_DN)
-        residual = np.where(both, np.linalg.norm(beside - self._tips(seen.measured), axis=1) * _MM, 0.0)
-        ratio = residual / (self._adaptive.limits(beside) * _MM)
-        harm, stop = _first(apart > HARM, start), _first(stopped, start)
-        end = min([k, *(start - 1 + x for x in (harm, stop) if x is not None)])
-        found = seen.machine
+
+        model_tips = self._tips(model.q[:k])
+        true_tips = self._tips(record.q)
+        deviation = np.linalg.norm(true_tips - held_at_stop(model_tips, record), axis=1) * _MM
+        harmful = deviation > HARM
+        stopped = record.levels == Level.E_STOP
+        harm = _packets_until(harmful, start)
+        stop = _packets_until(stopped, start)
+
+        # What the software of the operator can see: encoders and levels, both with the effects of the fault.
+        measured_model_tips = self._tips(model.measured[:k])
+        measured_tips = self._tips(record.measured)
+        following = (record.read == Level.PEDAL_DN) & (model.read[:k] == Level.PEDAL_DN)
+        distance = np.linalg.norm(measured_model_tips - measured_tips, axis=1) * _MM
+        residual = np.where(following, distance, 0.0)
+        ratio = residual / (self._adaptive.limits(measured_model_tips) * _MM)
+        force = residual > self.cue.tol
+        not_following = record.levels[_FOLLOWS:] != Level.PEDAL_DN
+
+        first = start - 1  # row of the packet `start`, because packet numbers begin at 1
+        end = k
+        for event in (harm, stop):
+            if event is not None:
+                end = min(end, first + event)
         return Outcome(
-            float(apart.max()),
-            harm,
-            _first(_off(true, tips, apart > HARM), start),
-            _first(apart > self.cue.tol, start),
-            _first(residual > self.cue.tol, start),
-            _first(ratio > 1, start),
-            stop,
-            found.reason if stopped.any() else "",
-            found.held,
-            found.receiver.refused,
-            float(residual[: start - 1].max(initial=0.0)),
-            float(ratio[: start - 1].max(initial=0.0)),
-            float(residual[start - 1 : end].max(initial=0.0)),
-            float(ratio[start - 1 : end].max(initial=0.0)),
-            bool((residual > self.cue.tol).any() or (seen.levels[_FOLLOWS:] != Level.PEDAL_DN).any()),
+            peak=float(deviation.max()),
+            harm=harm,
+            jump=_packets_until(_off_path(true_tips, model_tips, harmful), start),
+            beyond=_packets_until(deviation > self.cue.tol, start),
+            cue=_packets_until(force, start),
+            adaptive=_packets_until(ratio > 1, start),
+            stop=stop,
+            check=record.machine.reason if stopped.any() else "",
+            held=record.machine.held,
+            refused=record.machine.receiver.refused,
+            residual=float(residual[:first].max(initial=0.0)),
+            ratio=float(ratio[:first].max(initial=0.0)),
+            seen=float(residual[first:end].max(initial=0.0)),
+            seen_ratio=float(ratio[first:end].max(initial=0.0)),
+            noticeable=bool(force.any() or not_following.any()),
         )
 
     def respond(self, session: AttackedSession, reaction: Reaction) -> Response | None:
@@ -201,47 +214,49 @@ class Arena:
 
         None: there was no force and no stop to notice, or no response within `_LONGEST`.
         """
-        pair = Beside(Machine(self._parts, physics=self._physics(session), faults=session.faults()), self.cue)
-        hand, trainee = Hand(self._parts.settings, session.scale), HazardTrainee(reaction)
-        last, restarted = session.start + session.length + _AFTER, False
+        machine = Machine(self._parts, physics=self._physics(session), faults=session.faults())
+        pair = Beside(machine, self.cue)
+        hand = Hand(self._parts.settings, session.scale)
+        trainee = HazardTrainee(reaction)
+        deviation = _UnbrakedDeviation(pair, self._parts.kin.forward)
+        last = session.start + session.length + _AFTER
+        number = 0
         pair.step(0.0)
         pair.start()
-        peak, number, coasts, wanted = 0.0, 0, _SETTLED, np.zeros(3)
-        aside = np.zeros(3)  # tip of the machine minus that of the model, when the arm began to follow after a restart
-        forward = self._parts.kin.forward
-        for k in range(1, round(_LONGEST / TICK)):
+        for tick in range(1, round(_LONGEST / TICK)):
             packets = []
-            if k > _HOMED:
+            if tick > _HOMED:
                 number += 1
                 packets = [(hand.packet(number, trainee.pace, trainee.pedal), "trainee")]
-            pair.step(k * TICK, packets)
+            pair.step(tick * TICK, packets)
             if number <= _FOLLOWS:
                 continue
-            level = pair.machine.plc.level
-            tip = forward(pair.machine.plant.q)[:3, 3]
-            if level == Level.PEDAL_DN:
-                wanted = forward(pair.model.plant.q)[:3, 3]
-                aside = tip - wanted if restarted else aside
-                coasts, restarted = 0, False
-            coasts += 1
-            if coasts <= _SETTLED:
-                peak = max(peak, float(np.linalg.norm(tip - wanted - aside)) * _MM)
-            trainee.step(k * TICK, bool(pair.force.any()), min(level, pair.model.plc.level))
+            deviation.step()
+            # The display shows the level of the one that follows less.
+            level = min(pair.machine.plc.level, pair.model.plc.level)
+            trainee.step(tick * TICK, bool(pair.force.any()), level)
             if trainee.restarts:
-                for one in (pair.machine, pair.model):
-                    one.stop()
-                    one.start()
-                coasts, restarted = _SETTLED, True
-            if trainee.done or (trainee.noticed is None and number >= last):
+                for simulated in (pair.machine, pair.model):
+                    simulated.stop()
+                    simulated.start()
+                deviation.restart()
+            unnoticed = trainee.noticed is None and number >= last
+            if trainee.done or unnoticed:
                 break
         if trainee.noticed is None or not trainee.responses:
             return None
         begin = (session.start + _HOMED) * TICK
-        order = sorted(trainee.responses, key=lambda name: trainee.responses[name])
         acted = min(trainee.responses.values())
-        works = pair.machine.plc.level == Level.PEDAL_DN and "convert" not in order
-        noticed = round((trainee.noticed - begin) / TICK)
-        return Response(noticed, round((acted - begin) / TICK), list(order), peak, peak > HARM, works)
+        responses = sorted(trainee.responses, key=lambda name: trainee.responses[name])
+        follows = pair.machine.plc.level == Level.PEDAL_DN
+        return Response(
+            noticed=round((trainee.noticed - begin) / TICK),
+            acted=round((acted - begin) / TICK),
+            responses=responses,
+            response_peak=deviation.peak,
+            response_harm=deviation.peak > HARM,
+            works=follows and "convert" not in responses,
+        )
 
     def _physics(self, session: AttackedSession) -> Physics:
         return self._parts.plant.physics.changed(session.mass, session.friction)
@@ -250,15 +265,56 @@ class Arena:
         return self._parts.kin.forward_many(q)[:, :3, 3]
 
     def _model(self, scale: float, packets: int) -> Trace:
+        """Return the record of the model, which has no faults, with at least the given number of packets."""
         if scale not in self._models:
             run = AttackedRun(self._parts, Hand(self._parts.settings, scale))
             self._models[scale] = run, run.trace
-        run, known = self._models[scale]
-        if len(known.q) < packets:
-            run.go(_ROUND * -(-packets // _ROUND), packets)
-            known = run.trace
-            self._models[scale] = run, known
-        return known
+        run, record = self._models[scale]
+        if len(record.q) < packets:
+            rounds = math.ceil(packets / _ROUND)
+            run.go(_ROUND * rounds, packets)
+            record = run.trace
+            self._models[scale] = run, record
+        return record
+
+
+class _UnbrakedDeviation:
+    """Largest distance between the true tips of machine and model while the machine is not braked.
+
+    Attributes:
+        peak: the distance in mm.
+    """
+
+    def __init__(self, pair: Beside, forward: Callable[[Array], Array]) -> None:
+        """Store machine and model; `forward`: T_base_tool (4, 4) of joint values (n,)."""
+        self.peak = 0.0
+        self._pair = pair
+        self._forward = forward
+        # Before the machine has followed once, it counts as braked.
+        self._ticks = _SETTLED  # since the machine followed
+        self._model_tip = np.zeros(3)
+        self._restarted = False
+        # Tip of the machine minus that of the model, when the arm began to follow after a restart.
+        self._offset = np.zeros(3)
+
+    def restart(self) -> None:
+        """Count the machine as braked until it follows again, then from where it is."""
+        self._ticks = _SETTLED
+        self._restarted = True
+
+    def step(self) -> None:
+        """Measure the distance after a tick of machine and model."""
+        tip = self._forward(self._pair.machine.plant.q)[:3, 3]
+        if self._pair.machine.plc.level == Level.PEDAL_DN:
+            self._model_tip = self._forward(self._pair.model.plant.q)[:3, 3]
+            if self._restarted:
+                self._offset = tip - self._model_tip
+            self._restarted = False
+            self._ticks = 0
+        self._ticks += 1
+        if self._ticks <= _SETTLED:
+            distance = float(np.linalg.norm(tip - self._model_tip - self._offset)) * _MM
+            self.peak = max(self.peak, distance)
 
 
 class AttackedRun:
@@ -277,34 +333,45 @@ class AttackedRun:
             physics: parameters of the plant; None: those of the model.
             faults: faults of the machine.
         """
-        self.machine, self._hand, self._stands = Machine(parts, physics=physics, faults=faults), hand, 0
-        self._rows: tuple[list[Any], ...] = ([], [], [], [])
+        self.machine = Machine(parts, physics=physics, faults=faults)
+        self._hand = hand
+        self._ticks_stopped = 0
+        self._q: list[Array] = []
+        self._measured: list[Array] = []
+        self._levels: list[Level] = []
+        self._read: list[Level] = []
         self.machine.step(0.0)
         self.machine.start()
-        for k in range(1, _HOMED + 1):
-            self.machine.step(k * TICK)
-
-    def __len__(self) -> int:
-        return len(self._rows[0])
+        for tick in range(1, _HOMED + 1):
+            self.machine.step(tick * TICK)
 
     def go(self, packets: int, settled: int) -> None:
         """Run until `packets` packets are sent, or after a stop, until the arm rests and `settled` packets are sent."""
-        m, (q, measured, levels, read) = self.machine, self._rows
-        for number in range(len(self) + 1, packets + 1):
-            m.step((_HOMED + number) * TICK, [(self._hand.packet(number), "operator")])
-            q.append(m.plant.q)
-            measured.append(m.q)
-            levels.append(m.plc.level)
-            read.append(m.level)
-            self._stands = self._stands + 1 if m.plc.level == Level.E_STOP else 0
-            if self._stands > _SETTLED and number >= settled:
+        machine = self.machine
+        for number in range(len(self._q) + 1, packets + 1):
+            packet = self._hand.packet(number)
+            machine.step((_HOMED + number) * TICK, [(packet, "operator")])
+            self._q.append(machine.plant.q)
+            self._measured.append(machine.q)
+            self._levels.append(machine.plc.level)
+            self._read.append(machine.level)
+            if machine.plc.level == Level.E_STOP:
+                self._ticks_stopped += 1
+            else:
+                self._ticks_stopped = 0
+            if self._ticks_stopped > _SETTLED and number >= settled:
                 break
 
     @property
     def trace(self) -> Trace:
         """Record of the run so far."""
-        q, measured, levels, read = map(np.array, self._rows)
-        return Trace(q, measured, levels, read, self.machine)
+        return Trace(
+            q=np.array(self._q),
+            measured=np.array(self._measured),
+            levels=np.array(self._levels),
+            read=np.array(self._read),
+            machine=self.machine,
+        )
 
 
 def trace(
@@ -316,17 +383,29 @@ def trace(
     return run.trace
 
 
-def _off(true: Array, path: Array, far: np.ndarray) -> np.ndarray:
+def held_at_stop(model_tips: Array, record: Trace) -> Array:
+    """Return tips (k, 3) of the model for comparison with a machine: from its stop on, the model's tip at the stop."""
+    tips = model_tips.copy()
+    stopped = record.levels == Level.E_STOP
+    if stopped.any():
+        tips[stopped] = tips[int(np.argmax(stopped))]
+    return tips
+
+
+def _off_path(true_tips: Array, path: Array, far: np.ndarray) -> np.ndarray:
     """Return (k,) bool: whether a tip is `far` and more than `HARM` from the path; valid only up to the first True."""
-    out = far.copy()
+    off = far.copy()
     for k in np.flatnonzero(far):
-        out[k] = float(np.min(np.linalg.norm(path - true[k], axis=1))) * _MM > HARM
-        if out[k]:  # the caller uses only the first
+        distances = np.linalg.norm(path - true_tips[k], axis=1)
+        off[k] = float(np.min(distances)) * _MM > HARM
+        if off[k]:  # the caller uses only the first
             break
-    return out
+    return off
 
 
-def _first(condition: np.ndarray, start: int) -> int | None:
+def _packets_until(condition: np.ndarray, start: int) -> int | None:
     """Return the number of packets from `start` to the first true condition; packet numbers begin at 1."""
-    places = np.flatnonzero(condition)
-    return int(places[0]) + 1 - start if len(places) else None
+    rows = np.flatnonzero(condition)
+    if not len(rows):
+        return None
+    return int(rows[0]) + 1 - start

@@ -14,7 +14,6 @@ from twin.core.errors import DescriptionError, unknown
 from twin.core.provenance import Parameter
 from twin.core.units import MM
 from twin.schema import NotNegative, Origin, Positive, Table, error_at, load_toml
-from twin.simulation.hazards import trainee
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault, Operation
 from twin.simulation.hazards.trainee import Reaction, Response
@@ -148,56 +147,88 @@ class Campaign:
 
     def __init__(self, table: CampaignTable, places: dict[str, tuple[str, ...]]) -> None:
         """Store the campaign file; `places`: for each signal of the machine, the names of its numbers."""
-        self.table, self._places = table, places
+        self.table = table
+        self._places = places
 
     def __len__(self) -> int:
         return self.table.faults + self.table.free
 
     def draw(self, index: int) -> Drawn:
         """Return the session of an index; the session depends only on the campaign's seed and this index."""
-        t = self.table
-        rng = np.random.default_rng([t.seed, index])
-        mass, friction = float(rng.uniform(*t.mass)), float(rng.uniform(*t.friction))
-        scale = t.scales[rng.integers(len(t.scales))]
-        if index >= t.faults:
-            return Drawn(index, FREE, "", "", "hold", 0.0, t.lead, 1, mass, friction, scale)
-        weights = np.array([c.weight for c in t.class_])
-        c = t.class_[rng.choice(len(weights), p=weights / weights.sum())]
-        target = c.targets[rng.integers(len(c.targets))]
-        operation = c.operations[rng.integers(len(c.operations))]
-        value = float(rng.uniform(*c.value))
-        value = float(round(value)) if c.whole else value
-        length = int(c.length[rng.integers(len(c.length))])
-        start = t.lead + int(rng.integers(100))
-        return Drawn(index, c.name, c.signal, " ".join(target), operation, value, start, length, mass, friction, scale)
+        table = self.table
+        # The order of the draws is part of the campaign: another order gives other sessions for the same seed.
+        rng = np.random.default_rng([table.seed, index])
+        mass = float(rng.uniform(*table.mass))
+        friction = float(rng.uniform(*table.friction))
+        scale = table.scales[rng.integers(len(table.scales))]
+        if index >= table.faults:
+            return Drawn(index, FREE, "", "", "hold", 0.0, table.lead, 1, mass, friction, scale)
+        weights = np.array([kind.weight for kind in table.class_])
+        kind = table.class_[rng.choice(len(weights), p=weights / weights.sum())]
+        target = kind.targets[rng.integers(len(kind.targets))]
+        operation = kind.operations[rng.integers(len(kind.operations))]
+        value = float(rng.uniform(*kind.value))
+        if kind.whole:
+            value = float(round(value))
+        length = int(kind.length[rng.integers(len(kind.length))])
+        start = table.lead + int(rng.integers(100))
+        return Drawn(
+            index=index,
+            kind=kind.name,
+            signal=kind.signal,
+            target=" ".join(target),
+            operation=operation,
+            value=value,
+            start=start,
+            length=length,
+            mass=mass,
+            friction=friction,
+            scale=scale,
+        )
 
     @property
     def adaptive(self) -> Adaptive:
         """The adaptive limit, with the parameters of the campaign file."""
-        d = self.table.detection
-        return Adaptive(d.floor_mm.value * MM, d.lead_ms.value * MM)
+        detection = self.table.detection
+        return Adaptive(detection.floor_mm.value * MM, detection.lead_ms.value * MM)
 
     def parameters(self) -> list[Parameter]:
         """Return the parameters of trainee and detection with their provenance."""
-        t, d = self.table.trainee, self.table.detection
-        known = {f"trainee.{n}": (getattr(t, n), "s", 1.0) for n in ("haptic", "visual", "troubleshoot")}
-        known |= {"detection.floor_mm": (d.floor_mm, "mm", MM), "detection.lead_ms": (d.lead_ms, "ms", MM)}
-        return [Parameter(n, q.value * si, u, q.value, q.provenance, q.note) for n, (q, u, si) in known.items()]
+        trainee = self.table.trainee
+        detection = self.table.detection
+        parameters = []
+        for name, quantity, unit, si in (
+            ("trainee.haptic", trainee.haptic, "s", 1.0),
+            ("trainee.visual", trainee.visual, "s", 1.0),
+            ("trainee.troubleshoot", trainee.troubleshoot, "s", 1.0),
+            ("detection.floor_mm", detection.floor_mm, "mm", MM),
+            ("detection.lead_ms", detection.lead_ms, "ms", MM),
+        ):
+            value = quantity.value
+            parameters.append(Parameter(name, value * si, unit, value, quantity.provenance, quantity.note))
+        return parameters
 
     def reaction(self, index: int) -> Reaction:
         """Return the trainee's reaction times in a session; they depend only on the campaign's seed and the index."""
-        t = self.table.trainee
+        trainee = self.table.trainee
         rng = np.random.default_rng([self.table.seed, index, 1])
-        times = (t.haptic, t.visual, t.troubleshoot)
-        return trainee.drawn(rng, [q.value for q in times], [q.spread for q in times])
+        times = []
+        for quantity in (trainee.haptic, trainee.visual, trainee.troubleshoot):
+            time = float(rng.normal(quantity.value, quantity.spread))
+            # a normal distribution has negative numbers too
+            times.append(max(time, quantity.value / 10))
+        return Reaction(*times)
 
     def faults(self, drawn: Drawn) -> list[Fault]:
         """Return new faults of a session, for one machine; their start and end are packet numbers."""
         if drawn.kind == FREE:
             return []
-        target = [self._places[drawn.signal].index(n) for n in drawn.target.split()] or None
+        target = []
+        for name in drawn.target.split():
+            target.append(self._places[drawn.signal].index(name))
         stop = drawn.start + drawn.length
-        return [Fault(drawn.signal, drawn.start, stop, drawn.operation, drawn.value, target, counts=True)]
+        # an empty target is that of all numbers, for which `Fault` has None
+        return [Fault(drawn.signal, drawn.start, stop, drawn.operation, drawn.value, target or None, counts=True)]
 
 
 def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
@@ -212,35 +243,45 @@ def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:
             message has file, line, key and value.
     """
     if not path.is_file():
-        found = sorted(p.stem for p in path.parent.glob("*.toml"))
-        raise DescriptionError(
-            f"{path}: the file does not exist; campaigns in this folder: {', '.join(found) or 'none'}"
-        )
+        campaigns = sorted(file.stem for file in path.parent.glob("*.toml"))
+        names = ", ".join(campaigns) or "none"
+        raise DescriptionError(f"{path}: the file does not exist; campaigns in this folder: {names}")
     table = load_toml(path, CampaignTable)
-    ranges = {("mass",): table.mass, ("friction",): table.friction}
-    ranges |= {("class", i, "value"): c.value for i, c in enumerate(table.class_)}
-    for keys, (low, high) in ranges.items():
-        if low > high:
-            raise error_at(path, keys, f"the range {(low, high)} goes down: give the smaller number first")
-        if math.isinf(high - low):
-            raise error_at(path, keys, f"the range {(low, high)} is too wide")
-    scenarios = [s.name for s in table.scenario]
-    for i, c in enumerate(table.class_):
-        for k, target in enumerate(c.targets):
-            for name in target:
-                if name not in places[c.signal]:
-                    wrong = unknown(f"target of {c.signal}", name, places[c.signal])
-                    raise error_at(path, ("class", i, "targets", k), wrong)
-        if c.name in [other.name for other in table.class_[:i]] or c.name == FREE:
-            raise error_at(path, ("class", i, "name"), f"class '{c.name}' is defined twice, or its name is '{FREE}'")
-        if c.scenario and c.scenario not in scenarios:
-            raise error_at(path, ("class", i, "scenario"), unknown("scenario", c.scenario, scenarios))
-        if c.signal not in LOSABLE and {"skip", "duplicate"} & set(c.operations):
-            raise error_at(
-                path,
-                ("class", i, "operations"),
-                f"skip and duplicate are possible for packets only, not for {c.signal}",
-            )
-        if "delay" in c.operations and not (c.whole and c.value[0] >= 1):
+    _check_range(path, ("mass",), table.mass)
+    _check_range(path, ("friction",), table.friction)
+    for i, kind in enumerate(table.class_):
+        _check_range(path, ("class", i, "value"), kind.value)
+    scenarios = [scenario.name for scenario in table.scenario]
+    names = {FREE}
+    for i, kind in enumerate(table.class_):
+        _check_targets(path, i, kind, places)
+        if kind.name in names:
+            text = f"class '{kind.name}' is defined twice, or its name is '{FREE}'"
+            raise error_at(path, ("class", i, "name"), text)
+        names.add(kind.name)
+        if kind.scenario and kind.scenario not in scenarios:
+            raise error_at(path, ("class", i, "scenario"), unknown("scenario", kind.scenario, scenarios))
+        if kind.signal not in LOSABLE and ("skip" in kind.operations or "duplicate" in kind.operations):
+            text = f"skip and duplicate are possible for packets only, not for {kind.signal}"
+            raise error_at(path, ("class", i, "operations"), text)
+        if "delay" in kind.operations and not (kind.whole and kind.value[0] >= 1):
             raise error_at(path, ("class", i, "value"), "a delay needs whole = true and values of at least 1 packet")
     return Campaign(table, places)
+
+
+def _check_range(path: Path, keys: tuple[str | int, ...], limits: _Range) -> None:
+    """Raise `DescriptionError` if a range is empty, or too wide for the generator of random numbers."""
+    low, high = limits
+    if low > high:
+        raise error_at(path, keys, f"the range {(low, high)} goes down: give the smaller number first")
+    if math.isinf(high - low):
+        raise error_at(path, keys, f"the range {(low, high)} is too wide")
+
+
+def _check_targets(path: Path, i: int, kind: Class, places: dict[str, tuple[str, ...]]) -> None:
+    """Raise `DescriptionError` if a target of class number i is none of the `places` of its signal."""
+    for k, target in enumerate(kind.targets):
+        for name in target:
+            if name not in places[kind.signal]:
+                text = unknown(f"target of {kind.signal}", name, places[kind.signal])
+                raise error_at(path, ("class", i, "targets", k), text)

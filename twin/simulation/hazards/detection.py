@@ -33,6 +33,9 @@ class Adaptive:
 
     def limits(self, tips: Array) -> Array:
         """Return the limit (k,) in m in each tick, for the tips (k, 3) of the model in m."""
-        speeds = np.linalg.norm(np.diff(tips, axis=0, prepend=tips[:1]), axis=1) / TICK
+        steps = np.diff(tips, axis=0, prepend=tips[:1])
+        speeds = np.linalg.norm(steps, axis=1) / TICK
+        # first-order low-pass: each tick adds this share of the difference
         share = TICK / (_SMOOTH + TICK)
-        return self.floor + self.lead * np.asarray(lfilter([share], [1, share - 1], speeds))
+        smooth_speeds = np.asarray(lfilter([share], [1, share - 1], speeds))
+        return self.floor + self.lead * smooth_speeds

@@ -60,19 +60,21 @@ class Fault(Hazard):
 
     def copies(self, t: float) -> int:
         """Return how many times the value at t arrives: 0 (lost), 1 or 2."""
-        now = self.start <= t < self.stop
-        return {"skip": 0, "duplicate": 2}.get(self.operation, 1) if now else 1
+        if not self._acts(t):
+            return 1
+        return {"skip": 0, "duplicate": 2}.get(self.operation, 1)
 
     def change(self, t: float, value: Array) -> Array:
         """Return the value that readers of the signal get at t instead of `value` (n,)."""
-        now = self.start <= t < self.stop
+        acts = self._acts(t)
         if self.operation == "delay":
             self._past.append(value.copy())
             if len(self._past) > int(np.asarray(self.value)) + 1:
                 self._past.popleft()
-        if self.operation == "hold" and (self._kept is None or not now):
+        if self.operation == "hold" and (self._kept is None or not acts):
             self._kept = value.copy()
-        if not (now or (self.operation == "add_once" and t >= self.stop)):
+        remains = self.operation == "add_once" and t >= self.stop
+        if not (acts or remains):
             return value
         if np.shape(self.value) not in ((), value.shape):
             raise WorldError(
@@ -81,13 +83,16 @@ class Fault(Hazard):
         wrong = self._wrong(value)
         if self.target is None:
             return wrong
-        out = value.copy()
+        changed = value.copy()
         try:
-            out[self.target] = wrong[self.target]
+            changed[self.target] = wrong[self.target]
         except IndexError as error:
             text = f"target {self.target} is outside a signal of {len(value)} numbers"
             raise WorldError(f"fault of {self.signal}: {text}") from error
-        return out
+        return changed
+
+    def _acts(self, t: float) -> bool:
+        return self.start <= t < self.stop
 
     def _wrong(self, value: Array) -> Array:
         if self.operation == "hold":
@@ -97,7 +102,9 @@ class Fault(Hazard):
             return np.broadcast_to(np.asarray(self.value, float), value.shape)
         if self.operation == "delay":
             return self._past[0]
-        return value if self.operation in ("skip", "duplicate") else value + np.asarray(self.value, float)
+        if self.operation in ("skip", "duplicate"):  # see `copies`; the content of the packet stays
+            return value
+        return value + np.asarray(self.value, float)
 
 
 def from_scene(name: str, settings: JsonMapping, setup: Setup) -> Fault:

@@ -11,8 +11,11 @@ from twin.simulation.machine.itp import pack
 from twin.simulation.machine.motor_plant import TICK
 from twin.simulation.machine.settings import Settings
 
-_RADIUS, _RADIAN = 0.012, 0.2
-"""Radius of the circle in m; time in s for one radian of the circle, so that the speed is 60 mm/s. ASSUMED."""
+_RADIUS = 0.012
+"""Radius of the circle in m. ASSUMED."""
+
+_RADIAN = 0.2
+"""Time in s for one radian of the circle, so that the speed is 60 mm/s. ASSUMED."""
 
 _REACH = 0.06
 """Amplitude in m of the random motion of the hand; see `wander`. ASSUMED."""
@@ -25,17 +28,20 @@ Motion = Callable[[float], Array]
 
 def circle(t: float) -> Array:
     """Return the position (3,) in m, at t in s, of a hand that moves in a circle at 60 mm/s."""
-    a = t / _RADIAN
-    return _RADIUS * np.array([np.sin(a), 1 - np.cos(a), 0.0])
+    angle = t / _RADIAN
+    return _RADIUS * np.array([np.sin(angle), 1 - np.cos(angle), 0.0])
 
 
 def wander(seed: int) -> Motion:
     """Return a random motion of the hand: each coordinate in m is a sum of three sines of 0.05 to 0.4 Hz."""
     rng = np.random.default_rng(seed)
-    rates, phases = 2 * np.pi * rng.uniform(0.05, 0.4, (3, 3)), rng.uniform(0, 2 * np.pi, (3, 3))
+    rates = 2 * np.pi * rng.uniform(0.05, 0.4, (3, 3))
+    phases = rng.uniform(0, 2 * np.pi, (3, 3))
 
     def motion(t: float) -> Array:
-        return _REACH / 3 * (np.sin(rates * t + phases) - np.sin(phases)).sum(axis=1)
+        # minus the sines at time 0, so that the motion begins at 0
+        sines = np.sin(rates * t + phases) - np.sin(phases)
+        return _REACH / 3 * sines.sum(axis=1)
 
     return motion
 
@@ -45,13 +51,22 @@ class Hand:
 
     def __init__(self, settings: Settings, scale: float, motion: Motion = circle) -> None:
         """Store the machine's settings; `scale`: tool motion divided by hand motion, `motion`: motion of the hand."""
-        self._arm, self._version = settings.arm, settings.packet_version
-        self._scale, self._motion, self._t = scale, motion, 0.0
+        self._arm = settings.arm
+        self._version = settings.packet_version
+        self._scale = scale
+        self._motion = motion
+        self._t = 0.0
         self._sent = np.zeros(3)
 
     def packet(self, sequence: int, pace: float = 1.0, pedal: bool = True) -> bytes:
         """Return the next packet; `pace` multiplies the speed of the hand, which is at rest while the pedal is up."""
-        self._t += pace * TICK if pedal else 0.0
-        step = np.round(self._scale / _MICRO * self._motion(self._t) - self._sent)
+        if pedal:
+            self._t += pace * TICK
+        position = self._scale / _MICRO * self._motion(self._t)
+        # A packet has whole micrometres; the rest stays in the difference to what was sent.
+        step = np.round(position - self._sent)
         self._sent += step
-        return pack(sequence, self._arm, np.array([*step, 1, 0, 0, 0, 0, float(pedal)]), self._version)
+        no_rotation = (1, 0, 0, 0)
+        grasp = 0
+        content = np.array([*step, *no_rotation, grasp, float(pedal)])
+        return pack(sequence, self._arm, content, self._version)

@@ -26,7 +26,8 @@ class Log:
             OutputError: the file is the log of another campaign, or not a log; another process writes to the file; or
                 the file cannot be written.
         """
-        self.path, self.rows = path, dict[int, JsonObject]()
+        self.path = path
+        self.rows: dict[int, JsonObject] = {}
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a+b")
@@ -50,24 +51,28 @@ class Log:
             pass
         self._file.seek(0)
         data = self._file.read()
-        whole = data[: data.rfind(b"\n") + 1]
-        first, *lines = whole.decode("utf-8", "replace").splitlines() or [""]
-        if whole:
-            try:
-                known = json.loads(first)
-                rows = [json.loads(line) for line in lines]
-                self.rows = {int(row["index"]): row for row in rows}
-            except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-                raise OutputError(f"{self.path} is not the log of a campaign ({error}); give another --out") from None
-            if known != dict(head):
-                found = known if isinstance(known, dict) else {}
-                differ = ", ".join(k for k in {**head, **found} if k not in head or found.get(k) != head[k])
-                raise OutputError(f"{self.path} is the log of another campaign (other {differ}); give another --out")
+        # An interrupted write leaves a line without its end.
+        complete = data[: data.rfind(b"\n") + 1]
+        if complete:
+            self._read(complete.decode("utf-8", "replace"), head)
         elif not _line(head).startswith(data):
             raise OutputError(f"{self.path} is not the log of a campaign; give another --out")
-        self._file.truncate(len(whole))
-        if not whole:
+        self._file.truncate(len(complete))
+        if not complete:
             self._write(head)
+
+    def _read(self, text: str, head: JsonMapping) -> None:
+        """Read the complete lines of a log; raise `OutputError` if it is not the log of the campaign `head`."""
+        first, *lines = text.splitlines() or [""]
+        try:
+            written_head = json.loads(first)
+            rows = [json.loads(line) for line in lines]
+            self.rows = {int(row["index"]): row for row in rows}
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+            raise OutputError(f"{self.path} is not the log of a campaign ({error}); give another --out") from None
+        if written_head != dict(head):
+            differences = ", ".join(_different_keys(head, written_head))
+            raise OutputError(f"{self.path} is the log of another campaign (other {differences}); give another --out")
 
     def add(self, row: JsonObject) -> None:
         """Append the line of a session; when this function returns, the line is on the disk.
@@ -92,6 +97,16 @@ class Log:
             raise OutputError(
                 f"cannot write to {self.path}: {error.strerror or error}; run the same command again to go on"
             ) from error
+
+
+def _different_keys(head: JsonMapping, written_head: object) -> list[str]:
+    """Return the keys with different values, in the order of `head`, then the keys that only the log has."""
+    written = written_head if isinstance(written_head, dict) else {}
+    keys = []
+    for key in {**head, **written}:
+        if key not in head or written.get(key) != head[key]:
+            keys.append(key)
+    return keys
 
 
 def _line(row: JsonMapping) -> bytes:

@@ -44,7 +44,9 @@ class Roc:
     @property
     def used(self) -> str:
         """The limit that the detector uses, with its unit."""
-        return f"{self.limit:g} mm" if self.unit == "mm" else f"factor {self.limit:g}"
+        if self.unit == "mm":
+            return f"{self.limit:g} mm"
+        return f"factor {self.limit:g}"
 
     def at(self, limit: float) -> tuple[float, float]:
         """Return the fractions (detected, false) for a limit."""
@@ -68,23 +70,38 @@ def curves(rows: Sequence[JsonMapping], cue: float) -> list[Roc]:
 
     The list is empty if no session is dangerous.
     """
-    danger = [r for r in rows if dangerous(r)]
-    if not danger:
+    dangerous_rows = [row for row in rows if dangerous(row)]
+    if not dangerous_rows:
         return []
-    out = []
-    early = np.array([in_time(r) for r in danger])
-    for name, unit, before, during, limit, checked in (
+    stopped_in_time = np.array([in_time(row) for row in dangerous_rows])
+    results = []
+    for name, unit, before, during, limit, with_checks in (
         ("fixed limit", "mm", "residual", "seen", cue, False),
         ("adaptive limit", "1", "ratio", "seen_ratio", 1.0, False),
         ("fixed limit or checks", "mm", "residual", "seen", cue, True),
         ("adaptive limit or checks", "1", "ratio", "seen_ratio", 1.0, True),
     ):
-        bad = np.where(early & checked, np.inf, [r[during] for r in danger])
-        good = np.array([max(r[before], r[during]) if r["kind"] == FREE else r[before] for r in rows])
-        finite = np.concatenate([bad[np.isfinite(bad)], good])
+        # A session that a check stopped in time is above every limit.
+        scores = np.array([row[during] for row in dangerous_rows], float)
+        if with_checks:
+            scores[stopped_in_time] = np.inf
+        quiet_scores = _scores_without_fault(rows, before, during)
+        finite = np.concatenate([scores[np.isfinite(scores)], quiet_scores])
+        # from a limit that nothing exceeds to one that everything exceeds
         limits = np.concatenate([[np.finfo(float).max], np.unique(finite)[::-1], [-1.0]])
-        detected = (bad[None, :] > limits[:, None]).mean(axis=1)
-        false = (good[None, :] > limits[:, None]).mean(axis=1)
+        detected = (scores[None, :] > limits[:, None]).mean(axis=1)
+        false = (quiet_scores[None, :] > limits[:, None]).mean(axis=1)
         area = float(np.trapezoid(detected, false))
-        out.append(Roc(name, unit, limits, detected, false, area, limit))
-    return out
+        results.append(Roc(name, unit, limits, detected, false, area, limit))
+    return results
+
+
+def _scores_without_fault(rows: Sequence[JsonMapping], before: str, during: str) -> Array:
+    """Return the scores (k,) of all sessions before the fault, or in the whole session if there is no fault."""
+    scores = []
+    for row in rows:
+        score = row[before]
+        if row["kind"] == FREE:
+            score = max(score, row[during])
+        scores.append(score)
+    return np.array(scores)

@@ -116,12 +116,17 @@ class Hazards(Result):
     @cached_property
     def by_class(self) -> dict[str, list[Row]]:
         """The rows of each class that has sessions; the keys are the names of the classes."""
-        grouped = {}
-        for name in (*(fault.name for fault in self.table.class_), FREE):
-            rows = [row for row in self.rows if row["kind"] == name]
-            if rows:
-                grouped[name] = rows
-        return grouped
+        rows: dict[str, list[Row]] = {}
+        for row in self.rows:
+            rows.setdefault(row["kind"], []).append(row)
+        # in the order of the campaign file, whatever was drawn first
+        by_class = {}
+        for fault in self.table.class_:
+            if fault.name in rows:
+                by_class[fault.name] = rows[fault.name]
+        if FREE in rows:
+            by_class[FREE] = rows[FREE]
+        return by_class
 
     @cached_property
     def classes(self) -> list[ClassRow]:
@@ -145,7 +150,10 @@ class Hazards(Result):
             scenario_of[fault.name] = scenarios.get(fault.scenario)
         results = []
         for name, rows in self.by_class.items():
-            noticed = [row for row in rows if row["response"] is not None]
+            noticed = []
+            for row in rows:
+                if row["response"] is not None:
+                    noticed.append(row)
             if noticed:
                 results.append(_responses(name, noticed, scenario_of.get(name)))
         return results
@@ -159,7 +167,10 @@ class Hazards(Result):
     def findings(self) -> tuple[Finding, ...]:
         """Findings on cues without a fault, and on missing sessions."""
         findings = []
-        false = [row["index"] for row in self.rows if row["kind"] == FREE and row["cue"] is not None]
+        false = []
+        for row in self.rows:
+            if row["kind"] == FREE and row["cue"] is not None:
+                false.append(row["index"])
         if false:
             findings.append(disagreement("hazards.false", self.robot, f"a cue without a fault in sessions {false[:5]}"))
         if len(self.rows) < self.expected:
@@ -212,14 +223,19 @@ class Hazards(Result):
             responses = ", ".join(scenario.responses)
             scenarios.append((scenario.name, incidents, scenario.impact, responses))
         yield TextTable(("scenario", "incidents", "impact", "responses"), scenarios)
+        outcomes = []
+        detections = []
+        for row in self.classes:
+            outcomes.append(_outcome(row))
+            if row.danger or row.jumped:
+                detections.append(_detection(row))
         yield "\nOutcome without a response (sessions)"
         head = ("class", "location", "sessions", f"> {HARM:g} mm", "> 3 mm", "felt", "stopped")
-        yield TextTable((*head, "peak p50 mm", "max mm", "cue ms p95"), [_outcome(r) for r in self.classes])
+        yield TextTable((*head, "peak p50 mm", "max mm", "cue ms p95"), outcomes)
         yield "\nDetection (sessions)"
         head = ("class", "dangerous", "checks in time", "adaptive in time", "adaptive before 3 mm", "jumps > 1 mm")
         unseen = ("before checks", "before 3 mm limit", "before adaptive")
-        detected = [_detection(row) for row in self.classes if row.danger or row.jumped]
-        yield TextTable((*head, *unseen), detected)
+        yield TextTable((*head, *unseen), detections)
         yield from self._detectors()
         if self.responses:
             yield "\nResponses of the scripted trainee (medians)"
@@ -237,10 +253,13 @@ class Hazards(Result):
                 f"  {curve.name}, {curve.used}: {100 * detected:.1f} % of dangerous sessions detected in time, "
                 f"{100 * false:.2f} % false alarms, area below the curve {curve.area:.3f}"
             )
-        danger = [row for row in self.rows if dangerous(row)]
-        if not danger:
+        stopped_in_time = []
+        for row in self.rows:
+            if dangerous(row):
+                stopped_in_time.append(in_time(row))
+        if not stopped_in_time:
             return
-        share = float(np.mean([in_time(row) for row in danger]))
+        share = float(np.mean(stopped_in_time))
         free = self.by_class.get(FREE, [])
         free_text = ""
         if free:
@@ -307,40 +326,78 @@ def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassR
 
 
 def _responses(kind: str, rows: Sequence[Row], scenario: Scenario | None) -> ResponseRow:
-    done = [r["response"] for r in rows]
-
-    def median(key: str) -> float:
-        return float(np.median([d[key] for d in done]))
-
-    shares = [np.mean([name in d["responses"] for name in scenario.responses]) for d in done] if scenario else []
+    peaks_alone = []
+    numbers: dict[str, list[float]] = {"noticed": [], "acted": [], "response_peak": []}
+    harmed = 0
+    works = 0
+    converted = 0
+    shares = []
+    for row in rows:
+        response = row["response"]
+        performed = response["responses"]
+        peaks_alone.append(row["peak"])
+        for key, values in numbers.items():
+            values.append(response[key])
+        harmed += response["response_harm"]
+        works += response["works"]
+        converted += "convert" in performed
+        if scenario is not None:
+            shares.append(np.mean([name in performed for name in scenario.responses]))
     return ResponseRow(
         kind,
         len(rows),
-        median("noticed"),
-        median("acted"),
-        median("response_peak"),
-        float(np.median([r["peak"] for r in rows])),
-        sum(d["response_harm"] for d in done),
+        float(np.median(numbers["noticed"])),
+        float(np.median(numbers["acted"])),
+        float(np.median(numbers["response_peak"])),
+        float(np.median(peaks_alone)),
+        harmed,
         float(np.mean(shares)) if shares else None,
-        sum(d["works"] for d in done),
-        sum("convert" in d["responses"] for d in done),
+        works,
+        converted,
     )
 
 
-def _outcome(r: ClassRow) -> tuple[str, ...]:
-    counts = (str(n) for n in (r.sessions, r.harmed, r.beyond, r.felt, r.stopped))
-    delay = "-" if r.delay is None else f"{r.delay:.0f}"
-    return r.kind, r.location, *counts, f"{r.peak_p50:.2f}", f"{r.peak_max:.2f}", delay
+def _outcome(row: ClassRow) -> tuple[str, ...]:
+    delay = "-" if row.delay is None else f"{row.delay:.0f}"
+    return (
+        row.kind,
+        row.location,
+        str(row.sessions),
+        str(row.harmed),
+        str(row.beyond),
+        str(row.felt),
+        str(row.stopped),
+        f"{row.peak_p50:.2f}",
+        f"{row.peak_max:.2f}",
+        delay,
+    )
 
 
-def _detection(r: ClassRow) -> tuple[str, ...]:
-    early = f"{r.early} of {r.beyond}"
-    counts = (r.jumped, r.unseen_checks, r.unseen_fixed, r.unseen_adaptive)
-    return r.kind, str(r.danger), str(r.in_time), str(r.seen_adaptive), early, *map(str, counts)
+def _detection(row: ClassRow) -> tuple[str, ...]:
+    return (
+        row.kind,
+        str(row.danger),
+        str(row.in_time),
+        str(row.seen_adaptive),
+        f"{row.early} of {row.beyond}",
+        str(row.jumped),
+        str(row.unseen_checks),
+        str(row.unseen_fixed),
+        str(row.unseen_adaptive),
+    )
 
 
-def _response(r: ResponseRow) -> tuple[str, ...]:
-    trained = "-" if r.trained is None else f"{100 * r.trained:.0f} %"
-    peaks = (f"{r.peak:.2f}", f"{r.peak_alone:.2f}")
-    counts = (str(r.harmed), trained, str(r.works), str(r.converted))
-    return r.kind, str(r.sessions), f"{r.noticed:.0f}", f"{r.acted:.0f}", *peaks, *counts
+def _response(row: ResponseRow) -> tuple[str, ...]:
+    trained = "-" if row.trained is None else f"{100 * row.trained:.0f} %"
+    return (
+        row.kind,
+        str(row.sessions),
+        f"{row.noticed:.0f}",
+        f"{row.acted:.0f}",
+        f"{row.peak:.2f}",
+        f"{row.peak_alone:.2f}",
+        str(row.harmed),
+        trained,
+        str(row.works),
+        str(row.converted),
+    )

@@ -9,11 +9,8 @@ This order is ASSUMED; the reaction times are those of the campaign file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
-
-import numpy as np
 
 from twin.simulation.machine.levels import Level
 
@@ -54,9 +51,13 @@ class HazardTrainee:
 
     def __init__(self, reaction: Reaction) -> None:
         self._times = reaction
-        self.pace, self.pedal, self.restarts, self.done = 1.0, True, False, False
+        self.pace = 1.0
+        self.pedal = True
+        self.restarts = False
+        self.done = False
         self.noticed: float | None = None
         self.responses: dict[Response, float] = {}
+        # time in s of the next response, and the response
         self._next: tuple[float, Response | Literal["decide"]] | None = None
         self._waits: float | None = None  # time in s of the restart after which the trainee waits for the arm
         self._works = 0.0  # time in s from which the trainee expects the arm to follow
@@ -65,19 +66,26 @@ class HazardTrainee:
     def step(self, t: float, felt: bool, level: Level) -> None:
         """React at t in s; `felt`: whether there is a force on the hand, `level`: run level that the machine shows."""
         self.restarts = False
+        wrong = felt or level != Level.PEDAL_DN
         if self._next is not None:
-            if t >= self._next[0]:
-                response, self._next = self._next[1], None
-                self._act(t, response, felt or level != Level.PEDAL_DN)
+            due, response = self._next
+            if t >= due:
+                self._next = None
+                self._act(t, response, wrong)
         elif self._waits is not None:
-            self._await(t, level)
-        elif t >= self._works and (felt or level != Level.PEDAL_DN):
-            self.noticed = t if self.noticed is None else self.noticed
-            self._next = (t + self._times.haptic, "slow down") if felt else (t + self._times.visual, "release pedal")
+            self._await(t, level, self._waits)
+        elif t >= self._works and wrong:
+            if self.noticed is None:
+                self.noticed = t
+            if felt:
+                self._next = t + self._times.haptic, "slow down"
+            else:
+                self._next = t + self._times.visual, "release pedal"
         elif t > self._quiet:
             self._end(t)
 
     def _act(self, t: float, response: Response | Literal["decide"], wrong: bool) -> None:
+        """Perform a response at t in s; `wrong`: whether there is a force, or the arm does not follow."""
         if response == "decide":
             if wrong:
                 self._act(t, "release pedal", wrong)
@@ -95,27 +103,26 @@ class HazardTrainee:
         elif response == "troubleshoot":
             self._act(t, "convert" if again else "restart", wrong)
         elif response == "restart":
-            self.restarts, self._waits = True, t
+            self.restarts = True
+            self._waits = t
         else:
             self._end(t)
 
-    def _await(self, t: float, level: Level) -> None:
-        assert self._waits is not None
+    def _await(self, t: float, level: Level, restarted: float) -> None:
+        """Wait for the arm after the restart at `restarted` in s; convert if it stops or takes too long."""
+        longest = self._times.visual if level == Level.E_STOP else _HOMING
         if level == Level.PEDAL_UP:
             self._go_on(t)
-        elif t - self._waits > (self._times.visual if level == Level.E_STOP else _HOMING):
+        elif t - restarted > longest:
             self._act(t, "convert", True)
 
     def _go_on(self, t: float) -> None:
-        self.pace, self.pedal, self._waits = 1.0, True, None
-        self._works, self._quiet = t + _LATENCY, t + _WATCH
+        self.pace = 1.0
+        self.pedal = True
+        self._waits = None
+        self._works = t + _LATENCY
+        self._quiet = t + _WATCH
 
     def _end(self, t: float) -> None:
         self.done = True
         self.responses.setdefault("report", t)
-
-
-def drawn(rng: np.random.Generator, means: Sequence[float], spreads: Sequence[float]) -> Reaction:
-    """Return random reaction times: normally distributed, but at least a tenth of the mean; see `Reaction`."""
-    times = [max(float(rng.normal(m, s)), m / 10) for m, s in zip(means, spreads, strict=True)]
-    return Reaction(*times)

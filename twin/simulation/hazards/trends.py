@@ -22,7 +22,7 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.schema import Table, error_at, load_toml
-from twin.simulation.hazards.attacked import HARM, Trace, trace
+from twin.simulation.hazards.attacked import HARM, Trace, held_at_stop, trace
 from twin.simulation.hazards.campaign import SpreadQuantity
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.hand import Hand, wander
@@ -149,13 +149,18 @@ class Trends(Result):
     @property
     def grows(self) -> bool:
         """Whether the mean deviation grows with the motion scale."""
-        return bool((np.diff([r.mean for r in self.scales]) > 0).all())
+        means = [row.mean for row in self.scales]
+        return bool((np.diff(means) > 0).all())
 
     @property
     def as_published(self) -> list[StuckRow]:
         """Runs with a jump in each fault and a stop at the last fault, as in the paper."""
         times = self.table.stuck.times
-        return [r for r in self.stuck if r.jumps == times and r.stopped == times]
+        rows = []
+        for row in self.stuck:
+            if row.jumps == times and row.stopped == times:
+                rows.append(row)
+        return rows
 
     def content(self) -> JsonObject:
         """Return plain data."""
@@ -172,80 +177,101 @@ class Trends(Result):
         """Yield the parts of the printed result."""
         yield f"{self.robot} · the paper's experiments with an ASSUMED plant: trends, not numbers"
         yield "\nDeviation without a fault by motion scale"
-        rows = [(f"{r.scale:g}", f"{r.mean:.3f}", f"{r.spread:.3f}", f"{r.peak:.3f}") for r in self.scales]
-        yield TextTable(("motion scale", "mean mm", "spread mm", "largest mm"), rows)
+        scale_rows = []
+        for row in self.scales:
+            scale_rows.append((f"{row.scale:g}", f"{row.mean:.3f}", f"{row.spread:.3f}", f"{row.peak:.3f}"))
+        yield TextTable(("motion scale", "mean mm", "spread mm", "largest mm"), scale_rows)
         word = "grows" if self.grows else "does not grow"
         paper = f"in the paper it grows, {PUBLISHED[0]} ± {PUBLISHED[1]} mm over these scales"
         yield f"  the deviation {word} with the scale; {paper}"
-        t = self.table.stuck
-        yield f"\n{self.motor} stuck for {t.cycles} cycles every {t.every * TICK:g} s, motion scale {t.scale:g}"
-        yield TextTable(
-            ("hand", "stuck at counts", "peaks mm", f"jumps > {HARM:g} mm", "stopped at fault", "check"),
-            [
-                (
-                    str(r.hand),
-                    f"{r.counts:.0f}",
-                    ", ".join(f"{p:.2f}" for p in r.peaks),
-                    str(r.jumps),
-                    "-" if r.stopped is None else str(r.stopped),
-                    r.check,
-                )
-                for r in self.stuck
-            ],
-        )
-        same = ", ".join(f"hand {r.hand} stuck at {r.counts:.0f} counts" for r in self.as_published)
-        count = _NUMBERS.get(t.times, str(t.times))
-        yield f"  {count} jumps and a stop at the last, as in the paper: {same or 'none'}"
-        for name, q in (("masses", self.table.mass), ("friction", self.table.friction)):
-            yield f"  {q.provenance} {name} times {q.value:g}: {q.note}"
+        stuck = self.table.stuck
+        period = stuck.every * TICK
+        yield f"\n{self.motor} stuck for {stuck.cycles} cycles every {period:g} s, motion scale {stuck.scale:g}"
+        stuck_rows = []
+        for row in self.stuck:
+            peaks = ", ".join(f"{peak:.2f}" for peak in row.peaks)
+            stopped = "-" if row.stopped is None else str(row.stopped)
+            stuck_rows.append((str(row.hand), f"{row.counts:.0f}", peaks, str(row.jumps), stopped, row.check))
+        head = ("hand", "stuck at counts", "peaks mm", f"jumps > {HARM:g} mm", "stopped at fault", "check")
+        yield TextTable(head, stuck_rows)
+        published = []
+        for row in self.as_published:
+            published.append(f"hand {row.hand} stuck at {row.counts:.0f} counts")
+        published_text = ", ".join(published) or "none"
+        count = _NUMBERS.get(stuck.times, str(stuck.times))
+        yield f"  {count} jumps and a stop at the last, as in the paper: {published_text}"
+        for name, quantity in (("masses", self.table.mass), ("friction", self.table.friction)):
+            yield f"  {quantity.provenance} {name} times {quantity.value:g}: {quantity.note}"
         yield "  ASSUMED motions of the hand and stuck values: not published"
 
 
 def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str, float], None]) -> Trends:
     """Run both experiments, which takes about 30 s of processor time."""
-    settings, t = parts.settings, table.stuck
-    steps = len(table.scales) + sum(len(hand.shares) for hand in t.hand)
+    stuck = table.stuck
+    runs = len(table.scales)
+    for hand in stuck.hand:
+        runs += len(hand.shares)
     physics = parts.plant.physics.changed(table.mass.value, table.friction.value)
 
-    def hand(scale: float, seed: int) -> Hand:
-        return Hand(settings, scale, wander(seed))
+    def hand_of(scale: float, seed: int) -> Hand:
+        return Hand(parts.settings, scale, wander(seed))
 
-    scales = []
-    for i, scale in enumerate(table.scales):
-        progress(f"motion scale {scale:g}", (i + 1) / (steps + 1))
-        both = (trace(parts, hand(scale, table.free_hand), table.free, table.free, p) for p in (physics, None))
-        apart = _apart(parts, *both)
-        scales.append(ScaleRow(scale, float(apart.mean()), float(apart.std()), float(apart.max())))
-    packets = t.every * t.times + t.cycles + t.watched
-    motor = settings.of_motors(parts.arm.mechanism)[0]
-    limit = getattr(motor.dac, settings.mode)
-    begins = [t.every * (n + 1) for n in range(t.times)]
-    stuck, curves = [], {}
-    for one in t.hand:
-        model = trace(parts, hand(t.scale, one.seed), packets, packets)
-        for share in one.shares:
-            counts = share * limit
-            progress(f"stuck at {counts:.0f} counts", (len(scales) + len(stuck) + 1) / (steps + 1))
-            faults = [Fault("dac", b, b + t.cycles, "overwrite", counts, 0, counts=True) for b in begins]
-            run = trace(parts, hand(t.scale, one.seed), packets, 1, physics, faults)
-            apart = curves[one.seed, counts] = _apart(parts, run, model)
-            stuck.append(_row(one.seed, counts, apart, run, begins, t.cycles + t.watched))
-    return Trends(robot, motor.name, scales, stuck, curves, table)
+    scale_rows: list[ScaleRow] = []
+    for scale in table.scales:
+        # the last part is for writing the results
+        progress(f"motion scale {scale:g}", (len(scale_rows) + 1) / (runs + 1))
+        machine = trace(parts, hand_of(scale, table.free_hand), table.free, table.free, physics)
+        model = trace(parts, hand_of(scale, table.free_hand), table.free, table.free)
+        deviation = _deviation(parts, machine, model)
+        row = ScaleRow(scale, float(deviation.mean()), float(deviation.std()), float(deviation.max()))
+        scale_rows.append(row)
+
+    packets = stuck.every * stuck.times + stuck.cycles + stuck.watched
+    motor = parts.settings.of_motors(parts.arm.mechanism)[0]
+    largest_counts = getattr(motor.dac, parts.settings.mode)
+    begins = [stuck.every * (number + 1) for number in range(stuck.times)]
+    stuck_rows: list[StuckRow] = []
+    curves = {}
+    for hand in stuck.hand:
+        model = trace(parts, hand_of(stuck.scale, hand.seed), packets, packets)
+        for share in hand.shares:
+            counts = share * largest_counts
+            run = len(scale_rows) + len(stuck_rows) + 1
+            progress(f"stuck at {counts:.0f} counts", run / (runs + 1))
+            faults = []
+            for begin in begins:
+                faults.append(Fault("dac", begin, begin + stuck.cycles, "overwrite", counts, 0, counts=True))
+            machine = trace(parts, hand_of(stuck.scale, hand.seed), packets, 1, physics, faults)
+            deviation = _deviation(parts, machine, model)
+            curves[hand.seed, counts] = deviation
+            row = _stuck_row(hand.seed, counts, deviation, machine, begins, stuck.cycles + stuck.watched)
+            stuck_rows.append(row)
+    return Trends(robot, motor.name, scale_rows, stuck_rows, curves, table)
 
 
-def _apart(parts: Parts, run: Trace, model: Trace) -> Array:
+def _deviation(parts: Parts, machine: Trace, model: Trace) -> Array:
     """Return the distance (k,) in mm between the true tips; after a stop, the model's tip at the stop is used."""
-    k = len(run.q)
-    wanted = parts.kin.forward_many(model.q[:k])[:, :3, 3]
-    stopped = run.levels == Level.E_STOP
-    if stopped.any():
-        wanted[stopped] = wanted[int(np.argmax(stopped))]
-    return np.linalg.norm(parts.kin.forward_many(run.q)[:, :3, 3] - wanted, axis=1) * _MM
+    k = len(machine.q)
+    model_tips = parts.kin.forward_many(model.q[:k])[:, :3, 3]
+    tips = parts.kin.forward_many(machine.q)[:, :3, 3]
+    return np.linalg.norm(tips - held_at_stop(model_tips, machine), axis=1) * _MM
 
 
-def _row(hand: int, counts: float, apart: Array, run: Trace, begins: list[int], watched: int) -> StuckRow:
-    windows = [apart[b - 1 : b - 1 + watched] for b in begins]
-    peaks = [float(w.max()) for w in windows if len(w)]
-    stops = np.flatnonzero(run.levels == Level.E_STOP)
-    at = int(sum(b <= stops[0] + 1 for b in begins)) if len(stops) else None
-    return StuckRow(hand, counts, peaks, sum(p > HARM for p in peaks), at, run.machine.reason if len(stops) else "")
+def _stuck_row(hand: int, counts: float, deviation: Array, machine: Trace, begins: list[int], watched: int) -> StuckRow:
+    """Return the consequences of faults that begin at the packets `begins`, each for `watched` packets."""
+    peaks = []
+    jumps = 0
+    for begin in begins:
+        window = deviation[begin - 1 : begin - 1 + watched]
+        if len(window):  # the machine had not stopped before
+            peak = float(window.max())
+            peaks.append(peak)
+            jumps += peak > HARM
+    stopped = None
+    check = ""
+    stops = np.flatnonzero(machine.levels == Level.E_STOP)
+    if len(stops):
+        stop_packet = stops[0] + 1
+        stopped = int(np.searchsorted(begins, stop_packet, side="right"))
+        check = machine.machine.reason
+    return StuckRow(hand, counts, peaks, jumps, stopped, check)
