@@ -67,9 +67,11 @@ def _draw_drift(ax: Axes, path: Array) -> None:
     """Draw the distance from the start of a path (k, 3) in m; the mark at its end is green if the path is closed."""
     distance = np.linalg.norm(path - path[0], axis=1) / MM
     drift = distance[-1]
-    closed = drift < 1e-9
+    color = UNFIT
+    if drift < 1e-9:
+        color = FIT
     ax.plot(np.arange(len(distance)), distance, color=PALETTE[0], linewidth=0.8)
-    ax.plot([len(distance) - 1], [drift], "o", color=FIT if closed else UNFIT)
+    ax.plot([len(distance) - 1], [drift], "o", color=color)
     ax.set_title(f"closed hand motion: drift of {drift:.2g} mm", loc="left")
     ax.set_xlabel("increments")
     ax.set_ylabel("tool position relative to its start [mm]")

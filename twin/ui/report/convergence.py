@@ -32,7 +32,10 @@ _COLOURS = (FIT, NEAR, UNFIT)
 
 def convergence(report: Report) -> Figure | None:
     """Draw the residual of each search over its steps; None if the report has no such searches."""
-    keys = [key for key in SEARCHES if key in report.series]
+    keys = []
+    for key in SEARCHES:
+        if key in report.series:
+            keys.append(key)
     if not keys:
         return None
     figure, axes = panels(headline("Searches for tip and trocar", report), [3.0], len(keys), head=1.3)

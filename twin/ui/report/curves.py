@@ -83,7 +83,13 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
 
 def rows(report: Report, quantity: RowKind, unit: str = "", pairs: str = "") -> list[Residual]:
     """Return the residuals of a quantity, in this unit ("": any) and for this pair of models, as "A-B" ("": any)."""
-    return [r for r in report.residuals if r.quantity == quantity and unit in ("", r.unit) and pairs in ("", r.pair)]
+    selected = []
+    for residual in report.residuals:
+        same_unit = unit in ("", residual.unit)
+        same_pair = pairs in ("", residual.pair)
+        if residual.quantity == quantity and same_unit and same_pair:
+            selected.append(residual)
+    return selected
 
 
 def tolerance(report: Report, quantity: RowKind, unit: str, pairs: str = "A-B") -> float | None:
@@ -94,7 +100,9 @@ def tolerance(report: Report, quantity: RowKind, unit: str, pairs: str = "A-B") 
 
 def joint_unit(report: Report, joint: str) -> str:
     """Return the SI unit of a joint, "rad" or "m"."""
-    return "rad" if joint in report.angles else "m"
+    if joint in report.angles:
+        return "rad"
+    return "m"
 
 
 def alarms(report: Report) -> dict[str, float]:

@@ -51,8 +51,11 @@ def _peaks(ax: Axes, found: Hazards) -> None:
         if k % 2:
             ax.axhspan(k - 0.5, k + 0.5, color=BAND, linewidth=0, zorder=0)
         y = k + 0.3 * np.sin(2.4 * np.arange(len(rows)))  # equal values lie beside each other
-        stopped = np.array([row["stop"] is not None for row in rows])
-        peaks = np.maximum([row["peak"] for row in rows], _LEAST)
+        stopped = np.zeros(len(rows), bool)
+        peaks = np.zeros(len(rows))
+        for i, row in enumerate(rows):
+            stopped[i] = row["stop"] is not None
+            peaks[i] = max(row["peak"], _LEAST)
         parts = ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check"))
         for part, color, text in parts:
             label = text if k == 0 else None  # one entry of the legend for all classes
@@ -82,9 +85,13 @@ def _roc(ax: Axes, found: Hazards) -> None:
         detected, false = curve.at(curve.limit)
         ax.plot([false], [detected], "o", color=color, ms=6, clip_on=False, zorder=4)
     if found.roc:
-        used = " or ".join(dict.fromkeys(curve.used for curve in found.roc))
-        ax.plot([], [], "o", color=INK, ms=6, label=f"limit in use, {used}")
-    detections = [in_time(row) for row in found.rows if dangerous(row)]
+        # each limit is used without and with the checks: its text comes once
+        used = dict.fromkeys(curve.used for curve in found.roc)
+        ax.plot([], [], "o", color=INK, ms=6, label=f"limit in use, {' or '.join(used)}")
+    detections = []
+    for row in found.rows:
+        if dangerous(row):
+            detections.append(in_time(row))
     if detections:
         share = float(np.mean(detections))
         # each session that these checks stop counts as dangerous: they have no false alarm
@@ -98,7 +105,10 @@ def _roc(ax: Axes, found: Hazards) -> None:
 
 def _times(ax: Axes, found: Hazards) -> None:
     """Draw the share of sessions in which the scripted trainee has noticed, or acted, by a time after the fault."""
-    responses = [row["response"] for row in found.rows if row["response"] is not None]
+    responses = []
+    for row in found.rows:
+        if row["response"] is not None:
+            responses.append(row["response"])
     for color, key, text in ((PALETTE[0], "noticed", "could notice"), (PALETTE[1], "acted", "acted")):
         if responses:
             times = np.sort([response[key] for response in responses])

@@ -82,10 +82,9 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
             infos.append(finding)
         else:
             grave.append(finding)
-    origins = []
-    for origin in _ORIGINS:
-        number = sum(parameter.provenance == origin for parameter in report.parameters)
-        origins.append((origin, number))
+    numbers = dict.fromkeys(_ORIGINS, 0)
+    for parameter in report.parameters:
+        numbers[parameter.provenance] += 1
     return _template().render(
         report=report,
         word=word(report),
@@ -100,17 +99,23 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
         pictures=pictures,
         drawable=style.drawable(),
         parameters=_parameters(report),
-        origins=origins,
+        origins=list(numbers.items()),
         command=command(report),
     )
 
 
 def _without_cause(report: Report) -> list[Finding]:
     """Return the findings that belong to none of the report's causes."""
+    # by identity: two findings with the same content can belong to different causes
     explained = set()
     for cause in report.causes:
-        explained.update(id(finding) for finding in cause.findings)
-    return [finding for finding in report.findings if id(finding) not in explained]
+        for finding in cause.findings:
+            explained.add(id(finding))
+    others = []
+    for finding in report.findings:
+        if id(finding) not in explained:
+            others.append(finding)
+    return others
 
 
 def word(report: Report) -> str:
@@ -125,16 +130,20 @@ def reason(report: Report) -> str:
         return f"{_sentence(report.causes[0].head)} Unchecked quantities have no verdict."
     if report.verdict == "disagree":
         return _sentence(report.causes[0].head)
-    judged = [r for r in report.residuals if r.tolerance is not None]
-    if not judged:
+    samples = []
+    failing = 0
+    for residual in report.residuals:
+        if residual.tolerance is not None:
+            samples.append(residual.samples)
+        if not residual.agrees:
+            failing += 1
+    if not samples:
         return "No finding of a disagreement; no residual has a tolerance."
-    failing = sum(not r.agrees for r in report.residuals)
     if failing:  # a failing residual without a finding
         return f"No finding of a disagreement; residuals above their tolerance: {failing}."
-    samples = [r.samples for r in judged]
     fewest = min(samples)
     most = max(samples)
-    text = f"All {len(judged)} residuals with a tolerance are within their tolerance"
+    text = f"All {len(samples)} residuals with a tolerance are within their tolerance"
     if most <= 1:
         return f"{text}."
     span = fmt.count(most, "sample")
@@ -196,10 +205,12 @@ def _with_commands(report: Report) -> Markup:
     from markupsafe import Markup, escape
 
     text = str(escape(report.what_to_do))
-    lines = [str(escape(line)) for line in report.commands.values()]
+    lines = []
+    for line in report.commands.values():
+        lines.append(str(escape(line)))
     if lines:
         lines.sort(key=len, reverse=True)  # the longest first: a line can be a part of another line
-        any_line = "|".join(re.escape(line) for line in lines)
+        any_line = "|".join(map(re.escape, lines))
         text = re.sub(any_line, r"<code>\g<0></code>", text)
     return Markup(text)
 
@@ -246,8 +257,7 @@ def _rcm_figure(report: Report) -> dict[str, str]:
     rows = curves.rows(report, "rcm", "m")
     planned = curves.pair(report, "rcm_error")
     if rows:
-        # an error that could not be computed (NaN) counts as the largest
-        value = max((row.worst for row in rows), key=lambda error: math.inf if math.isnan(error) else error)
+        value = max(rows, key=_size).worst
     elif planned is not None:
         _, errors = planned
         value = float(np.nanmax(errors))
@@ -257,11 +267,21 @@ def _rcm_figure(report: Report) -> dict[str, str]:
     note = "no tolerance"
     if limit:
         note = f"limit {fmt.quantity(limit, 'm')}"
-    state = "none" if limit is None else "good"
-    exceeds = limit is not None and not value <= limit  # true for NaN, too
-    if exceeds or any(not row.agrees for row in rows):
-        state = "bad"
+    state = "none"
+    if limit is not None:
+        # written so that NaN, which compares as False, is not good
+        state = "good" if value <= limit else "bad"
+    for row in rows:
+        if not row.agrees:
+            state = "bad"
     return _key_figure("RCM error", fmt.quantity(value, "m"), note, state)
+
+
+def _size(row: Residual) -> float:
+    """Return the worst value of a residual; one that could not be computed (NaN) counts as infinite."""
+    if math.isnan(row.worst):
+        return math.inf
+    return row.worst
 
 
 def _clearance_figure(report: Report) -> dict[str, str]:
@@ -277,37 +297,53 @@ def _clearance_figure(report: Report) -> dict[str, str]:
 
 def _counts(report: Report) -> list[str]:
     """Return texts that state the numbers of causes, of findings that follow from the causes, and of other findings."""
-    causes = report.causes
-    alike = sum(len(cause.also) for cause in causes)
-    following = sum(len(cause.follows) for cause in causes)
-    perhaps = sum(len(cause.perhaps) for cause in causes)
+    alike = 0
+    following = 0
+    perhaps = 0
+    for cause in report.causes:
+        alike += len(cause.also)
+        following += len(cause.follows)
+        perhaps += len(cause.perhaps)
     verb = "follows" if following == 1 else "follow"
-    others = _without_cause(report)
-    warnings = sum(finding.severity == "warning" for finding in others)
-    infos = sum(finding.severity == "info" for finding in others)
-    entries = (
-        (len(causes), "cause", ""),
+    warnings = 0
+    infos = 0
+    for finding in _without_cause(report):
+        warnings += finding.severity == "warning"
+        infos += finding.severity == "info"
+    texts = []
+    for number, noun, addition in (
+        (len(report.causes), "cause", ""),
         (alike, "finding", " of the same kind"),
         (following, "finding", f" that {verb}"),
         (perhaps, "finding", " that may follow"),
         (warnings, "warning", ""),
         (infos, "note", ""),
-    )
-    return [f"{fmt.count(number, noun)}{addition}" for number, noun, addition in entries if number]
+    ):
+        if number:
+            texts.append(f"{fmt.count(number, noun)}{addition}")
+    return texts
 
 
 def _groups(report: Report) -> list[JsonObject]:
     """Return the residuals by pair of models: failing residuals first, consequences directly after their cause."""
     out = []
     for pair in pair_names(report):
-        rows = [row for row in report.residuals if row.pair == pair]
+        rows = []
+        bad = 0
+        judged = 0
+        for row in report.residuals:
+            if row.pair != pair:
+                continue
+            rows.append(row)
+            bad += not row.agrees
+            judged += row.tolerance is not None
         title, short = PAIRS.get(pair, (pair, pair))
         group = {
             "pair": short,
             "title": _capitalised(title),
             "rows": _by_cause(rows),
-            "bad": sum(not row.agrees for row in rows),
-            "judged": sum(row.tolerance is not None for row in rows),
+            "bad": bad,
+            "judged": judged,
         }
         out.append(group)
     return out
@@ -325,7 +361,9 @@ def _by_cause(rows: list[Residual]) -> list[Residual]:
             if row.consequence_of in names and row not in ordered:
                 ordered.append(row)
     # last, consequences of residuals of another pair of models
-    ordered += [row for row in rows if row not in ordered]
+    for row in rows:
+        if row not in ordered:
+            ordered.append(row)
     return ordered
 
 
@@ -340,8 +378,10 @@ def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
     drawn = []
     others = []
     for parameter in sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance)):
-        group = drawn if parameter.name.startswith("drawing.") else others
-        group.append(parameter)
+        if parameter.name.startswith("drawing."):
+            drawn.append(parameter)
+        else:
+            others.append(parameter)
     return [("Equations, limits, protocol", others), ("Dimensions of the CAD", drawn)]
 
 

@@ -39,15 +39,21 @@ above the tolerance."""
 
 def pair_names(report: Report) -> list[str]:
     """Return the pairs of models in the report: first those in `PAIRS`, in this order, then all others, sorted."""
-    found = {r.pair for r in report.residuals}
-    return [p for p in PAIRS if p in found] + sorted(found - PAIRS.keys())
+    pairs = {residual.pair for residual in report.residuals}
+    names = []
+    for pair in PAIRS:
+        if pair in pairs:
+            names.append(pair)
+    return names + sorted(pairs - PAIRS.keys())
 
 
 def label(row: Residual) -> str:
     """Return the compared quantity of a residual as text: "point s1", "tool rotation", "driven joint q3"."""
     angular = row.unit.startswith("rad")
     if row.quantity == "tool":
-        text = "tool rotation" if angular else "tool position"
+        text = "tool position"
+        if angular:
+            text = "tool rotation"
         if row.name == "tool":
             return text
         return f"{text} {row.name}"
@@ -113,9 +119,9 @@ def residual_matrix(report: Report) -> Figure | None:
     rows = np.arange(len(names)) + 0.5
     columns = np.arange(len(pairs)) + 0.5
     ax.set(xlim=(0, len(pairs)), ylim=(len(names), 0), yticks=rows)
-    ax.set_yticklabels([_short(name) for name in names], fontsize=8.5)
+    ax.set_yticklabels(list(map(_short, names)), fontsize=8.5)
     heading_size = 8.5 if len(pairs) < 6 else 7.5
-    ax.set_xticks(columns, [_heading(pair) for pair in pairs], fontsize=heading_size)
+    ax.set_xticks(columns, list(map(_heading, pairs)), fontsize=heading_size)
     ax.xaxis.tick_top()
     ax.tick_params(length=0)
     ax.grid(visible=False)
@@ -181,8 +187,13 @@ def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
                 largest = max(largest, over)
         return largest
 
-    kept = set(sorted(table, key=worst, reverse=True)[:_MOST_ROWS])
-    return [name for name in table if name in kept]
+    by_ratio = sorted(table, key=worst, reverse=True)
+    dropped = set(by_ratio[_MOST_ROWS:])
+    names = []
+    for name in table:
+        if name not in dropped:
+            names.append(name)
+    return names
 
 
 def _heading(pair: str) -> str:

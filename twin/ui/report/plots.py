@@ -59,12 +59,14 @@ def active_joints(report: Report) -> Figure | None:
     Prismatic joints are in one column, revolute joints in another.
     """
     series: list[tuple[Array, Array]] = []
+    columns_of_series = []
     for key in ("q", "qd", "qdd"):
         found = curves.pair(report, key)
         if found is None or found[1].ndim != 2:
             return None
         series.append(found)
-    n = min(values.shape[1] for _, values in series)
+        columns_of_series.append(found[1].shape[1])
+    n = min(columns_of_series)
     names = list(report.joint_names[:n])
     # joints without a name in the report are numbered
     for j in range(n - len(names)):
@@ -95,15 +97,16 @@ def tool_motion(report: Report) -> Figure | None:
 
     Black dashed lines show the motion of the independent model, if the report contains it.
     """
-    linear = [curves.pair(report, f"{key}_tool") for key in "pva"]
-    if linear[0] is None:
+    if curves.pair(report, "p_tool") is None:
         return None
     angular = _angles(report, "angles", "t")
     columns = 2 if angular else 1
     figure, axes = panels(headline("Tool motion", report), [1.75] * 3, columns)
     for r, (what, per) in enumerate(_RATES):
-        reference = curves.pair(report, f"{'pva'[r]}_tool_B", "t_coarse")
-        _draw_xyz(axes[r][0], linear[r], reference, "xyz", MM)
+        key = "pva"[r]
+        linear = curves.pair(report, f"{key}_tool")
+        reference = curves.pair(report, f"{key}_tool_B", "t_coarse")
+        _draw_xyz(axes[r][0], linear, reference, "xyz", MM)
         axes[r][0].set_ylabel(f"{what} [mm{per}]")
     if angular:
         references = _angles(report, "angles_B", "t_coarse") or [None] * 3
@@ -121,7 +124,10 @@ def residuals(report: Report) -> Figure | None:
     groups = _residual_groups(report)
     if not groups:
         return None
-    heights = [1.9 if len(group.lines) > 1 else 1.3 for group in groups]
+    heights = []
+    for group in groups:
+        # several curves need room for their legend
+        heights.append(1.9 if len(group.lines) > 1 else 1.3)
     figure, axes = panels(headline("Formula against mechanism", report), heights, 1, _SIDE, 0.62, 0.3)
     phase_bands(axes, report.phases)
     for (ax,), group in zip(axes, groups, strict=True):
@@ -130,7 +136,8 @@ def residuals(report: Report) -> Figure | None:
             limit = curves.tolerance(report, kind, group.unit)
             if limit is not None:
                 limits.append(limit)
-        log_axis(ax, group.unit, [np.abs(y) for _, _, y in group.lines], limits)
+        absolute = [np.abs(y) for _, _, y in group.lines]
+        log_axis(ax, group.unit, absolute, limits)
         floor, _ = ax.get_ylim()
         colored = 0
         for name, t, y in group.lines:
@@ -175,13 +182,16 @@ def _residual_groups(report: Report) -> list[_ResidualGroup]:
     rotation = curves.pair(report, "residual_rotation")
     if rotation is not None:
         rotations.append(("tool", *rotation))
-    groups = (
+    groups = []
+    for group in (
         _ResidualGroup("tool and points", "m", positions, ("tool", "point")),
         _ResidualGroup("driven joints", "m", driven["m"], ("driven",)),
         _ResidualGroup("driven joints", "rad", driven["rad"], ("driven",)),
         _ResidualGroup("tool rotation", "rad", rotations, ("tool",)),
-    )
-    return [group for group in groups if group.lines]
+    ):
+        if group.lines:
+            groups.append(group)
+    return groups
 
 
 def rcm(report: Report) -> Figure | None:
@@ -241,7 +251,9 @@ def margins(report: Report) -> Figure | None:
         groups["singularity"] = measures
     if not groups:
         return None
-    heights = [2.1 if title == "singularity" else 1.5 for title in groups]
+    heights = [1.5] * len(groups)
+    if measures:
+        heights[-1] = 2.1
     figure, axes = panels(headline("Margins", report), heights, 1, _SIDE, 0.62, 0.25)
     phase_bands(axes, report.phases)
     for (ax,), (title, lines) in zip(axes, groups.items(), strict=True):
@@ -269,7 +281,10 @@ def clearance(report: Report) -> Figure | None:
 
 def path_cost(report: Report) -> Figure | None:
     """Draw the path cost over the number of samples of the search, for each phase with a searched path."""
-    searches = {phase.name: phase.rounds for phase in report.phases if phase.rounds is not None}
+    searches = {}
+    for phase in report.phases:
+        if phase.rounds is not None:
+            searches[phase.name] = phase.rounds
     if not searches:
         return None
     return rounds.figure(headline("Paths around obstacles", report), searches)
@@ -352,22 +367,23 @@ def _draw_xyz(
 
 def _draw_distances(ax: Axes, lines: list[_Line]) -> None:
     """Draw distances in m on an axis in mm that begins at zero, and mark the smallest."""
-    scaled = [(name, t, y / MM) for name, t, y in lines]
-    for i, (name, t, y) in enumerate(scaled):
-        t_drawn, y_drawn = curves.thin(t, y)
-        ax.plot(t_drawn, y_drawn, label=name, **_line_style(i))
-    _zero_based(ax, [y for _, _, y in scaled])
+    scaled: list[_Line] = []
+    for i, (name, t, y) in enumerate(lines):
+        distance = y / MM
+        scaled.append((name, t, distance))
+        t_drawn, distance_drawn = curves.thin(t, distance)
+        ax.plot(t_drawn, distance_drawn, label=name, **_line_style(i))
+    _zero_based(ax, scaled)
     _mark_least(ax, scaled, lambda distance: quantity(distance * MM, "m"))
 
 
 def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> None:
     """Draw the absolute value of each measure, divided by its alarm value; all but the five smallest are grey."""
-    relative = []
+    relative: list[_Line] = []
     for name, t, y in lines:
         alarm = alarms.get(name, 1.0)
         relative.append((name, t, np.abs(y) / alarm))
     relative.sort(key=lambda line: float(np.nanmin(line[2])))
-    values = [y for _, _, y in relative]
     # instead of a single grey curve, a sixth coloured one
     colored = len(relative) if len(relative) <= 6 else 5
     for i, (name, t, y) in enumerate(relative):
@@ -378,11 +394,11 @@ def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> No
         # one entry of the legend for all grey curves
         label = f"{len(relative) - colored} others" if i == colored else ""
         ax.plot(t_drawn, y_drawn, label=label, zorder=1.5, color="#9aa5b1", lw=0.9)
-    largest = max(float(np.nanmax(y)) for y in values)
+    _, largest = _range(relative)
     if alarms and largest > 20:
         ax.set_yscale("log")
     else:
-        _zero_based(ax, values)
+        _zero_based(ax, relative)
     if alarms:
         limit_line(ax, 1.0, "alarm", NEAR)
         ax.set_ylabel("singularity / alarm")
@@ -391,10 +407,19 @@ def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> No
     _mark_least(ax, relative[:1], lambda measure: f"{measure:.3g}")
 
 
-def _zero_based(ax: Axes, values: list[Array]) -> None:
+def _range(lines: list[_Line]) -> tuple[float, float]:
+    """Return the smallest and the largest value of all curves."""
+    low = np.inf
+    high = -np.inf
+    for _, _, y in lines:
+        low = min(low, float(np.nanmin(y)))
+        high = max(high, float(np.nanmax(y)))
+    return low, high
+
+
+def _zero_based(ax: Axes, lines: list[_Line]) -> None:
     """Begin the y axis at zero, or below zero if a value is negative."""
-    low = min(float(np.nanmin(v)) for v in values)
-    high = max(float(np.nanmax(v)) for v in values)
+    low, high = _range(lines)
     ax.set_ylim(min(0.0, 1.15 * low), max(high, 0.0) * 1.12 or 1.0)
     if low < 0:
         ax.axhspan(ax.get_ylim()[0], 0, color=UNFIT, alpha=0.12, lw=0)

@@ -32,7 +32,10 @@ def figure(found: ProcedureSession) -> Figure:
 
     t = found.ran.kept.t
     rows = _rows(found)
-    passed = [check for check in found.measures.checks if check.t is not None]
+    passed = []
+    for check in found.measures.checks:
+        if check.t is not None:
+            passed.append(check)
     out = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
     axes = out.subplots(len(rows), 1, sharex=True)
     for ax, row in zip(axes, rows, strict=True):

@@ -29,7 +29,11 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
     the cost of the path in the search tree. The solid line, with a ring at its end, is the cost of the best path with
     shortcuts. Rounds without a path are crosses on the x axis.
     """
-    kinds = list(dict.fromkeys((search.cost, search.unit) for search in searches.values()))
+    kinds = []
+    for search in searches.values():
+        kind = (search.cost, search.unit)
+        if kind not in kinds:
+            kinds.append(kind)
     out, axes = panels(title, [2.1] * len(kinds), 1, _SIDE, 0.5, 0.3)
     counts: set[int] = set()
     for (ax,), (cost, unit) in zip(axes, kinds, strict=True):
@@ -37,7 +41,8 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
             if (search.cost, search.unit) != (cost, unit):
                 continue
             _draw(ax, name, search, PALETTE[i % len(PALETTE)])
-            counts.update(found.samples for found in search.rounds)
+            for found in search.rounds:
+                counts.add(found.samples)
         sign = "mm" if unit == "m" else pretty_unit(unit)
         label = cost.replace("_", " ")
         if sign:
@@ -52,9 +57,10 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
 def _draw(ax: Axes, name: str, search: SearchRounds, color: str) -> None:
     """Draw the rounds of one search."""
     scale = MM if search.unit == "m" else 1.0
-    x = np.array([found.samples for found in search.rounds], float)
-    tree = np.array([found.tree for found in search.rounds]) / scale
-    best = np.array([found.best for found in search.rounds]) / scale
+    rows = [(found.samples, found.tree, found.best) for found in search.rounds]
+    x, tree, best = np.array(rows, float).T
+    tree = tree / scale
+    best = best / scale
     # the cost is infinite as long as there is no path
     tree[~np.isfinite(tree)] = np.nan
     without_path = ~np.isfinite(best)

@@ -52,7 +52,9 @@ def distances(
     height = 4.6 + 0.32 * len(rows)
     out = sheet(title, height)
     top, below = out.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [4, 0.45 * len(rows)], "hspace": 0.12})
-    left = max(0.09, 0.025 + 0.0075 * max(len(row.name) for row in rows))
+    names = [row.name for row in rows]
+    longest = max(map(len, names))
+    left = max(0.09, 0.025 + 0.0075 * longest)  # room for the names
     out.subplots_adjust(left=left, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
     for k, ((a, b), distance) in enumerate(pairs.items()):
         repetition, color = divmod(k, len(PALETTE))
@@ -76,7 +78,7 @@ def distances(
         for k, (start, end) in enumerate(row.phases):
             color = BAND if k % 2 else PALETTE[5]
             below.barh(i, end - start, left=start, color=color, height=0.7)
-    below.set_yticks(range(len(rows)), [row.name for row in rows])
+    below.set_yticks(range(len(rows)), names)
     below.invert_yaxis()
     below.grid(visible=False)
     below.set_xlabel("time [s]; each block is a phase")

@@ -47,9 +47,11 @@ def figure(found: ConsoleSession) -> Figure:
     """
     table = console_scene.console_of(found.scene)
     arms = []
+    longest = 0
     for hand in HANDS:
         for name in getattr(table, hand):
             arms.append((hand, name))
+            longest = max(longest, len(name))
     rows = _rows(found, arms)
     # in inches; each hand has one more band, for its gripper
     bands = 0.24 * (len(rows) + len(HANDS))
@@ -60,7 +62,6 @@ def figure(found: ConsoleSession) -> Figure:
     tall = height - base - 0.8
     out = sheet(f"{found.scene.name}: session of {found.ran.duration:.1f} s, {operator(found.seed)}", height)
     # space for the names of the bands
-    longest = max(len(name) for _, name in arms)
     beside = 1.2 if longest < 8 else 1.5
     left = beside / WIDTH
     wide = (WIDTH - beside - 0.25) / WIDTH

@@ -65,7 +65,10 @@ def figure(found: Ranks) -> Figure:
 
 def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, str], letters: int) -> None:
     """Draw a box plot and the values of each sample; up to `letters` letters fit on a line below the axes."""
-    drawn = {sample: values for sample, values in samples.items() if len(values)}
+    drawn = {}
+    for sample, values in samples.items():
+        if len(values):
+            drawn[sample] = values
     ax.boxplot(
         list(drawn.values()),
         widths=0.5,
@@ -101,7 +104,10 @@ def _course(ax: Axes, found: Ranks, name: str, colors: Mapping[str, str]) -> Non
         known = (groups == group) & np.isfinite(values)
         ax.plot(sessions[known], values[known], "o", ms=4, alpha=0.5, color=color)
         numbers = np.unique(sessions[known])
-        medians = [np.median(values[known & (sessions == number)]) for number in numbers]
+        medians = []
+        for number in numbers:
+            in_session = known & (sessions == number)
+            medians.append(np.median(values[in_session]))
         ax.plot(numbers, medians, color=color, lw=1.2, label=group)
     ax.set_title("median over sessions", loc="left", fontsize=9)
     ax.set_xticks(np.unique(sessions))

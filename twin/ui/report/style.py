@@ -183,7 +183,7 @@ def panels(
             "height_ratios": heights,
         },
     )
-    grid = [list(row) for row in axes]
+    grid = axes.tolist()
     for row, tall in zip(grid, heights, strict=True):
         for ax in row:
             ax.tick_params(length=2.5)
@@ -289,7 +289,9 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
     top += 0.3 + 0.17 * (top - low)  # room for a label above the largest value
     high = int(np.floor(top))
     decades_per_tick = max(1, int(np.ceil((high - low) / 6)))
-    ticks = [10.0**exponent * step for exponent in range(low, high + 1, decades_per_tick)]
+    ticks = []
+    for exponent in range(low, high + 1, decades_per_tick):
+        ticks.append(10.0**exponent * step)
     log_ticks(ax, ticks, lambda value: _tick(value, unit))
     ax.set_ylim(10.0**low * step, 10.0**top * step)
 

@@ -46,18 +46,22 @@ def _largest(contributors: list[JsonObject]) -> list[JsonObject]:
     others = contributors[_SHOWN:]
     if not others:
         return contributors
-    rest = {
-        "what": f"{len(others)} others",
-        "position": sum(other["position"] for other in others),
-        "rotation": sum(other["rotation"] for other in others),
-    }
+    position = 0
+    rotation = 0
+    for other in others:
+        position += other["position"]
+        rotation += other["rotation"]
+    rest = {"what": f"{len(others)} others", "position": position, "rotation": rotation}
     return [*contributors[:_SHOWN], rest]
 
 
 def _draw_states(ax: Axes, budgets: list[JsonObject], required: float | None) -> None:
     """Draw the position error of each state in µm; `required` is the required value in m."""
-    names = [budget["state"] for budget in budgets]
-    values = np.array([budget["within_position"] for budget in budgets]) / UM
+    names = []
+    values = np.zeros(len(budgets))
+    for i, budget in enumerate(budgets):
+        names.append(budget["state"])
+        values[i] = budget["within_position"] / UM
     end = values.max()
     bars = ax.barh(names, values, color=FIT, height=0.6)
     for y, value in enumerate(values):
@@ -79,11 +83,16 @@ def _draw_states(ax: Axes, budgets: list[JsonObject], required: float | None) ->
 def _draw_contributions(ax: Axes, contributions: list[JsonObject]) -> None:
     """Draw two bars for each contribution: its shares of the variances of position and rotation in %."""
     y = np.arange(len(contributions))
-    position = [100 * row["position"] for row in contributions]
-    rotation = [100 * row["rotation"] for row in contributions]
+    names = []
+    position = []
+    rotation = []
+    for row in contributions:
+        names.append(row["what"])
+        position.append(100 * row["position"])
+        rotation.append(100 * row["rotation"])
     ax.barh(y - 0.19, position, height=0.36, color=PALETTE[0], label="position")
     ax.barh(y + 0.19, rotation, height=0.36, color=PALETTE[4], label="rotation")
-    ax.set_yticks(y, [row["what"] for row in contributions])
+    ax.set_yticks(y, names)
     ax.invert_yaxis()
     ax.grid(visible=False, axis="y")
     ax.legend(loc="center right")

@@ -41,7 +41,10 @@ def figure(result: Tracking) -> Figure:
     if result.curves:
         panels.append((0.78, 1.9))
     foot = 0.5
-    total = sum(above + tall for above, tall in panels) + foot
+    total = 0.0
+    for above, tall in panels:
+        total += above + tall
+    total += foot
     out = sheet(title, total)
     left = 0.86
     wide = WIDTH - left - 1.75
@@ -104,9 +107,13 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
     """Draw the largest and the RMS tip error of each series of runs over the error of the model."""
     worst = 0.0
     for (name, runs), color in zip(curves.items(), PALETTE, strict=False):
-        mismatch = [100 * run.conditions.inertia_error for run in runs]
-        largest = np.array([run.tip_max for run in runs])
-        rms = np.array([run.tip_rms for run in runs])
+        mismatch = np.zeros(len(runs))
+        largest = np.zeros(len(runs))
+        rms = np.zeros(len(runs))
+        for i, run in enumerate(runs):
+            mismatch[i] = 100 * run.conditions.inertia_error
+            largest[i] = run.tip_max
+            rms[i] = run.tip_rms
         label = fill(f"{name}: largest", 22)
         ax.plot(mismatch, largest / UM, "o-", ms=3.5, color=color, label=label)
         ax.plot(mismatch, rms / UM, "o--", ms=3.5, mfc="none", color=color, lw=0.9, label="RMS")

@@ -54,10 +54,8 @@ def figure(found: Trends) -> Figure:
 
 def _draw_scales(ax: Axes, scales: Sequence[ScaleRow]) -> None:
     """Draw simulated and published deviations by motion scale."""
-    x = np.array([row.scale for row in scales])
-    mean = np.array([row.mean for row in scales])
-    spread = np.array([row.spread for row in scales])
-    peak = np.array([row.peak for row in scales])
+    rows = [(row.scale, row.mean, row.spread, row.peak) for row in scales]
+    x, mean, spread, peak = np.array(rows).T
     ax.errorbar(x, mean, spread, fmt="o-", color=PALETTE[0], capsize=3, label="simulated, mean ± spread")
     ax.plot(x, peak, "v", color=PALETTE[0], ms=5, label="simulated, largest")
     # the publication states one value for all scales: it is drawn in the middle
