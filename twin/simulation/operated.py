@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,11 +26,11 @@ from twin.simulation.devices.hand import Goal
 from twin.simulation.limits import JointLimits
 from twin.simulation.trial import Measures, Record, measure, operate
 
-_NEAR, _THROUGH = 0.1e-3, 0.05e-3
-"""Largest distance in m of the tool from the end pose of a phase at which the phase counts as reached; ASSUMED.
+_NEAR = 0.1e-3
+"""Largest distance in m of the tool from the end pose of an insertion at which it counts as reached; ASSUMED."""
 
-`_NEAR` is for insertions, `_THROUGH` for other phases.
-"""
+_THROUGH = 0.05e-3
+"""The same for the other phases, through which the tool only passes; ASSUMED."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,27 @@ class Operated(Result):
     @property
     def word(self) -> str:
         """The verdict as text."""
-        return "All goals were reached" if self.verdict == "agree" else super().word
+        if self.verdict == "agree":
+            return "All goals were reached"
+        return super().word
 
     def content(self) -> JsonObject:
         """Return the measures of every trial; keys end with their unit."""
+        trials = []
+        for trial in self.trials:
+            measures = trial.measures
+            trials.append(
+                {
+                    "seed": trial.seed,
+                    "time_s": measures.time,
+                    "clutch_presses": measures.presses,
+                    "path_mm": measures.path / MM,
+                    "contacts": measures.contacts,
+                    "nearest_um": _in_um(measures.nearest),
+                    "aside_um": _in_um(measures.aside),
+                    "gave_up": trial.record.missed,
+                }
+            )
         return {
             "robot": self.robot,
             "protocol": self.protocol,
@@ -84,20 +101,7 @@ class Operated(Result):
             "scale": self.scale,
             "solver": self.solver,
             "assumed": "hand, tremor, gains, scale and contact: the paper gives no values",
-            "trials": [
-                {
-                    "seed": trial.seed,
-                    "time_s": m.time,
-                    "clutch_presses": m.presses,
-                    "path_mm": m.path / MM,
-                    "contacts": m.contacts,
-                    "nearest_um": {n: v / UM for n, v in m.nearest.items()},
-                    "aside_um": {n: v / UM for n, v in m.aside.items()},
-                    "gave_up": trial.record.missed,
-                }
-                for trial in self.trials
-                for m in (trial.measures,)
-            ],
+            "trials": trials,
         }
 
     def text(self) -> Iterator[Part]:
@@ -105,10 +109,14 @@ class Operated(Result):
         yield f"{self.robot} · {self.title} · {self.clutch} clutch · hand, tremor, gains and scale ASSUMED\n"
         rows = []
         for trial in self.trials:
-            m = trial.measures
-            touched = f"{sum(m.contacts.values())} of {len(m.contacts)}"
-            aside = f"{max(m.aside.values()) / UM:.0f} µm" if m.aside else "-"
-            rows.append((str(trial.seed), f"{m.time:.1f} s", str(m.presses), f"{m.path / MM:.1f} mm", touched, aside))
+            measures = trial.measures
+            time = f"{measures.time:.1f} s"
+            path = f"{measures.path / MM:.1f} mm"
+            contacts = f"{sum(measures.contacts.values())} of {len(measures.contacts)}"
+            aside = "-"
+            if measures.aside:
+                aside = f"{max(measures.aside.values()) / UM:.0f} µm"
+            rows.append((str(trial.seed), time, str(measures.presses), path, contacts, aside))
         yield TextTable(("seed", "time", "clutch presses", "path", "contacts", "max. off axis"), rows)
         yield ""
         yield from by_severity(self.findings)
@@ -116,11 +124,15 @@ class Operated(Result):
     def write(self, folder: Path) -> None:
         """Write seed<seed>.csv for each trial, with one row per tick of the teleoperation."""
         coordinates, joints = self.columns
-        head = ["t_s", "pedal", *(f"handle_{n}" for n in coordinates), *joints, "tip_x_m", "tip_y_m", "tip_z_m"]
+        head = ["t_s", "pedal"]
+        for name in coordinates:
+            head.append(f"handle_{name}")
+        head += [*joints, "tip_x_m", "tip_y_m", "tip_z_m"]
         for trial in self.trials:
-            r = trial.record
-            tip = (r.Ts_base_tool @ self.T_tool_tip)[:, :3, 3]
-            body = np.column_stack([r.t, r.pedal, r.handle, r.q, tip])
+            record = trial.record
+            tip = (record.Ts_base_tool @ self.T_tool_tip)[:, :3, 3]
+            body = np.column_stack([record.t, record.pedal, record.handle, record.q, tip])
+            # comments="": without it, numpy writes "# " before the head
             np.savetxt(folder / f"seed{trial.seed}.csv", body, "%.9g", ",", header=",".join(head), comments="")
 
 
@@ -157,14 +169,20 @@ def run_trials(
     T_tool_tip = mechanism.frame_in_tool(protocol.frame)
     paths = build(protocol, T_tool_tip)
     goals = []
+    insertions = 0
     for path in paths:
-        inserts = path.phase.type == "insertion"
         end = path.motion(np.array([1.0])).Ts_base_tool[0]
+        inserts = path.phase.type == "insertion"
+        insertions += inserts
         goals.append(Goal(path.phase.name, end, _NEAR if inserts else _THROUGH, inserts))
-    if not any(g.inserts for g in goals):
+    if not insertions:
         raise TwinError(f"protocol '{protocol.name}' has no insertion, which the trial needs")
     limits = JointLimits.of(mechanism)
-    scales = np.array([1.0 if u == "rad" else scale for u in kin.formula.coordinates.units])
+    units = kin.formula.coordinates.units
+    scales = np.full(len(units), scale, float)
+    for i, unit in enumerate(units):
+        if unit == "rad":
+            scales[i] = 1.0
 
     def controller() -> Teleoperation:
         return Teleoperation(Gains(scale=scales), 1 / 200, clutch_as, len(scales))
@@ -172,12 +190,14 @@ def run_trials(
     start = kin.inverse(paths[0].motion(np.array([0.0])).Ts_base_tool[0])
     done = []
     for i in range(trials):
-
+        # i=i: the number of this trial, also when it is called later
         def tell(goal: str, part: float, i: int = i) -> None:
-            progress(f"trial {i + 1} of {trials}: {goal}", max((i + part) / trials, 1e-6))
+            fraction = (i + part) / trials
+            progress(f"trial {i + 1} of {trials}: {goal}", max(fraction, 1e-6))
 
         record = operate(kin, start, limits, controller(), goals, seed + i, solver=solver, progress=tell)
-        done.append(Trial(seed + i, record, measure(record, goals, T_tool_tip, protocol.shaft_axis)))
+        measures = measure(record, goals, T_tool_tip, protocol.shaft_axis)
+        done.append(Trial(seed + i, record, measures))
     return Operated(
         robot=name,
         protocol=protocol.name,
@@ -185,12 +205,20 @@ def run_trials(
         clutch=clutch_as,
         scale=scale,
         solver=solver,
-        columns=(kin.formula.coordinates.names, [j.name for j in mechanism.active]),
+        columns=(kin.formula.coordinates.names, [joint.name for joint in mechanism.active]),
         T_tool_tip=T_tool_tip,
         goals=goals,
         trials=done,
         findings=[*_jump(clutch(controller)), *_missed(done)],
     )
+
+
+def _in_um(lengths: Mapping[str, float]) -> dict[str, float]:
+    """Return lengths in m by name in µm."""
+    values = {}
+    for name, length in lengths.items():
+        values[name] = length / UM
+    return values
 
 
 def _jump(contract: ClutchReport) -> list[Finding]:
@@ -210,11 +238,16 @@ def _jump(contract: ClutchReport) -> list[Finding]:
 
 
 def _missed(trials: Sequence[Trial]) -> list[Finding]:
-    out = []
+    findings = []
     for trial in trials:
-        untouched = [n for n, touched in trial.measures.contacts.items() if not touched]
-        if untouched:
-            why = f"; the operator gave up at '{trial.record.missed}'" if trial.record.missed else ""
-            text = f"seed {trial.seed}: no contact in {', '.join(untouched)}{why}"
-            out.append(disagreement("task.missed", untouched[0], text))
-    return out
+        untouched = []
+        for goal, touched in trial.measures.contacts.items():
+            if not touched:
+                untouched.append(goal)
+        if not untouched:
+            continue
+        text = f"seed {trial.seed}: no contact in {', '.join(untouched)}"
+        if trial.record.missed:
+            text += f"; the operator gave up at '{trial.record.missed}'"
+        findings.append(disagreement("task.missed", untouched[0], text))
+    return findings

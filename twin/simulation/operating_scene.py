@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
@@ -71,9 +71,14 @@ def robots_of(setup: Setup) -> list[Place]:
     Raises:
         TwinError: the task is not a procedure, or there is no task.
     """
-    procedure, places = procedure_of(setup.scene, setup.task), setup.places
-    camera = setup.scene.cameras[procedure.camera].robot
-    return [places[n] for n in (*(n for n in procedure.start if n != camera), camera)]
+    procedure = procedure_of(setup.scene, setup.task)
+    camera_robot = setup.scene.cameras[procedure.camera].robot
+    robots = []
+    for name in procedure.start:
+        if name != camera_robot:
+            robots.append(setup.places[name])
+    robots.append(setup.places[camera_robot])
+    return robots
 
 
 def organ_of(setup: Setup) -> Tissue:
@@ -83,10 +88,10 @@ def organ_of(setup: Setup) -> Tissue:
         TwinError: the task is not a procedure, or its organ is missing.
     """
     procedure = procedure_of(setup.scene, setup.task)
-    found = next((o for o in setup.organs if o.name == procedure.organ), None)
-    if found is None:
-        raise TwinError(f"the procedure needs the organ '{procedure.organ}': give the organs of the scene")
-    return found
+    for organ in setup.organs:
+        if organ.name == procedure.organ:
+            return organ
+    raise TwinError(f"the procedure needs the organ '{procedure.organ}': give the organs of the scene")
 
 
 def field(setup: Setup, q: Mapping[str, Array], period: float = PERIOD) -> OperatingField:
@@ -101,44 +106,63 @@ def field(setup: Setup, q: Mapping[str, Array], period: float = PERIOD) -> Opera
         TwinError: the task is not a procedure, a robot has no link in `touching` of [anatomy], or an organ is missing.
         WorldError: a link is inside an organ at the start.
     """
-    scene, organs, procedure = setup.scene, setup.organs, procedure_of(setup.scene, setup.task)
-    places, members = robots_of(setup), setup.members
+    scene = setup.scene
+    procedure = procedure_of(scene, setup.task)
+    places = robots_of(setup)
     if len(places) != len(procedure.start) + 1:
         raise TwinError(f"{setup.label}: the robot of the camera cannot carry a tool")
-    organ_of(setup)
+    organ_of(setup)  # raises an error if the organ is missing
     touching = tissue_scene.touching(scene)
     links: dict[str, Links] = {}
     for place in places:
         name = place.name
         if name not in touching:
             raise TwinError(f"{setup.label}: '{name}' has no link in `touching` of [anatomy]")
-        links[name] = Links(name, bound(place, members[name].mechanism), place.T_world_base, touching[name], q[name])
-    instruments = [
-        OperatingRobot(links[p.name], members[p.name].mechanism.frame(_TIP), port_of(p), procedure.start[p.name])
-        for p in places[:-1]
-    ]
+        mechanism = bound(place, setup.members[name].mechanism)
+        links[name] = Links(name, mechanism, place.T_world_base, touching[name], q[name])
+    instruments = []
+    for place in places[:-1]:  # the last one has the camera
+        tip = setup.members[place.name].mechanism.frame(_TIP)
+        first_tool = procedure.start[place.name]
+        instruments.append(OperatingRobot(links[place.name], tip, port_of(place), first_tool))
     camera = scene.cameras[procedure.camera]
-    frame, seeing = members[camera.robot].mechanism.frame(camera.frame), links[camera.robot]
-    sight = Sight(lambda: seeing.pose(frame.body) @ frame.T_body_frame @ camera.in_frame, camera.view_deg * DEG)
-    plant = Operating(organs, [*links.values()], instruments, scene.vessels, scene.tools, procedure, sight, period)
-    deformables = [*(t.deformable for t in organs), *(v.deformable for v in scene.vessels)]
+    camera_frame = setup.members[camera.robot].mechanism.frame(camera.frame)
+    camera_links = links[camera.robot]
+
+    def camera_pose() -> Array:
+        return camera_links.pose(camera_frame.body) @ camera_frame.T_body_frame @ camera.in_frame
+
+    sight = Sight(camera_pose, camera.view_deg * DEG)
+    plant = Operating(
+        setup.organs, [*links.values()], instruments, scene.vessels, scene.tools, procedure, sight, period
+    )
+    deformables = []
+    for tissue in (*setup.organs, *scene.vessels):
+        deformables.append(tissue.deformable)
     return OperatingField(plant, deformables, clips_of(scene.tools))
 
 
-def about(setup: Setup) -> list[Any]:
+def about(setup: Setup) -> list[object]:
     """Return the inputs of `field` except the robots, as plain data for a hash."""
-    scene, procedure = setup.scene, procedure_of(setup.scene, setup.task)
+    scene = setup.scene
+    procedure = procedure_of(scene, setup.task)
     camera = scene.cameras[procedure.camera]
-    out: list[Any] = [procedure.model_dump(), [camera.robot, camera.frame, plain(camera.in_frame), camera.view_deg]]
-    tools = {n: t.model_dump(exclude=_LAST) | t.model_dump(include=_LAST) for n, t in scene.tools.items()}
-    out.append([tools, tissue_scene.touching(scene)])
-    out += [
-        [t.name, plain(t.nodes), len(t.surface.vertices), t.young, t.poisson, t.damping, t.friction]
-        for t in setup.organs
-    ]
-    return out + [[v.name, plain(v.points), v.organ, plain(v.radius), v.young] for v in scene.vessels]
+    inputs: list[object] = [procedure.model_dump()]
+    inputs.append([camera.robot, camera.frame, plain(camera.in_frame), camera.view_deg])
+    tools = {}
+    for name, tool in scene.tools.items():
+        tools[name] = tool.model_dump(exclude=_LAST) | tool.model_dump(include=_LAST)
+    inputs.append([tools, tissue_scene.touching(scene)])
+    for organ in setup.organs:
+        nodes = plain(organ.nodes)
+        vertices = len(organ.surface.vertices)
+        inputs.append([organ.name, nodes, vertices, organ.young, organ.poisson, organ.damping, organ.friction])
+    for vessel in scene.vessels:
+        inputs.append([vessel.name, plain(vessel.points), vessel.organ, plain(vessel.radius), vessel.young])
+    return inputs
 
 
-def plain(x: Any) -> Any:
-    """Return an array as lists of numbers rounded to 1e-9, so that a hash does not depend on the processor."""
-    return (np.round(np.asarray(x, float), 9) + 0.0).tolist()
+def plain(numbers: ArrayLike) -> object:
+    """Return a number, or an array as lists of numbers, rounded to 1e-9, so that a hash does not depend on the processor."""
+    rounded = np.round(np.asarray(numbers, float), 9)
+    return (rounded + 0.0).tolist()  # -0.0 becomes 0.0

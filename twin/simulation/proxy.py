@@ -28,8 +28,11 @@ REACH = 0.1
 _MOST = 4
 """Number of planes in the largest set."""
 
-_REGULAR, _LEAST = 1e-10, 1e-20
-"""Pivot above which the planes of a set are independent; dual value in m2 above which a set is used."""
+_REGULAR = 1e-10
+"""Pivot above which the planes of a set are independent."""
+
+_LEAST = 1e-20
+"""Dual value in m2 above which a set is used."""
 
 
 @dataclass(frozen=True)
@@ -56,42 +59,61 @@ class _Set:
     def with_plane(self, k: int, gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX]) -> _Set:
         """Return the set with plane k added."""
         scaled: list[ca.SX] = []  # the new row of L D
-        pivot, depth, one = gram[k][k], x[k], ca.SX(1)
-        for i, other, d, a, b in zip(self.planes, self.rows, self.pivots, self.depths, self.ones, strict=True):
-            c = gram[k][i] - sum((u * v for u, v in zip(scaled, other, strict=False)), ca.SX(0))
-            pivot, depth, one = pivot - c * c / d, depth - c * a, one - c * b
+        row: list[ca.SX] = []  # the new row of L
+        pivot = gram[k][k]
+        depth = x[k]
+        one = ca.SX(1)
+        for i, plane in enumerate(self.planes):
+            product = ca.SX(0)
+            for new, old in zip(scaled, self.rows[i], strict=False):  # a row ends left of the diagonal
+                product = product + new * old
+            c = gram[k][plane] - product
+            pivot = pivot - c * c / self.pivots[i]
+            depth = depth - c * self.depths[i]
+            one = one - c * self.ones[i]
             scaled.append(c)
+            row.append(c / self.pivots[i])
         return _Set(
-            (*self.planes, k),
-            ca.logic_and(self.regular, pivot > _REGULAR),
-            (*self.rows, tuple(c / d for c, d in zip(scaled, self.pivots, strict=True))),
-            (*self.pivots, pivot),
-            (*self.depths, depth / pivot),
-            (*self.ones, one / pivot),
-            self.way + one * (depth / pivot),
-            self.unit + one * (one / pivot),
+            planes=(*self.planes, k),
+            regular=ca.logic_and(self.regular, pivot > _REGULAR),
+            rows=(*self.rows, tuple(row)),
+            pivots=(*self.pivots, pivot),
+            depths=(*self.depths, depth / pivot),
+            ones=(*self.ones, one / pivot),
+            way=self.way + one * (depth / pivot),
+            unit=self.unit + one * (one / pivot),
         )
 
     def solved(self, x: Sequence[ca.SX]) -> tuple[list[ca.SX], ca.SX, ca.SX]:
         """Return (stationary pushes in m with sum REACH, whether all are non-negative, twice the dual value in m2)."""
         s = (self.way - REACH * (1 - self.unit)) / self.unit
-        pushes = [a + (REACH - s) * b for a, b in zip(self.depths, self.ones, strict=True)]
+        pushes = []
+        for depth, one in zip(self.depths, self.ones, strict=True):
+            pushes.append(depth + (REACH - s) * one)
+        # back substitution with the transpose of L
         for j in reversed(range(len(pushes))):
             for i in range(j):
                 pushes[i] = pushes[i] - self.rows[j][i] * pushes[j]
-        valid, value = self.regular, s * REACH
-        for i, push in zip(self.planes, pushes, strict=True):
-            valid, value = ca.logic_and(valid, push >= 0), value + x[i] * push
+        valid = self.regular
+        value = s * REACH
+        for plane, push in zip(self.planes, pushes, strict=True):
+            valid = ca.logic_and(valid, push >= 0)
+            value = value + x[plane] * push
         return pushes, valid, value
 
 
 def _sets(gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX], start: _Set | None = None) -> Iterator[_Set]:
     """Yield all sets of one to `_MOST` planes."""
     start = start or _Set()
-    for k in range(start.planes[-1] + 1 if start.planes else 0, len(x)):
-        yield (found := start.with_plane(k, gram, x))
-        if len(found.planes) < _MOST:
-            yield from _sets(gram, x, found)
+    # in ascending order, so that each set comes once
+    first = 0
+    if start.planes:
+        first = start.planes[-1] + 1
+    for k in range(first, len(x)):
+        larger = start.with_plane(k, gram, x)
+        yield larger
+        if len(larger.planes) < _MOST:
+            yield from _sets(gram, x, larger)
 
 
 def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -104,23 +126,39 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
         planes: (k, WIDTH) rows of `local_plane`.
         T_world_tool: (4, 4) pose of the tool.
     """
-    p, R = T_world_tool[:3, 3], T_world_tool[:3, :3]
-    given = ca.vertcat(ca.SX(1, WIDTH), planes)  # the first row (0) is the plane of s >= 0; unused rows are 0 as well
-    g, n = ([given[i, j : j + 3].T for i in range(given.shape[0])] for j in (0, 3))
-    x = [given[i, 9] - ca.dot(g[i], p) - ca.dot(n[i], R @ given[i, 6:9].T) for i in range(given.shape[0])]
-    gram = [[ca.dot(a, b) + 1 for b in n[: i + 1]] for i, a in enumerate(n)]
-    best, tried = ca.SX(_LEAST), []
-    for found in _sets(gram, x):
-        pushes, valid, value = found.solved(x)
+    p = T_world_tool[:3, 3]
+    R = T_world_tool[:3, :3]
+    # The first row (0) is the plane of s >= 0; unused rows are 0 as well.
+    rows = ca.vertcat(ca.SX(1, WIDTH), planes)
+    count = rows.shape[0]
+    levers = []
+    normals = []
+    depths = []
+    for i in range(count):
+        lever = rows[i, 0:3].T
+        normal = rows[i, 3:6].T
+        levers.append(lever)
+        normals.append(normal)
+        depths.append(rows[i, 9] - ca.dot(lever, p) - ca.dot(normal, R @ rows[i, 6:9].T))
+    gram = []
+    for i in range(count):
+        gram.append([ca.dot(normals[i], normals[j]) + 1 for j in range(i + 1)])
+    best = ca.SX(_LEAST)
+    candidates = []
+    for planes_set in _sets(gram, depths):
+        pushes, valid, value = planes_set.solved(depths)
         value = ca.if_else(valid, value, 0)
-        tried.append((found.planes, pushes, value, value > best))
+        candidates.append((planes_set.planes, pushes, value, value > best))
         best = ca.fmax(best, value)
-    push = [ca.SX(0)] * len(x)
-    for members, pushes, value, better in tried:
-        is_best = ca.logic_and(better, value == best)  # of equal sets, only the first is better than those before it
-        for i, size in zip(members, pushes, strict=True):
-            push[i] = push[i] + ca.if_else(is_best, size, 0)
-    way, pull = ca.SX.zeros(3), ca.SX.zeros(3)
-    for a, b, size in zip(n, g, push, strict=True):
-        way, pull = way + a * size, pull + b * size
+    push = [ca.SX(0)] * count
+    for members, pushes, value, better in candidates:
+        # of equal sets, only the first is better than those before it
+        is_best = ca.logic_and(better, value == best)
+        for plane, size in zip(members, pushes, strict=True):
+            push[plane] = push[plane] + ca.if_else(is_best, size, 0)
+    way = ca.SX.zeros(3)
+    pull = ca.SX.zeros(3)
+    for normal, lever, size in zip(normals, levers, push, strict=True):
+        way = way + normal * size
+        pull = pull + lever * size
     return way, pull

@@ -78,46 +78,63 @@ class Played(Result):
     def content(self) -> JsonObject:
         """Return minimum clearances by pair; keys end with their unit."""
         pairs = {}
-        for (a, b), c in self.by_pair.items():
-            k = int(np.argmin(c.distance))
-            pairs[f"{a}-{b}"] = {"least_mm": c.distance[k] / MM, "between": list(c.pair[k]), "t_s": float(self.t[k])}
+        for (first, second), clearance in self.by_pair.items():
+            k = int(np.argmin(clearance.distance))
+            pairs[f"{first}-{second}"] = {
+                "least_mm": clearance.distance[k] / MM,
+                "between": list(clearance.pair[k]),
+                "t_s": float(self.t[k]),
+            }
+        robots = []
+        for actor in self.actors:
+            robots.append(
+                {
+                    "name": actor.place.name,
+                    "protocol": actor.place.protocol_name,
+                    "port": actor.place.port,
+                    "duration_s": actor.trajectory.duration,
+                }
+            )
+        parameters = []
+        for parameter in self.scene.parameters:
+            parameters.append(
+                {
+                    "name": parameter.name,
+                    "value": parameter.shown,
+                    "unit": parameter.unit,
+                    "provenance": parameter.provenance,
+                }
+            )
         return {
             "scene": self.scene.name,
-            "robots": [
-                {
-                    "name": a.place.name,
-                    "protocol": a.place.protocol_name,
-                    "port": a.place.port,
-                    "duration_s": a.trajectory.duration,
-                }
-                for a in self.actors
-            ],
+            "robots": robots,
             "clearance_mm": self.scene.clearance / MM,
             "pairs": pairs,
-            "parameters": [
-                {"name": p.name, "value": p.shown, "unit": p.unit, "provenance": p.provenance}
-                for p in self.scene.parameters
-            ],
+            "parameters": parameters,
         }
 
     def text(self) -> Iterator[Part]:
         """Yield a line per robot, the minimum clearance per pair, and the findings."""
         yield f"{self.scene.name} · {self.scene.title}\n"
-        rows = [
-            (a.place.name, a.place.protocol_name, a.place.port, f"{a.trajectory.duration:.1f} s") for a in self.actors
-        ]
+        rows = []
+        for actor in self.actors:
+            place = actor.place
+            rows.append((place.name, place.protocol_name, place.port, f"{actor.trajectory.duration:.1f} s"))
         yield TextTable(("robot", "protocol", "port", "duration"), rows)
         yield ""
+        least = np.inf
         lines = []
-        for (a, b), c in self.by_pair.items():
-            k = int(np.argmin(c.distance))
-            near = " - ".join(name.split("/")[1] for name in c.pair[k])
-            lines.append((f"{a} - {b}", f"{c.distance[k] / MM:.1f} mm", near, f"t = {self.t[k]:.1f} s"))
+        for (first, second), clearance in self.by_pair.items():
+            k = int(np.argmin(clearance.distance))
+            distance = clearance.distance[k]
+            least = min(least, float(distance))
+            # without the owners, which the first column has
+            bodies = " - ".join(name.split("/")[1] for name in clearance.pair[k])
+            lines.append((f"{first} - {second}", f"{distance / MM:.1f} mm", bodies, f"t = {self.t[k]:.1f} s"))
         yield TextTable(("pair", "minimum clearance", "between", ""), lines)
         yield ""
         yield from by_severity(self.findings)
         if self.by_pair and not self.findings:
-            least = min(float(c.distance.min()) for c in self.by_pair.values())
             yield f"  no collision: minimum clearance {least / MM:.1f} mm (required {self.scene.clearance / MM:g} mm)"
 
     def write(self, folder: Path) -> None:
@@ -126,17 +143,22 @@ class Played(Result):
         Raises:
             TwinError: a robot has no stage with its baked motion.
         """
-        head = ",".join(["t_s", *(f"{a}_{b}_mm" for a, b in self.by_pair)])
-        body = np.column_stack([self.t, *(c.distance / MM for c in self.by_pair.values())])
-        np.savetxt(folder / "scene.csv", body, "%.6g", ",", header=head, comments="")
+        head = ["t_s"]
+        columns = [self.t]
+        for (first, second), clearance in self.by_pair.items():
+            head.append(f"{first}_{second}_mm")
+            columns.append(clearance.distance / MM)
+        # comments="": without it, numpy writes "# " before the head
+        np.savetxt(folder / "scene.csv", np.column_stack(columns), "%.6g", ",", header=",".join(head), comments="")
         stages = {}
         for place in self.scene.places:
-            own, motion = assets.files(place.robot).usd, f"{place.robot}_{place.protocol}.usda"
-            if not (own / motion).is_file():
+            source = assets.files(place.robot).usd
+            motion = f"{place.robot}_{place.protocol}.usda"
+            if not (source / motion).is_file():
                 raise TwinError(f"{place.name} has no stage with this motion: run `twin build {place.robot}`")
-            shutil.copytree(own, folder / "usd" / place.name)
+            shutil.copytree(source, folder / "usd" / place.name)
             stages[place.name] = Path("..") / place.name / motion
-        mechanisms = {a.place.name: a.mechanism for a in self.actors}
+        mechanisms = {actor.place.name: actor.mechanism for actor in self.actors}
         write_scene(self.scene, folder / "usd" / self.scene.name, stages, mechanisms, self.props, self.duration)
 
 
@@ -152,31 +174,57 @@ def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> di
     Raises:
         TwinError: a trocar has no port, a port is for a trocar that does not exist, or the motion has no RCM.
     """
-    if mechanism.trocars:
-        at = {n: mechanism.trocar_at(n) for n in place.ports}
-        if lacking := [n for n in mechanism.trocars if "" not in at and n not in at]:
-            raise TwinError(f"{place.name}: `ports` has no entry for trocar {', '.join(lacking)}")
-        return at
-    rcm = next((p.rcm for p in trajectory.phases if p.rcm is not None), None)
-    if rcm is None:
+    if not mechanism.trocars:
+        return {"": _first_rcm(place, trajectory)}
+    positions = {}
+    for name in place.ports:
+        positions[name] = mechanism.trocar_at(name)
+    lacking = []
+    for name in mechanism.trocars:
+        # the key `port` of a scene, which is the name "", is for the only trocar
+        if "" not in positions and name not in positions:
+            lacking.append(name)
+    if lacking:
+        raise TwinError(f"{place.name}: `ports` has no entry for trocar {', '.join(lacking)}")
+    return positions
+
+
+def _first_rcm(place: Place, trajectory: Trajectory) -> Array:
+    """Return the first RCM (3,) of a motion in m in the robot's base; raise `TwinError` if a trocar has a port."""
+    for phase in trajectory.phases:
+        if phase.rcm is not None:
+            break
+    else:
         raise TwinError(f"{place.name}: protocol '{place.protocol_name}' has no RCM; a robot at a port needs one")
-    if unheld := [n for n in place.ports if n]:
-        raise TwinError(f"{place.name} has no trocar '{unheld[0]}': use the key `port`, not `ports`")
-    return {"": rcm}
+    for name in place.ports:
+        if name:
+            raise TwinError(f"{place.name} has no trocar '{name}': use the key `port`, not `ports`")
+    return phase.rcm
 
 
 def world(
     actors: Sequence[Actor], props: Mechanism | None = None, dt: float = 1e-3, organs: Tissues | None = None
 ) -> World:
     """Return a World in which every robot plays its protocol from t = 0 and then remains at rest."""
-    plants: list[Block] = [Kinematic(a.place.name, a.trajectory.q[0], JointLimits.of(a.mechanism)) for a in actors]
+    robots = []
+    controllers = []
+    plants: list[Block] = []
+    for actor in actors:
+        name = actor.place.name
+        robots.append(Placed(name, actor.mechanism, actor.place.T_world_base))
+        controllers.append(ProtocolPlayer(name, actor.trajectory))
+        plants.append(Kinematic(name, actor.trajectory.q[0], JointLimits.of(actor.mechanism)))
+    placed_props = []
+    if props is not None:
+        placed_props.append(Placed(props.name, props))
+    deformables = []
+    if organs is not None:
+        # after the plants that move the robots
+        plants.append(organs)
+        for tissue in organs.organs.tissues:
+            deformables.append(tissue.deformable)
     return World(
-        robots=[Placed(a.place.name, a.mechanism, a.place.T_world_base) for a in actors],
-        props=() if props is None else [Placed(props.name, props)],
-        deformables=() if organs is None else [t.deformable for t in organs.organs.tissues],
-        controllers=[ProtocolPlayer(a.place.name, a.trajectory) for a in actors],
-        plants=plants if organs is None else [*plants, organs],
-        dt=dt,
+        robots=robots, props=placed_props, deformables=deformables, controllers=controllers, plants=plants, dt=dt
     )
 
 
@@ -196,50 +244,58 @@ def play(
     mechanisms: dict[str, Mechanism] = {}
     poses: dict[str, dict[str, Array]] = {}
     findings = []
-    for i, a in enumerate(actors):
-        progress(f"move {a.place.name}", i / (len(actors) + 2))
-        model = ReferenceModel(a.mechanism)
-        run = model.run(recording[f"{a.place.name}.q"])
-        mechanisms[a.place.name] = a.mechanism
-        poses[a.place.name] = {n: a.place.T_world_base @ T for n, T in model.link_poses(run.x).items()}
-        findings += _port(a)
+    parts = len(actors) + 2
+    for i, actor in enumerate(actors):
+        name = actor.place.name
+        progress(f"move {name}", i / parts)
+        mechanisms[name] = actor.mechanism
+        model = ReferenceModel(actor.mechanism)
+        run = model.run(recording[f"{name}.q"])
+        poses[name] = {}
+        for link, Ts in model.link_poses(run.x).items():
+            poses[name][link] = actor.place.T_world_base @ Ts
+        findings += _port(actor)
     if props is not None:
-        still = ReferenceModel(props).home().link_poses
         mechanisms[props.name] = props
-        poses[props.name] = {n: np.broadcast_to(T, (len(t), 4, 4)) for n, T in still.items()}
-    progress("distances between the robots", len(actors) / (len(actors) + 2))
+        poses[props.name] = {}
+        for link, T in ReferenceModel(props).home().link_poses.items():
+            poses[props.name][link] = np.broadcast_to(T, (len(t), 4, 4))
+    progress("distances between the robots", len(actors) / parts)
     by_pair = between(mechanisms, poses, scene.touching)
-    for found in by_pair.values():
-        k = int(np.argmin(found.distance))
-        if found.distance[k] < scene.clearance:
-            findings.append(too_near(found, k, t, scene.clearance))
+    for clearance in by_pair.values():
+        k = int(np.argmin(clearance.distance))
+        if clearance.distance[k] < scene.clearance:
+            findings.append(too_near(clearance, k, t, scene.clearance))
     return Played(scene, actors, props, t, by_pair, tuple(findings))
 
 
 def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
     """Return a finding on the nearest bodies at sample k; if bodies overlap at the start, on these instead."""
-    a, b = found.pair[k]
-    least, start = float(found.distance[k]), float(found.distance[0])
-    what, code = "come too close", "scene.near"
     way_out = "move a base in scene.toml, or change a protocol"
-    if least <= 0:
-        what, code = "collide", "scene.collision"
-    if start <= 0:
-        a, b = found.pair[0]
-        k, least, what, code = 0, start, "overlap at the start", "scene.start"
-        free = np.flatnonzero(found.distance >= clearance)
+    if found.distance[0] <= 0:
+        k = 0
+        what = "overlap at the start"
+        code = "scene.start"
         way_out = f"their distance is below {mm(clearance)} throughout both protocols: move a base in scene.toml"
+        free = np.flatnonzero(found.distance >= clearance)
         if len(free):
             way_out = (
                 f"start the protocols from their poses at t = {t[free[0]]:.1f} s, the first time with a clearance of "
                 f"{mm(clearance)}, "
                 "or move a base in scene.toml"
             )
+    elif found.distance[k] <= 0:
+        what = "collide"
+        code = "scene.collision"
+    else:
+        what = "come too close"
+        code = "scene.near"
+    first, second = found.pair[k]
     return disagreement(
         code,
-        f"{a}, {b}",
-        f"{a} and {b} {what}: minimum clearance",
-        mm(least),
+        f"{first}, {second}",
+        f"{first} and {second} {what}: minimum clearance",
+        mm(float(found.distance[k])),
         mm(clearance),
         way_out,
         when=f"t = {t[k]:.1f} s",
@@ -247,23 +303,29 @@ def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
     )
 
 
-def _port(a: Actor) -> list[Finding]:
-    out = []
-    for trocar, p_world_port in a.place.p_world_ports.items():
-        shift = p_world_port - (a.place.T_world_base @ np.append(a.trocars[trocar], 1.0))[:3]
-        missed = float(np.linalg.norm(shift))
-        if missed <= PORT_TOLERANCE:
+def _port(actor: Actor) -> list[Finding]:
+    """Return a finding for each trocar, or RCM, that is not at its port."""
+    place = actor.place
+    findings = []
+    for trocar, p_world_port in place.p_world_ports.items():
+        p_world_trocar = (place.T_world_base @ np.append(actor.trocars[trocar], 1.0))[:3]
+        shift = p_world_port - p_world_trocar
+        distance = float(np.linalg.norm(shift))
+        if distance <= PORT_TOLERANCE:
             continue
-        through = f" with trocar '{trocar}'" if trocar else ""
-        out.append(
+        name = place.name
+        if trocar:
+            name = f"{name} with trocar '{trocar}'"
+        shift_mm = ", ".join(f"{x / MM:.2f}" for x in shift)
+        findings.append(
             disagreement(
                 "scene.port",
-                a.place.name,
-                f"{a.place.name}{through} misses its port '{a.place.ports[trocar]}'",
-                mm(missed),
+                place.name,
+                f"{name} misses its port '{place.ports[trocar]}'",
+                mm(distance),
                 mm(PORT_TOLERANCE),
-                "move its base by (" + ", ".join(f"{x / MM:.2f}" for x in shift) + ") mm",
+                f"move its base by ({shift_mm}) mm",
                 word="tolerance",
             )
         )
-    return out
+    return findings

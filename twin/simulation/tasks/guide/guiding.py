@@ -61,12 +61,21 @@ class GuideMeasures:
     @property
     def missed(self) -> list[str]:
         """Names of the steps that are not done."""
-        return [name for name, t in self.steps.items() if t is None]
+        missed = []
+        for name, t in self.steps.items():
+            if t is None:
+                missed.append(name)
+        return missed
 
     @property
     def exceeded(self) -> list[tuple[str, float, float, str]]:
         """Errors above their limits: (name, value, largest allowed value, unit)."""
-        return [row for row in self.allowed if row[1] > row[2]]
+        exceeded = []
+        for row in self.allowed:
+            _, value, largest, _ = row
+            if value > largest:
+                exceeded.append(row)
+        return exceeded
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the measures as names and values, in the order in which pages and reports show them."""
@@ -248,10 +257,13 @@ class GuidingReferee(InstrumentReferee):
         return None
 
     def _do(self, step: str, k: int) -> None:
-        if self._steps[step] is None:
-            self._steps[step] = k
-            text = "both tools left the dome" if step == STEPS[-1] else f"{self._ring.name} is {step}"
-            self._tell(k, "good", text)
+        if self._steps[step] is not None:
+            return
+        self._steps[step] = k
+        text = f"{self._ring.name} is {step}"
+        if step == STEPS[-1]:
+            text = "both tools left the dome"
+        self._tell(k, "good", text)
 
     def _undo(self, step: str) -> None:
         self._steps[step] = None
@@ -265,7 +277,9 @@ class GuidingReferee(InstrumentReferee):
         scene = setup.scene
         robots = list(console_scene.hands_of(scene))
         ring = next(item for item in scene.objects if item.name == guide.ring)
-        tools = {name: _tool(setup.places[name].T_world_base, setup.members[name].kin) for name in robots}
+        tools = {}
+        for name in robots:
+            tools[name] = _tool(setup.places[name].T_world_base, setup.members[name].kin)
         course = contact_scene.course(scene, setup.props, setup.task)
         first = getattr(scene.console, guide.first)[0]
         return cls(guide, ring, course, robots, first, tools, period)
@@ -275,13 +289,14 @@ class GuidingReferee(InstrumentReferee):
         """Names of the signals that the referee reads."""
         ring = self._ring.name
         names = [*super().signals, f"{ring}.pose", f"{ring}.holder", f"{ring}.rubs"]
-        names += [f"{robot}.q" for robot in self._names]
+        for robot in self._names:
+            names.append(f"{robot}.q")
         return names
 
     @property
     def complete(self) -> bool:
         """Whether all steps are done."""
-        return all(k is not None for k in self._steps.values())
+        return None not in self._steps.values()
 
     def measures(self) -> GuideMeasures:
         """Return the measures of all samples so far."""
@@ -322,8 +337,11 @@ class GuidingReferee(InstrumentReferee):
             return "dropped"
         if self._holder >= 0:
             return f"held by {self._names[self._holder]}"
-        done = [name for name, k in self._steps.items() if k is not None]
-        return done[-1] if done else "not picked up"
+        state = "not picked up"
+        for name, k in self._steps.items():
+            if k is not None:
+                state = name
+        return state
 
 
 def _tool(T_world_base: Array, kin: Kinematics) -> Callable[[Array], Array]:

@@ -98,10 +98,17 @@ class GuidingSurgeon(SurgeonHands):
         """
         if mistake not in get_args(Mistake):
             raise WorldError(unknown("mistake", mistake, KIND.mistakes))
-        self.ring, self.course, self.mistake, self.manner = ring, course, mistake, GuidingHabits()
-        self._first, self._ways, self._seed = first, ways, seat.seed
-        (self._second,) = (hand for hand in seat.arms if hand != first)
-        self._numbers = {hand: k for k, hand in enumerate(seat.arms)}
+        self.ring = ring
+        self.course = course
+        self.mistake = mistake
+        self.manner = GuidingHabits()
+        self._first = first
+        (self._second,) = set(seat.arms) - {first}
+        self._ways = ways
+        self._seed = seat.seed
+        self._numbers: dict[str, int] = {}  # of the grippers, as in `<ring>.holder`
+        for k, hand in enumerate(seat.arms):
+            self._numbers[hand] = k
         self._flips: dict[str, float] = {}
         self._rests: dict[str, Array] = {}
         self._stage = 0
@@ -110,7 +117,9 @@ class GuidingSurgeon(SurgeonHands):
         super().__init__(seat, HABITS)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
-        return super()._said(k) | {"surgeon.target": float(self._stage)}
+        values = super()._said(k)
+        values["surgeon.target"] = float(self._stage)
+        return values
 
     # -- what the surgeon sees ------------------------------------------------------------------------
 
@@ -124,17 +133,25 @@ class GuidingSurgeon(SurgeonHands):
     def _axis(self, towards: Array) -> Array:
         """Return the axis (3,) of the ring, with the sign that makes `axis . towards` non-negative."""
         n = self._pose()[:3, 2]
-        return n if n @ towards >= 0 else -n
+        if n @ towards >= 0:
+            return n
+        return -n
 
     def _wire(self, s: float) -> tuple[Array, Array]:
         """Return point (3,) and direction (3,) of the wire at arc length s in m from its free end, or extrapolated."""
-        a, b = (self._on_wire(s + d) for d in (-self.manner.step / 2, self.manner.step / 2))
-        return self._on_wire(s), (b - a) / np.linalg.norm(b - a)
+        # the direction between two points, so that it does not jump at the nodes of the wire
+        before = self._on_wire(s - self.manner.step / 2)
+        after = self._on_wire(s + self.manner.step / 2)
+        along = after - before
+        return self._on_wire(s), along / np.linalg.norm(along)
 
     def _on_wire(self, s: float) -> Array:
-        wire, along = self.course.wire, self._along
-        k = int(np.clip(np.searchsorted(along, s, side="right") - 1, 0, len(wire) - 2))
-        return wire[k] + (s - along[k]) / (along[k + 1] - along[k]) * (wire[k + 1] - wire[k])
+        """Return the point (3,) of the wire at arc length s in m; outside, the first or last segment is extended."""
+        wire = self.course.wire
+        starts = self._along
+        k = int(np.clip(np.searchsorted(starts, s, side="right") - 1, 0, len(wire) - 2))
+        fraction = (s - starts[k]) / (starts[k + 1] - starts[k])
+        return wire[k] + fraction * (wire[k + 1] - wire[k])
 
     # -- poses ----------------------------------------------------------------------------------------
 
@@ -146,13 +163,18 @@ class GuidingSurgeon(SurgeonHands):
         return self._gripping(hand, centre, n, self._flips[hand], back)
 
     def _gripping(self, hand: str, centre: Array, n: Array, flip: float, back: float = 0.0) -> Array:
+        """Return the pose of `_grasp` for a sign of the closing direction, `flip`."""
+        # `up` and `aside` span the plane of the ring
         up = np.array([0.0, 0.0, 1.0]) - n[2] * n
         up /= np.linalg.norm(up)
-        near, side = np.cross(n, up), self.manner.sides[hand != self._first]
-        out = np.cos(side) * up + np.sin(side) * near
+        aside = np.cross(n, up)
+        first_side, second_side = self.manner.sides
+        side = first_side if hand == self._first else second_side
+        out = np.cos(side) * up + np.sin(side) * aside
         y = flip * n
         R = np.column_stack([np.cross(y, -out), y, -out])
-        tip = centre + (self.ring.size[0] - self.manner.beyond + back) * out
+        radius = self.ring.size[0]
+        tip = centre + (radius - self.manner.beyond + back) * out
         return spatial.pose(R, tip) @ spatial.inverse(self.arms[hand].T_tool_tip)
 
     def _flip(self, hand: str, places: Sequence[tuple[Array, Array]]) -> float:
@@ -160,39 +182,49 @@ class GuidingSurgeon(SurgeonHands):
 
         A grasp is given by centre (3,) and axis (3,) of the ring.
         """
+        room = self._room(hand, places, 1.0)
+        room_flipped = self._room(hand, places, -1.0)
+        if room_flipped > room:
+            return -1.0
+        return 1.0
+
+    def _room(self, hand: str, places: Sequence[tuple[Array, Array]], flip: float) -> float:
+        """Return the smallest distance from joint limits in all of the grasps, see `Ways.room`; -inf: out of reach."""
         robot = self.arms[hand].robot
-        q, room = self._signals[f"{robot}.q"], {}
-        for flip in (1.0, -1.0):
+        q = self._signals[f"{robot}.q"]
+        room = np.inf
+        for centre, n in places:
             try:
-                goals = [self._ways.joints(robot, self._gripping(hand, c, n, flip), q) for c, n in places]
-                room[flip] = min(self._ways.room(robot, x) for x in goals)
+                goal = self._ways.joints(robot, self._gripping(hand, centre, n, flip), q)
             except KinematicsError:
-                room[flip] = -np.inf
-        return max(room, key=lambda flip: room[flip])
+                return -np.inf
+            room = min(room, self._ways.room(robot, goal))
+        return room
 
     def _carrying(self, hand: str, centre: Array, n: Array) -> Array:
         """Return the tool pose (4, 4) at which the ring, as grasped now, has the given centre (3,) and axis n (3,)."""
-        T, T_ring = self._tool(hand), self._pose()
+        T = self._tool(hand)
+        R_now = T[:3, :3]
         R = self._grasp(hand, centre, n)[:3, :3]
-        held = R @ T[:3, :3].T @ self._axis(T[:3, :3] @ R.T @ n)
-        R = _turning(held, n) @ R
-        return spatial.pose(R, centre - R @ T[:3, :3].T @ (T_ring[:3, 3] - T[:3, 3]))
+        # The ring may be tilted in the jaws: the axis that it would have in this pose, and the turn that corrects it.
+        held_axis = R @ R_now.T @ self._axis(R_now @ R.T @ n)
+        R = _turning(held_axis, n) @ R
+        tool_to_centre = self._pose()[:3, 3] - T[:3, 3]
+        return spatial.pose(R, centre - R @ R_now.T @ tool_to_centre)
 
     # -- actions: each generator yields once per tick -------------------------------------------------
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
         yield from self._show()
-        self._rests = {hand: self._signals[f"{eye.robot}.q"].copy() for hand, eye in self.arms.items()}
+        for hand, eye in self.arms.items():
+            self._rests[hand] = self._signals[f"{eye.robot}.q"].copy()
         for stage, step in enumerate((self._enter, self._pick_up, self._hand_over, self._guide, self._retract)):
             self._stage = stage
             yield from step()
             if self.missed:
                 break
         yield from self._rest(0.5)
-
-    def _give_up(self, step: str) -> None:
-        self.missed.append(step)
 
     def _meeting(self) -> tuple[Array, Array]:
         """Return centre and axis (3,) of the ring at the meeting place."""
@@ -201,35 +233,43 @@ class GuidingSurgeon(SurgeonHands):
 
     def _enter(self) -> Iterator[None]:
         """Bring both arms into the dome: the first close to the ring, the second close to the meeting place."""
-        start, n = self._meeting()
-        ends = [self._wire(s) for s in np.arange(-self.manner.ahead, self._along[-1], self.manner.step)]
-        centre, axis = self._pose()[:3, 3].copy(), self._axis(n).copy()
-        self._flips[self._first] = self._flip(self._first, [(centre, axis), (start, n)])
-        self._flips[self._second] = self._flip(self._second, [(start, n), *ends])
+        meeting, n = self._meeting()
+        centre = self._pose()[:3, 3].copy()
+        axis = self._axis(n).copy()
+        grasps = [(meeting, n)]
+        for s in np.arange(-self.manner.ahead, self._along[-1], self.manner.step):
+            grasps.append(self._wire(s))
+        self._flips[self._first] = self._flip(self._first, [(centre, axis), (meeting, n)])
+        self._flips[self._second] = self._flip(self._second, grasps)
         yield from self._turn_grip(dict.fromkeys(self.arms, self.habits.open))
         yield from self._follow(self._first, self._grasp(self._first, centre, axis, self.manner.before))
-        yield from self._follow(self._second, self._grasp(self._second, start, n, 2 * self.manner.before))
+        yield from self._follow(self._second, self._grasp(self._second, meeting, n, 2 * self.manner.before))
 
     def _pick_up(self) -> Iterator[None]:
         """Grasp the ring on the tower, and lift it out of its pocket."""
-        hand, n = self._first, self._meeting()[1]
+        hand = self._first
+        _, n = self._meeting()
         yield from self._seize(hand, n)
         if self._holder() != self._numbers[hand]:
-            self._give_up("picked up")
+            self.missed.append("picked up")
             return
-        goal, n = self._pose()[:3, 3] + [0.0, 0.0, self.manner.lift], self._axis(n).copy()
-        yield from self._reach({hand: self._carrying(hand, goal, n)}, self.manner.near)
+        goal = self._pose()[:3, 3] + [0.0, 0.0, self.manner.lift]
+        axis = self._axis(n).copy()
+        yield from self._reach({hand: self._carrying(hand, goal, axis)}, self.manner.near)
 
     def _seize(self, hand: str, towards: Array) -> Iterator[None]:
         """Try to grasp the ring, at most `_TRIES` times; `towards` (3,) selects the sign of its axis, see `_axis`."""
         manner = self.manner
         for _ in range(_TRIES):
-            if self._wire(0.0)[0][2] - self._pose()[2, 3] > manner.fallen:
+            free_end, _ = self._wire(0.0)
+            depth = free_end[2] - self._pose()[2, 3]
+            if depth > manner.fallen:
                 return
             n = self._axis(towards)
             yield from self._turn_grip({hand: self.habits.open})
             for back, near in ((manner.before, manner.near), (0.0, manner.fine)):
-                yield from self._reach({hand: self._grasp(hand, self._pose()[:3, 3], n, back)}, near)
+                grasp = self._grasp(hand, self._pose()[:3, 3], n, back)
+                yield from self._reach({hand: grasp}, near)
             yield from self._turn_grip({hand: 0.0})
             yield from self._rest(0.2)
             if self._holder() == self._numbers[hand]:
@@ -239,52 +279,67 @@ class GuidingSurgeon(SurgeonHands):
     def _let_go(self, hand: str) -> Iterator[None]:
         yield from self._turn_grip({hand: self.habits.open})
         yield from self._rest(0.3)
-        back = self._tool(hand) @ self.arms[hand].T_tool_tip
-        back = back @ spatial.pose(p=[0, 0, -self.manner.before]) @ spatial.inverse(self.arms[hand].T_tool_tip)
-        yield from self._reach({hand: back}, self.manner.near)
+        T_tool_tip = self.arms[hand].T_tool_tip
+        drawn_back = self._tool(hand) @ T_tool_tip
+        drawn_back = drawn_back @ spatial.pose(p=[0, 0, -self.manner.before]) @ spatial.inverse(T_tool_tip)
+        yield from self._reach({hand: drawn_back}, self.manner.near)
 
     def _hand_over(self) -> Iterator[None]:
         """Bring the ring to the meeting place, hand it to the second arm, and move the first arm out of the dome."""
-        first, second, manner = self._first, self._second, self.manner
+        first = self._first
+        second = self._second
         centre, n = self._meeting()
-        yield from self._reach({first: self._carrying(first, centre, n)}, manner.near)
-        yield from self._reach({first: self._carrying(first, centre, n)}, manner.fine)
+        # twice, because the ring may have turned in the jaws on the way
+        yield from self._reach({first: self._carrying(first, centre, n)}, self.manner.near)
+        yield from self._reach({first: self._carrying(first, centre, n)}, self.manner.fine)
         if self.mistake == "not_handed_over":
             return
         if self.mistake == "dropped":
             yield from self._let_go(first)
         yield from self._seize(second, n)
         if self._holder() != self._numbers[second]:
-            self._give_up("handed over")
+            self.missed.append("handed over")
             return
         yield from self._let_go(first)
         if self.mistake != "left_inside":
             yield from self._out(first)
 
+    @property
+    def _guiding_hand(self) -> str:
+        """The hand that guides the ring: the second one, except for a mistake."""
+        if self.mistake == "not_handed_over":
+            return self._first
+        return self._second
+
     def _guide(self) -> Iterator[None]:
         """Put the ring over the free end of the wire, guide it to the other end, and release it there."""
-        hand, manner = self._first if self.mistake == "not_handed_over" else self._second, self.manner
-        end = self._along[-1] * (0.5 if self.mistake == "stopped_short" else 1.0) - manner.last
+        hand = self._guiding_hand
+        manner = self.manner
+        end = self._along[-1] - manner.last
+        if self.mistake == "stopped_short":
+            end = self._along[-1] * 0.5 - manner.last
         for s in (-manner.ahead, *np.arange(0.0, end, manner.step), end):
-            place, n = self._wire(s)
-            if self.mistake == "wire_touched" and 0 <= s < end / 2:  # the ring lies on the wire
-                place = place - [0.0, 0.0, self.ring.size[0] - 1.75 * self.ring.size[1]]
-            goal = self._carrying(hand, place, n)
+            centre, n = self._wire(s)
+            if self.mistake == "wire_touched" and 0 <= s < end / 2:
+                # so low that the ring hangs on the wire
+                radius, wire = self.ring.size[0], self.ring.size[1]
+                centre = centre - [0.0, 0.0, radius - 1.75 * wire]
+            goal = self._carrying(hand, centre, n)
             yield from self._reach({hand: goal}, manner.near if s < 0 else manner.fine)
             if self._holder() != self._numbers[hand]:
-                self._give_up("guided")
+                self.missed.append("guided")
                 return
         yield from self._let_go(hand)
 
     def _retract(self) -> Iterator[None]:
         """Move the second arm out of the dome."""
-        hand = self._first if self.mistake == "not_handed_over" else self._second
+        hand = self._guiding_hand
+        if self.mistake == "left_inside":
+            return
         if self.mistake == "wall_hit":
             wall = spatial.pose(p=[60 * MM, 0.0, 0.0]) @ self._tool(hand)
             yield from self._reach({hand: wall}, 30 * MM)
-            yield from self._out(hand)
-        elif self.mistake != "left_inside":
-            yield from self._out(hand)
+        yield from self._out(hand)
 
     def _out(self, hand: str) -> Iterator[None]:
         """Move an arm back to its start."""
@@ -294,20 +349,23 @@ class GuidingSurgeon(SurgeonHands):
 
     def _follow(self, hand: str, T: Array, q: Array | None = None) -> Iterator[None]:
         """Plan a path of an arm to a tool pose T (4, 4), optionally with joint values q (n,) there, and follow it."""
-        eye, robot = self.arms[hand], self.arms[hand].robot
-        now = {
-            name: self._signals[f"{name}.q"].copy() for name in (*(e.robot for e in self.arms.values()), self.camera)
-        }
-        things = {self.ring.name: self._pose().copy()}
+        eye = self.arms[hand]
+        robot = eye.robot
+        # copies, because the signals go on while the arm moves
+        q_now = {self.camera: self._signals[f"{self.camera}.q"].copy()}
+        for arm in self.arms.values():
+            q_now[arm.robot] = self._signals[f"{arm.robot}.q"].copy()
+        objects = {self.ring.name: self._pose().copy()}
         problem: Exception | None = None
         for trial in range(_TRIES):
+            # an arm that let the ring go may be near the wall
+            clearance = self._ways.clearance / 2**trial
             try:
                 if q is None:
-                    goal = self._ways.joints(robot, T, now[robot])
+                    goal = self._ways.joints(robot, T, q_now[robot])
                 else:
-                    goal = np.where(eye.kin.auxiliary, now[robot], q)
-                clearance = self._ways.clearance / 2**trial  # an arm that let the ring go may be near the wall
-                way = self._ways.plan(robot, goal, now, things, clearance, _TRIES * self._seed + trial)
+                    goal = np.where(eye.kin.auxiliary, q_now[robot], q)
+                way = self._ways.plan(robot, goal, q_now, objects, clearance, _TRIES * self._seed + trial)
             except (ProtocolError, KinematicsError) as error:
                 problem = error
                 continue
@@ -315,11 +373,13 @@ class GuidingSurgeon(SurgeonHands):
                 yield from self._reach({hand: station}, 2 * self.manner.near, 8 * DEG)
             yield from self._reach({hand: way[-1]}, self.manner.near)
             return
-        self._give_up(f"way of {robot}: {problem}")
+        self.missed.append(f"way of {robot}: {problem}")
 
 
 def _turning(a: Array, b: Array) -> Array:
     """Return the smallest rotation (3, 3) that turns a direction a (3,) to b (3,)."""
-    w = np.cross(a, b)
-    angle = float(np.arctan2(np.linalg.norm(w), a @ b))
-    return spatial.exp_so3(w / max(float(np.linalg.norm(w)), 1e-12) * angle)
+    normal = np.cross(a, b)
+    sine = float(np.linalg.norm(normal))
+    angle = float(np.arctan2(sine, a @ b))
+    # of parallel directions the normal is 0: the rotation is none
+    return spatial.exp_so3(normal / max(sine, 1e-12) * angle)

@@ -19,8 +19,11 @@ from twin.reference.pairs import Still
 from twin.reference.space import JointSpace
 from twin.simulation.setup import Setup
 
-_STEP, _TURN = 8 * MM, 10 * DEG
-"""Largest motion of the tool, in m and rad, between two poses of a way."""
+_STEP = 8 * MM
+"""Largest motion of the tool in m between two poses of a way."""
+
+_TURN = 10 * DEG
+"""Largest rotation of the tool in rad between two poses of a way."""
 
 _FINE = 200
 """Number of points on a path between which the motion of the tool is measured."""
@@ -31,7 +34,9 @@ class Ways:
 
     def __init__(self, setup: Setup) -> None:
         """Prepare for the robots, props and objects of a scene; nothing is computed yet."""
-        self._scene, self._members, self._props = setup.scene, setup.members, setup.props
+        self._scene = setup.scene
+        self._members = setup.members
+        self._props = setup.props
         self._places = setup.places
 
     @property
@@ -41,7 +46,10 @@ class Ways:
 
     @cached_property
     def _models(self) -> dict[str, ReferenceModel]:
-        return {n: ReferenceModel(m.mechanism) for n, m in self._members.items()}
+        models = {}
+        for name, member in self._members.items():
+            models[name] = ReferenceModel(member.mechanism)
+        return models
 
     def joints(self, robot: str, T_world_tool: Array, q: Array) -> Array:
         """Return the joint values (n,) for a tool pose (4, 4); auxiliary joints keep their values in q (n,).
@@ -50,26 +58,37 @@ class Ways:
             KinematicsError: the pose cannot be reached.
         """
         kin = self._members[robot].kin
-        found = kin.inverse(spatial.inverse(self._places[robot].T_world_base) @ T_world_tool)
-        return np.where(kin.auxiliary, q, found)
+        T_base_world = spatial.inverse(self._places[robot].T_world_base)
+        q_tool = kin.inverse(T_base_world @ T_world_tool)
+        return np.where(kin.auxiliary, q, q_tool)
 
     def room(self, robot: str, q: Array) -> float:
         """Return the distance of joint values (n,) to the nearest limit, as a fraction of the range of that joint."""
-        mechanism, kin = self._members[robot].mechanism, self._members[robot].kin
-        low, high = mechanism.limits.T
-        return float((np.minimum(q - low, high - q) / (high - low))[~kin.auxiliary].min())
+        member = self._members[robot]
+        low, high = member.mechanism.limits.T
+        fractions = np.minimum(q - low, high - q) / (high - low)
+        # the jaws of an instrument do not move its tool
+        return float(fractions[~member.kin.auxiliary].min())
 
     def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Still]:
         """Return the obstacles of an arm (other robots, props, objects) in its base; for the arguments, see `plan`."""
-        T_world_base, poses = self._places[robot].T_world_base, {}
-        for name in q.keys() - {robot}:
-            links = self._models[name].solve(q[name]).link_poses
-            poses[name] = {body: self._places[name].T_world_base @ T for body, T in links.items()}
-        mechanisms = {n: m.mechanism for n, m in self._members.items()}
-        fixed = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
+        T_world_base = self._places[robot].T_world_base
+        poses: dict[str, dict[str, Array]] = {}
+        for other, q_other in q.items():
+            if other == robot:
+                continue
+            T_world_other = self._places[other].T_world_base
+            poses[other] = {}
+            for body, T in self._models[other].solve(q_other).link_poses.items():
+                poses[other][body] = T_world_other @ T
+        mechanisms = {name: member.mechanism for name, member in self._members.items()}
+        found = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
         T_base_world = spatial.inverse(T_world_base)
-        moved = [(o, objects[o.name]) for o in self._scene.objects if o.name in objects]
-        return fixed + [Still(o.name, Body(o.name, (o.mesh(),)), T_base_world @ T) for o, T in moved]
+        for item in self._scene.objects:
+            if item.name in objects:
+                body = Body(item.name, (item.mesh(),))
+                found.append(Still(item.name, body, T_base_world @ objects[item.name]))
+        return found
 
     def plan(
         self,
@@ -94,12 +113,15 @@ class Ways:
         Raises:
             ProtocolError: start or goal is not free, or no way was found.
         """
-        T_world_base, kin = self._places[robot].T_world_base, self._members[robot].kin
-        around_it = self.obstacles(robot, q, objects)
-        space = JointSpace(lambda: self._models[robot], clearance, around=lambda: around_it)
+        obstacles = self.obstacles(robot, q, objects)
+        space = JointSpace(lambda: self._models[robot], clearance, around=lambda: obstacles)
         path = around(space, q[robot], goal, seed=seed)
-        Ts = np.array([T_world_base @ kin.forward(x) for x in path(np.linspace(0.0, 1.0, _FINE))])
-        return [Ts[k] for k in _stations(Ts)]
+        T_world_base = self._places[robot].T_world_base
+        kin = self._members[robot].kin
+        poses = []
+        for q_way in path(np.linspace(0.0, 1.0, _FINE)):
+            poses.append(T_world_base @ kin.forward(q_way))
+        return [poses[k] for k in _stations(np.array(poses))]
 
 
 def _stations(Ts: Array) -> list[int]:
@@ -107,9 +129,16 @@ def _stations(Ts: Array) -> list[int]:
 
     Between neighbouring selected poses, the tool moves at most about `_STEP` and turns at most about `_TURN`.
     """
-    moved = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1) / _STEP
-    turns = [spatial.log_so3(a[:3, :3].T @ b[:3, :3]) for a, b in pairwise(Ts)]
-    turned = np.linalg.norm(turns, axis=1)
-    along = np.concatenate([[0.0], np.cumsum(np.maximum(moved, turned / _TURN))])
+    distances = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1)
+    turns = []
+    for before, after in pairwise(Ts):
+        turns.append(spatial.log_so3(before[:3, :3].T @ after[:3, :3]))
+    angles = np.linalg.norm(turns, axis=1)
+    # length of the way in units of the largest motion between two stations
+    along = np.concatenate([[0.0], np.cumsum(np.maximum(distances / _STEP, angles / _TURN))])
     count = max(1, int(np.ceil(along[-1])))
-    return [int(np.searchsorted(along, along[-1] * i / count)) for i in range(1, count)] + [len(Ts) - 1]
+    stations = []
+    for i in range(1, count):
+        stations.append(int(np.searchsorted(along, along[-1] * i / count)))
+    stations.append(len(Ts) - 1)
+    return stations
