@@ -163,6 +163,6 @@ def about(setup: Setup) -> list[object]:
 
 
 def plain(numbers: ArrayLike) -> object:
-    """Return a number, or an array as lists of numbers, rounded to 1e-9, so that a hash does not depend on the processor."""
+    """Return a number, or an array as lists, rounded to 1e-9, so that a hash does not depend on the processor."""
     rounded = np.round(np.asarray(numbers, float), 9)
     return (rounded + 0.0).tolist()  # -0.0 becomes 0.0
