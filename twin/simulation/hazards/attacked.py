@@ -252,7 +252,7 @@ class Arena:
         return Response(
             noticed=round((trainee.noticed - begin) / TICK),
             acted=round((acted - begin) / TICK),
-            responses=responses,
+            responses=list(responses),
             response_peak=deviation.peak,
             response_harm=deviation.peak > HARM,
             works=follows and "convert" not in responses,
