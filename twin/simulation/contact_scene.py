@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.body import Mesh
+from twin.model.body import Body, Mesh
 from twin.model.contact import ContactTable
 from twin.model.hull import require_hull
 from twin.model.mechanism import Mechanism
@@ -92,7 +92,10 @@ def pegs(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> dict[str, 
     """
     solids = _solids(scene, props)
     names = {transfer.peg for transfer in required_goal(task, Transfers).transfers}
-    return {name: _peg(scene, solids, task, name) for name in sorted(names)}
+    pegs = {}
+    for name in sorted(names):  # several rings can be for one peg
+        pegs[name] = _peg(scene, solids, task, name)
+    return pegs
 
 
 def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCourse:
@@ -125,7 +128,9 @@ def course(scene: Scene, props: Mechanism | None, task: ConsoleTask) -> WireCour
     if _nearest(line[0], ends[1]) < _nearest(line[1], ends[1]):
         line.reverse()
     for first, second in ends[1:]:
-        farther = second if _far(second, line[-1]) > _far(first, line[-1]) else first
+        farther = first
+        if _far(second, line[-1]) > _far(first, line[-1]):
+            farther = second
         line.append(farther)
     bodies = {solid.name: solid for solid in solids}
     if guide.dome not in bodies:
@@ -142,8 +147,11 @@ def _peg(scene: Scene, solids: Sequence[Solid], task: ConsoleTask, name: str) ->
     if name not in parts:
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('peg', name, parts)}")
     solid, part = parts[name]
-    others = [_box(other, solid) for other in solid.parts if other is not part]
-    if not others:
+    boxes = []
+    for other in solid.parts:
+        if other is not part:
+            boxes.append(_box(other, solid))
+    if not boxes:
         raise TwinError(
             f"{scene.file.name}: task '{task.name}': '{name}' is the only part of its body: its free end is not known. "
             "Draw the peg and the board under it as parts of one body"
@@ -151,7 +159,7 @@ def _peg(scene: Scene, solids: Sequence[Solid], task: ConsoleTask, name: str) ->
     middle, axis, half, radius = _axis(solid, part)
     foot = middle - half * axis
     end = middle + half * axis
-    if _from_boxes(end, others) < _from_boxes(foot, others):
+    if _from_boxes(end, boxes) < _from_boxes(foot, boxes):
         foot, end = end, foot
     return Peg(name, end, foot, radius)
 
@@ -177,10 +185,13 @@ def _wire(solids: Sequence[Solid], scene: Scene, task: ConsoleTask) -> list[tupl
     """Return the parts of the wire of a task, from the free end."""
     prefix = required_goal(task, GuideTable).wire
     parts = _parts(solids)
-    found = [place for name, place in parts.items() if name.startswith(prefix)]
-    if not found:
+    wire = []
+    for name, place in parts.items():
+        if name.startswith(prefix):
+            wire.append(place)
+    if not wire:
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('wire', prefix, parts)}")
-    return found
+    return wire
 
 
 def _axis(solid: Solid, part: Mesh) -> tuple[Array, Array, float, float]:
@@ -211,7 +222,7 @@ def _table(scene: Scene) -> ContactTable:
 
 def _solids(scene: Scene, props: Mechanism | None) -> list[Solid]:
     table = _table(scene)
-    bodies = {}
+    bodies: Mapping[str, Body] = {}
     poses: Mapping[str, Array] = {}
     if props is not None:
         bodies = {body.name: body for body in props.bodies}
@@ -220,7 +231,10 @@ def _solids(scene: Scene, props: Mechanism | None) -> list[Solid]:
             raise TwinError(f"{scene.file.name}: contact: {unknown('props body', name, bodies)}")
     if props is not None:
         poses = ReferenceModel(props).home().link_poses
-    return [Solid(name, bodies[name].meshes, table.friction, poses[name]) for name in table.solid]
+    solids = []
+    for name in table.solid:
+        solids.append(Solid(name, bodies[name].meshes, table.friction, poses[name]))
+    return solids
 
 
 def _vertices(part: Mesh, solid: Solid) -> Array:

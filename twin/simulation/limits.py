@@ -25,7 +25,11 @@ class JointLimits:
     def of(cls, mechanism: Mechanism) -> JointLimits:
         """Return the limits of a mechanism's active joints."""
         low, high = mechanism.limits.T
-        return cls(low, high, np.array([j.max_speed or np.inf for j in mechanism.active]))
+        max_speed = np.full(len(low), np.inf)
+        for i, joint in enumerate(mechanism.active):
+            if joint.max_speed:
+                max_speed[i] = joint.max_speed
+        return cls(low, high, max_speed)
 
     def steps(self, q: Array, dt: float) -> tuple[Array, Array]:
         """Return the smallest and the largest change (n,) of q (n,) allowed within dt in s.
@@ -51,7 +55,9 @@ class JointLimits:
     def follow(self) -> ca.Function:
         """Function (q (n), command (n), dt in s) -> q (n) after dt: equal to the command if the limits allow it."""
         n = len(self.lower)
-        q, command, dt = ca.SX.sym("q", n), ca.SX.sym("command", n), ca.SX.sym("dt")
+        q = ca.SX.sym("q", n)
+        command = ca.SX.sym("command", n)
+        dt = ca.SX.sym("dt")
         lower, upper = self.steps_of(q, dt)
         wanted = command - q
         dq = ca.fmin(ca.fmax(wanted, lower), upper)

@@ -70,6 +70,7 @@ class Machined:
         """Prepare for the machines of a scene."""
         self._scene = scene
         self.parts = parts
+        # without parts, the robots of the trainer move like other robots
         self._table = scene.trainer if parts else None
 
     def controllers(self, device: str, kins: Mapping[str, Kinematics], dt: float) -> list[Block]:
@@ -90,7 +91,10 @@ class Machined:
         if self._table is None:
             return []
         law = cue(self._table)
-        return [Modelled(name, parts, law, q[name]) for name, parts in self.parts.items()]
+        models: list[Block] = []
+        for name, parts in self.parts.items():
+            models.append(Modelled(name, parts, law, q[name]))
+        return models
 
     def models(self, members: Mapping[str, MachineArm]) -> list[Placed]:
         """Return the models as robots of the World; each model has the mechanism of its machine."""
@@ -108,12 +112,14 @@ class Machined:
         if table is None:
             return []
         camera = self._scene.cameras[table.camera].robot
-        bases = {p.name: p.T_world_base for p in self._scene.places if p.name in self.parts}
+        places = {place.name: place for place in self._scene.places}
         blocks: list[Block] = []
         for hand in hands:
-            controlled: Sequence[str] = getattr(table, hand)
-            own_bases = {name: bases[name] for name in controlled if name in bases}
-            blocks.append(CueHand(hand, camera, own_bases))
+            bases = {}
+            for name in getattr(table, hand):
+                if name in self.parts and name in places:
+                    bases[name] = places[name].T_world_base
+            blocks.append(CueHand(hand, camera, bases))
         return blocks
 
 
@@ -127,7 +133,9 @@ class CueHand(Block):
         """Connect a hand; `bases` are the poses T_world_base (4, 4) of its machines."""
         self._force = f"{hand}.force"
         self._view = f"{camera}.view"
-        self._rotations = {f"{name}.cue": T[:3, :3] for name, T in bases.items()}
+        self._rotations: dict[str, Array] = {}  # by signal of the cue
+        for name, T_world_base in bases.items():
+            self._rotations[f"{name}.cue"] = T_world_base[:3, :3]
         self.outputs = {self._force: np.zeros(3)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -36,18 +35,25 @@ def world(setup: Setup, device: Block, records: bool = True, watch: Sequence[Blo
         TwinError: the task is not a procedure, a robot has no link in `touching` of [anatomy], or an organ is missing.
         WorldError: a link is inside an organ at the start.
     """
-    places = operating_scene.robots_of(setup)
-    members, q, limits, plants, controllers = setup.members, {}, {}, list[Block](), list[Block]()
-    for place in places:
-        name, member = place.name, members[place.name]
-        q[name], limits[name] = start(place, member.mechanism), JointLimits.of(member.mechanism)
-        T = place.T_world_base @ member.kin.forward(q[name])
-        controllers.append(TipTarget(name, place.T_world_base, operating_scene.port_of(place), T))
-        controllers.append(PoseToJoints(name, member.kin, q[name], limits[name]))
-        plants.append(Kinematic(name, q[name], limits[name]))
-    operated = operating_scene.field(setup, q)
+    q_start = {}
+    robots = []
+    controllers: list[Block] = []
+    plants: list[Block] = []
+    for place in operating_scene.robots_of(setup):
+        name = place.name
+        member = setup.members[name]
+        limits = JointLimits.of(member.mechanism)
+        q = start(place, member.mechanism)
+        q_start[name] = q
+        T_world_tool = place.T_world_base @ member.kin.forward(q)
+        port = operating_scene.port_of(place)
+        robots.append(Placed(name, operating_scene.bound(place, member.mechanism), place.T_world_base))
+        controllers.append(TipTarget(name, place.T_world_base, port, T_world_tool))
+        controllers.append(PoseToJoints(name, member.kin, q, limits))
+        plants.append(Kinematic(name, q, limits))
+    operated = operating_scene.field(setup, q_start)
     return World(
-        robots=[Placed(p.name, operating_scene.bound(p, members[p.name].mechanism), p.T_world_base) for p in places],
+        robots=robots,
         deformables=operated.deformables,
         objects=operated.objects,
         devices=[device],
@@ -65,10 +71,11 @@ def identity(setup: Setup) -> str:
     not depend on the processor.
     """
     plain = operating_scene.plain
-    about: list[Any] = [setup.scene.name, *operating_scene.about(setup)]
+    about: list[object] = [setup.scene.name, *operating_scene.about(setup)]
     for place in operating_scene.robots_of(setup):
         mechanism = setup.members[place.name].mechanism
         about.append([place.name, place.robot, plain(place.T_world_base), plain(start(place, mechanism))])
+        # JSON has no infinite numbers: a joint without a limit has the largest ones
         about.append([plain(operating_scene.port_of(place)), plain(np.nan_to_num(mechanism.limits))])
-        about.append([[f.name, f.body, plain(f.T_body_frame)] for f in mechanism.frames])
+        about.append([[frame.name, frame.body, plain(frame.T_body_frame)] for frame in mechanism.frames])
     return "sha256:" + hashlib.sha256(json.dumps(about).encode()).hexdigest()

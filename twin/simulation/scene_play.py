@@ -163,7 +163,7 @@ class Played(Result):
 
 
 def _duration(actors: Sequence[Actor]) -> float:
-    return max(a.trajectory.duration for a in actors)
+    return max(actor.trajectory.duration for actor in actors)
 
 
 def trocars_of(place: Place, mechanism: Mechanism, trajectory: Trajectory) -> dict[str, Array]:

@@ -55,12 +55,17 @@ class Setup:
     @property
     def objects(self) -> Sequence[Movable]:
         """The movable objects of the task."""
-        return self.scene.objects if self.task is not None and self.task.kind.grasps else ()
+        if self.task is None or not self.task.kind.grasps:
+            return ()
+        return self.scene.objects
 
     @property
     def label(self) -> str:
         """File of the scene and name of the task, for messages."""
-        return f"{self.scene.file}: task '{'' if self.task is None else self.task.name}'"
+        name = ""
+        if self.task is not None:
+            name = self.task.name
+        return f"{self.scene.file}: task '{name}'"
 
     @property
     def procedure(self) -> ProcedureTable | None:
@@ -70,7 +75,9 @@ class Setup:
     @property
     def haptics(self) -> bool | None:
         """Whether the forces on the hands are on at the start; None: the World has no forces."""
-        return None if self.condition is None else self.condition.haptics
+        if self.condition is None:
+            return None
+        return self.condition.haptics
 
     @property
     def felt(self) -> bool:

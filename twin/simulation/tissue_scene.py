@@ -30,11 +30,13 @@ def tissues(scene: Scene, drawn: Mechanism | None) -> tuple[Tissue, ...]:
 
 def touching(scene: Scene) -> dict[str, list[str]]:
     """Return {robot: names of its bodies that touch organs}."""
-    out: dict[str, list[str]] = {}
-    for name in () if scene.anatomy is None else scene.anatomy.touching:
+    bodies: dict[str, list[str]] = {}
+    if scene.anatomy is None:
+        return bodies
+    for name in scene.anatomy.touching:
         robot, body = name.split("/")
-        out.setdefault(robot, []).append(body)
-    return out
+        bodies.setdefault(robot, []).append(body)
+    return bodies
 
 
 def links(scene: Scene, mechanisms: Mapping[str, Mechanism], q: Mapping[str, Array]) -> list[Links]:
@@ -44,13 +46,13 @@ def links(scene: Scene, mechanisms: Mapping[str, Mechanism], q: Mapping[str, Arr
         WorldError: a robot lacks a body that should touch organs.
         TwinError: a robot of [anatomy] is not among the mechanisms.
     """
-    places = {p.name: p for p in scene.places}
-    out = []
+    places = {place.name: place for place in scene.places}
+    links = []
     for robot, bodies in touching(scene).items():
         if robot not in mechanisms:
             raise TwinError(f"scene '{scene.name}': no mechanism for '{robot}', which touches organs")
-        out.append(Links(robot, mechanisms[robot], places[robot].T_world_base, bodies, q[robot]))
-    return out
+        links.append(Links(robot, mechanisms[robot], places[robot].T_world_base, bodies, q[robot]))
+    return links
 
 
 def followed(tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[Array], period: float) -> list[Bend]:
@@ -65,12 +67,17 @@ def followed(tissues: Sequence[Tissue], tools: Sequence[Tool], poses: Sequence[A
     Raises:
         WorldError: a link is inside an organ at the start.
     """
-    organs = Organs(tissues, tools, [Ts[0] for Ts in poses], period)
-    rows = {t.name: [organs.nodes[t.name]] for t in tissues}
-    count = len(poses[0])
-    for k in range(1, count):
-        organs.step([Ts[k] for Ts in poses])
-        for name, row in rows.items():
-            row.append(organs.nodes[name])
-    times = period * np.arange(count, dtype=float)
-    return [Bend(t.deformable.mesh, t.weights, times, np.stack(rows[t.name])) for t in tissues]
+    samples = list(zip(*poses, strict=True))  # the poses of all links, by time
+    organs = Organs(tissues, tools, samples[0], period)
+    nodes: dict[str, list[Array]] = {}
+    for tissue in tissues:
+        nodes[tissue.name] = [organs.nodes[tissue.name]]
+    for sample in samples[1:]:
+        organs.step(sample)
+        for name, rows in nodes.items():
+            rows.append(organs.nodes[name])
+    times = period * np.arange(len(samples), dtype=float)
+    bends = []
+    for tissue in tissues:
+        bends.append(Bend(tissue.deformable.mesh, tissue.weights, times, np.stack(nodes[tissue.name])))
+    return bends

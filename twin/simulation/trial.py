@@ -102,20 +102,27 @@ def operate(
 
 def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], missed: str = "") -> Record:
     """Convert a recording of a World from `world` to a `Record`; each row is the last tick of a teleoperation tick."""
-    at = slice(INNER - 1, None, INNER)
-    goal = recording["hand.goal"][at, 0]
-    joints = recording[f"{kin.formula.name}.q"][at]
+    last_ticks = slice(INNER - 1, None, INNER)
+    goal = recording["hand.goal"][last_ticks, 0]
+    joints = recording[f"{kin.formula.name}.q"][last_ticks]
+    # Each pose is the start of the search for the next one.
     poses: list[Array] = []
+    pose: Array | None = None
     for q in joints:
-        poses.append(kin.forward(q, poses[-1] if poses else None))
-    begun = {g.name: np.flatnonzero(goal == i) for i, g in enumerate(goals)}
+        pose = kin.forward(q, pose)
+        poses.append(pose)
+    spans = {}
+    for number, target in enumerate(goals):
+        rows = np.flatnonzero(goal == number)
+        if len(rows):
+            spans[target.name] = (int(rows[0]), int(rows[-1]))
     return Record(
         t=np.arange(len(goal), dtype=float) * (INNER * recording.dt),
-        handle=recording["hand.handle"][at],
-        pedal=recording["hand.pedal"][at, 0] > 0.5,
+        handle=recording["hand.handle"][last_ticks],
+        pedal=recording["hand.pedal"][last_ticks, 0] > 0.5,
         q=joints,
         Ts_base_tool=np.array(poses),
-        spans={name: (int(rows[0]), int(rows[-1])) for name, rows in begun.items() if len(rows)},
+        spans=spans,
         missed=missed,
     )
 
@@ -161,8 +168,12 @@ def measure(
             for a goal like a hole of 1 mm diameter with a foil behind it.
     """
     tip = (record.Ts_base_tool @ T_tool_tip)[:, :3, 3]
-    pressed = np.flatnonzero(np.diff(np.concatenate([[False], record.pedal]).astype(int)) == 1)
-    contacts, nearest, aside = {}, {}, {}
+    # with a released pedal before the first row, so that a pedal that is down from the start counts as pressed
+    pedal = np.concatenate([[False], record.pedal]).astype(int)
+    pressed = np.flatnonzero(np.diff(pedal) == 1)
+    contacts: dict[str, bool] = {}
+    nearest: dict[str, float] = {}
+    aside: dict[str, float] = {}
     for goal in goals:
         if not goal.inserts:
             continue
@@ -170,24 +181,28 @@ def measure(
             contacts[goal.name] = False
             continue
         first, last = record.spans[goal.name]
-        end = goal.T_base_tool @ T_tool_tip
-        off = tip[first : last + 1] - end[:3, 3]
-        axis = end[:3, :3] @ shaft
-        along = off @ axis
-        beside = np.linalg.norm(off - along[:, None] * axis, axis=1)
-        contacts[goal.name] = bool(((beside <= contact) & (along >= -contact)).any())
-        nearest[goal.name] = float(np.linalg.norm(off, axis=1).min())
+        T_base_end = goal.T_base_tool @ T_tool_tip
+        offsets = tip[first : last + 1] - T_base_end[:3, 3]
+        axis = T_base_end[:3, :3] @ shaft
+        along = offsets @ axis
+        beside = np.linalg.norm(offsets - along[:, None] * axis, axis=1)
+        touches = (beside <= contact) & (along >= -contact)
+        contacts[goal.name] = bool(touches.any())
+        nearest[goal.name] = float(np.linalg.norm(offsets, axis=1).min())
         aside[goal.name] = float(beside.max())
-    start = record.t[pressed[0]] if len(pressed) else record.t[0]
+    start = record.t[0]
+    if len(pressed):
+        start = record.t[pressed[0]]
     path = float(np.linalg.norm(np.diff(tip, axis=0), axis=1).sum())
     return Measures(float(record.t[-1] - start), len(pressed), path, contacts, nearest, aside)
 
 
 def remaining(record: Record, goals: Sequence[Goal]) -> Array:
     """Return the distance (k,) in m from the tool to its current goal; NaN without a goal."""
-    out = np.full(len(record.t), np.nan)
+    distances = np.full(len(record.t), np.nan)
     for goal in goals:
         first, last = record.spans.get(goal.name, (0, -1))
         for k in range(first, last + 1):
-            out[k] = np.linalg.norm(pose_error(record.Ts_base_tool[k], goal.T_base_tool)[:3])
-    return out
+            error = pose_error(record.Ts_base_tool[k], goal.T_base_tool)
+            distances[k] = np.linalg.norm(error[:3])
+    return distances

@@ -14,7 +14,9 @@ class Field(Block):
 
     def __init__(self, deformable: Deformable, motion: Callable[[Array, float], Array]) -> None:
         """Store the deformable and `motion`: (vertices at rest (n, 3) in m, time in s) -> vertices (n, 3) in m."""
-        self.name, self.rest, self.motion = f"{deformable.name}.vertices", deformable.mesh.vertices, motion
+        self.name = f"{deformable.name}.vertices"
+        self.rest = deformable.mesh.vertices
+        self.motion = motion
         self.outputs = {self.name: self.rest}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:

@@ -22,8 +22,11 @@ class Kinematic(Block):
 
     def __init__(self, robot: str, q: ArrayLike, limits: JointLimits) -> None:
         """Start at joint values q (n,) in m or rad."""
-        self.q, self._tick = np.array(q, float), np.zeros(1)
-        self._command, self._q, self._encoder = (f"{robot}.{n}" for n in ("command", "q", "encoder"))
+        self.q = np.array(q, float)
+        self._tick = np.zeros(1)
+        self._command = f"{robot}.command"
+        self._q = f"{robot}.q"
+        self._encoder = f"{robot}.encoder"
         self._limits = limits
         self.outputs = {self._q: self.q.copy(), self._encoder: self.q.copy()}
 

@@ -19,7 +19,8 @@ from twin.simulation.plants.contact.feel import Feel
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.world import Block, Signals
 
-_LINK_MASS, _LINK_INERTIA = 10.0, 0.1
+_LINK_MASS = 10.0
+_LINK_INERTIA = 0.1
 """Mass in kg and moment of inertia in kg m2 of the simulated links of an instrument.
 
 The joint values alone move the links; this inertia only keeps contact forces from moving them within a tick.

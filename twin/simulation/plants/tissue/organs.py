@@ -25,7 +25,8 @@ PERIOD = 8e-3
 SLOWEST = 20e-3
 """Longest time in s between two steps for which the organs were tested."""
 
-_LINK_MASS, _LINK_INERTIA = 10.0, 0.1
+_LINK_MASS = 10.0
+_LINK_INERTIA = 0.1
 """Mass in kg and moment of inertia in kg m2 of a link, so large that contact forces do not move links within a step."""
 
 _JUMP = 20 * MM

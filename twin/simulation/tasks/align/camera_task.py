@@ -91,8 +91,12 @@ def _time(t: Array, driven: np.ndarray, lens: Array) -> float:
     presses = np.flatnonzero(driven)
     steps = np.linalg.norm(np.diff(lens, axis=0), axis=1)
     moved = np.flatnonzero(steps > 0)
-    start = t[presses[0]] if len(presses) else 0.0
-    end = t[moved[-1] + 1] if len(moved) else start
+    start = 0.0
+    if len(presses):
+        start = t[presses[0]]
+    end = start
+    if len(moved):
+        end = t[moved[-1] + 1]
     return max(0.0, float(end - start))
 
 

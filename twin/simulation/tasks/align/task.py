@@ -60,15 +60,16 @@ class AlignTable(Table):
 
     @model_validator(mode="after")
     def _whole(self) -> AlignTable:
-        if not 1e-6 <= (length := math.hypot(*self.facing)) <= 1e6:
+        length = math.hypot(*self.facing)
+        if not 1e-6 <= length <= 1e6:
             raise at("facing", f"{list(self.facing)} has the length {length:g}; it must be 1e-6 to 1e6")
         if not math.hypot(*self.facing[:2]) > 1e-6 * length:
             raise at("facing", f"{list(self.facing)} is vertical: the plate then has no upper side")
         if min(self.size_mm) <= 0:
             raise at("size_mm", f"width and height must be above 0 mm; {list(self.size_mm)} was given")
-        if min(p - s for p, s in zip(self.plate_mm, self.size_mm, strict=True)) <= 0:
+        if self.plate_mm[0] <= self.size_mm[0] or self.plate_mm[1] <= self.size_mm[1]:
             raise at("plate_mm", f"the plate {list(self.plate_mm)} must be larger than the rectangle")
-        red, green, blue = (int(self.color[k : k + 2], 16) for k in (1, 3, 5))
+        red, green, blue = bytes.fromhex(self.color[1:])
         if green < 1.5 * max(red, blue):
             raise at("color", f"{self.color} is not green enough to be found in the picture: green must be at least "
                      "1.5 times red and blue")  # fmt: skip

@@ -92,7 +92,10 @@ def _mask(rgb: Array) -> Array:
 
 def _require_inside(mask: Array) -> None:
     borders = {"upper": mask[0], "lower": mask[-1], "left": mask[:, 0], "right": mask[:, -1]}
-    cut = [name for name, line in borders.items() if line.max() > 0.1]
+    cut = []
+    for name, line in borders.items():
+        if line.max() > 0.1:
+            cut.append(name)
     if cut:
         raise UnmeasuredError(f"the {' and the '.join(cut)} border of the picture cuts the rectangle")
 

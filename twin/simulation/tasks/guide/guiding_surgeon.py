@@ -322,7 +322,8 @@ class GuidingSurgeon(SurgeonHands):
             centre, n = self._wire(s)
             if self.mistake == "wire_touched" and 0 <= s < end / 2:
                 # so low that the ring hangs on the wire
-                radius, wire = self.ring.size[0], self.ring.size[1]
+                radius = self.ring.size[0]
+                wire = self.ring.size[1]
                 centre = centre - [0.0, 0.0, radius - 1.75 * wire]
             goal = self._carrying(hand, centre, n)
             yield from self._reach({hand: goal}, manner.near if s < 0 else manner.fine)

@@ -213,7 +213,10 @@ class ProcedureReferee(Block):
         self._last_lift = self.lift
         if self._t_lifted is None and self.lift >= p.lift_mm * MM:
             self._t_lifted = self.t
-        self._run = self._run + 1 if self.seen >= p.seen else 0
+        if self.seen >= p.seen:
+            self._run += 1
+        else:
+            self._run = 0
         self._longest_run = max(self._longest_run, self._run)
         if self._t_shown is None and self._run * self.period >= p.seen_s:
             self._t_shown = self.t
@@ -250,8 +253,12 @@ class ProcedureReferee(Block):
     def measures(self) -> ProcedureMeasures:
         """Return the checks and measures of all samples so far."""
         checks = self.checks()
-        times = [check.t for check in checks[:5] if check.t is not None]
-        time = max(times) if len(times) == 5 else self.t
+        time = 0.0
+        for stage in checks[:5]:
+            if stage.t is None:
+                time = self.t
+                break
+            time = max(time, stage.t)
         energy = float(self.energy.sum())
         return ProcedureMeasures(checks, time, dict(self._paths), len(self.closed), energy, self._pull, self._slipped)
 
@@ -263,8 +270,9 @@ class ProcedureReferee(Block):
             f"the held point of the {spoken(p.organ)} was {self._last_lift / MM:.1f} mm above its place {when} "
             f"(required: {p.lift_mm:g} mm)"
         )
-        lost = bool(self.closed) and not done
-        return ProcedureCheck("expose", done, self._t_lifted if done else None, text, lost)
+        if done:
+            return ProcedureCheck("expose", True, self._t_lifted, text)
+        return ProcedureCheck("expose", False, None, text, lost=bool(self.closed))
 
     def _show(self) -> ProcedureCheck:
         p = self.procedure
@@ -281,7 +289,11 @@ class ProcedureReferee(Block):
     def _clip(self) -> ProcedureCheck:
         p = self.procedure
         wanted = p.clips_kept + p.clips_taken
-        times = sorted(clip.t for clip in self._shut() if clip.t <= self._t_cut)
+        times = []
+        for clip in self._shut():
+            if clip.t <= self._t_cut:
+                times.append(clip.t)
+        times.sort()
         partial = 0
         beside = 0
         for clip in self.closed:
@@ -294,14 +306,18 @@ class ProcedureReferee(Block):
             text += f"; {partial} closed on a part of its width"
         if beside:
             text += f"; {beside} closed beside it"
-        done = len(times) >= wanted
+        if len(times) >= wanted:
+            return ProcedureCheck("clip", True, times[wanted - 1], text)
         too_few = len(times) + len(self._clips) < wanted
-        lost = not done and (self.cut or too_few)
-        return ProcedureCheck("clip", done, times[wanted - 1] if done else None, text, lost)
+        return ProcedureCheck("clip", False, None, text, lost=self.cut or too_few)
 
     def _shut(self) -> list[Closed]:
         """Return the clips that close the vessel of the procedure."""
-        return [clip for clip in self.closed if clip.on == self._number and clip.closes]
+        clips = []
+        for clip in self.closed:
+            if clip.on == self._number and clip.closes:
+                clips.append(clip)
+        return clips
 
     def _cut(self) -> ProcedureCheck:
         vessel = self._vessels[self._number]
@@ -310,8 +326,11 @@ class ProcedureReferee(Block):
             return ProcedureCheck("cut", False, None, f"the {spoken(vessel.name)} is not cut")
         low = vessel.arc[cut_segments[0]]
         high = vessel.arc[cut_segments[-1] + 1]
-        taken = sum(clip.at < low for clip in self._shut())
-        kept = sum(clip.at > high for clip in self._shut())
+        taken = 0
+        kept = 0
+        for clip in self._shut():
+            taken += bool(clip.at < low)
+            kept += bool(clip.at > high)
         open_ends = []
         if taken == 0:
             open_ends.append("the organ's side")
@@ -320,7 +339,8 @@ class ProcedureReferee(Block):
         text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on the organ's side, {kept} on the other side"
         if open_ends:
             text += f"; the end on {' and '.join(open_ends)} is open: bile leaks"
-        return ProcedureCheck("cut", not open_ends, None if open_ends else self._t_cut, text, bool(open_ends))
+            return ProcedureCheck("cut", False, None, text, lost=True)
+        return ProcedureCheck("cut", True, self._t_cut, text)
 
     def _remove(self) -> ProcedureCheck:
         p = self.procedure
@@ -348,7 +368,9 @@ class ProcedureReferee(Block):
         for k, vessel in enumerate(self._vessels):
             if k == self._number:
                 continue
-            clips = sum(clip.on == k for clip in self.closed)
+            clips = 0
+            for clip in self.closed:
+                clips += clip.on == k
             cuts = int(self._cuts[k].sum())
             if clips or self._cuts[k].any():
                 wrong.append(f"{clips} clips on and {cuts} cuts of the {spoken(vessel.name)}")
@@ -358,7 +380,10 @@ class ProcedureReferee(Block):
 
 def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:
     """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
-    clips = [name for name in sorted(kept.sizes) if name.startswith("clip_") and name.endswith(".on")]
+    clips = []
+    for name in sorted(kept.sizes):
+        if name.startswith("clip_") and name.endswith(".on"):
+            clips.append(name)
     referee = ProcedureReferee(setup, clips, kept.dt)
     for t, now in zip(kept.t.tolist(), kept.samples(kept.sizes), strict=True):
         referee.see(now, t)

@@ -68,9 +68,11 @@ class ProcedureGuide(ProcedureReferee):
             self._tell("good", f"{free} of {len(self.freed)} cells of the bed are free")
         for robot in self.robots:
             self._see_robot(robot, now)
-        out_since = self._out_since if self._out_since is not None else t
-        self._out_since = out_since if self.removed else None
-        self.complete = self.removed and t - out_since >= _OUT
+        if not self.removed:
+            self._out_since = None
+        elif self._out_since is None:
+            self._out_since = t
+        self.complete = self._out_since is not None and t - self._out_since >= _OUT
         if t >= self._next or self.complete:
             self._next = t + _SAID
             self._say(now)
@@ -107,8 +109,13 @@ class ProcedureGuide(ProcedureReferee):
     @property
     def ending(self) -> str:
         """Text that states whether the organ is out, and which checks failed."""
-        missed = [_TITLES[check.name] for check in self.checks() if not check.done]
-        result = f"Not passed: {', '.join(missed)}." if missed else "All checks are passed."
+        missed = []
+        for check in self.checks():
+            if not check.done:
+                missed.append(_TITLES[check.name])
+        result = "All checks are passed."
+        if missed:
+            result = f"Not passed: {', '.join(missed)}."
         return f"The {spoken(self.procedure.organ)} is out. {result}"
 
     def _say(self, now: Mapping[str, Array]) -> None:
@@ -226,4 +233,6 @@ class ProcedureGuide(ProcedureReferee):
 def _state(check: ProcedureCheck) -> Literal["done", "open", "failed"]:
     if check.done:
         return "done"
-    return "failed" if check.lost else "open"
+    if check.lost:
+        return "failed"
+    return "open"

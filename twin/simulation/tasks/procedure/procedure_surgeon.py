@@ -110,7 +110,9 @@ class ProcedureSurgeon(Block):
         self.manner = manner or ProcedureHabits()
         self.mistake = mistake
         self._rng = np.random.default_rng(seed)
-        everyone = [_arm(place, setup.members[place.name]) for place in operating_scene.robots_of(setup)]
+        everyone = []
+        for place in operating_scene.robots_of(setup):
+            everyone.append(_arm(place, setup.members[place.name]))
         self._camera = everyone[-1]
         self._arms = {arm.robot: arm for arm in everyone[:-1]}
         self._tools = dict(scene.tools)
@@ -129,7 +131,9 @@ class ProcedureSurgeon(Block):
             self._at[arm.robot] = arm.tip.copy()
             self._tremors[arm.robot] = Tremor(self._rng, self.manner.hand, TICK)
         self._tool_names = list(self._tools)
-        self._tool = {robot: self._tool_names.index(self.procedure.start[robot]) for robot in self._arms}
+        self._tool: dict[str, int] = {}  # index of the present tool
+        for robot in self._arms:
+            self._tool[robot] = self._tool_names.index(self.procedure.start[robot])
         self._opening = dict.fromkeys(self._arms, 1.0)
         self._pedal = dict.fromkeys(self._arms, 0.0)
         self._stage = 0
@@ -140,7 +144,10 @@ class ProcedureSurgeon(Block):
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
         """Return the robot for a kind of tool: the one with it at the start, else the first that can carry it."""
-        able = [robot for robot in among if self._can_carry(robot, kind)]
+        able = []
+        for robot in among:
+            if self._can_carry(robot, kind):
+                able.append(robot)
         if not able:
             robots = ", ".join(among) or "the robots"
             raise WorldError(f"none of {robots} can carry a {kind}: add a section [tool.NAME]")
@@ -222,10 +229,14 @@ class ProcedureSurgeon(Block):
 
     def _move(self, to: Mapping[str, Array], speed: float) -> Iterator[None]:
         """Move the tips to points (3,) in the World along straight lines; all tips arrive at the same time."""
-        start = {robot: self._at[robot] for robot in to}
-        longest = max(float(np.linalg.norm(p - start[robot])) for robot, p in to.items())
-        k = max(1, round(max(0.2, longest / speed) / TICK))
-        for s in minimum_jerk(np.arange(1, k + 1) / k):
+        start = {}
+        longest = 0.0
+        for robot, p in to.items():
+            start[robot] = self._at[robot]
+            longest = max(longest, float(np.linalg.norm(p - start[robot])))
+        duration = max(0.2, longest / speed)  # a short movement takes time, too
+        ticks = max(1, round(duration / TICK))
+        for s in minimum_jerk(np.arange(1, ticks + 1) / ticks):
             for robot, p in to.items():
                 self._at[robot] = start[robot] + s * (p - start[robot])
             yield

@@ -68,7 +68,10 @@ class ScriptedSurgeon(SurgeonHands):
             tips[hand] = T_world_tip[:3, 3]
         points_seen = self._in_picture(points)
         tips_seen = self._in_picture(tips)
-        return {hand: points_seen[hand] - tips_seen[hand] for hand in points}
+        missing = {}
+        for hand in points:
+            missing[hand] = points_seen[hand] - tips_seen[hand]
+        return missing
 
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)

@@ -93,7 +93,9 @@ class RingSurgeon(SurgeonHands):
             self._numbers[eye.robot] = k
         self._done = 0
         self._left: list[Ring] = list(rings)
-        self._tried = dict.fromkeys((ring.name for ring in rings), 0)
+        self._tried: dict[str, int] = {}
+        for ring in rings:
+            self._tried[ring.name] = 0
         super().__init__(seat, HABITS)
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
@@ -132,7 +134,9 @@ class RingSurgeon(SurgeonHands):
         yield from self._rest(0.3)
         yield from self._show()
         while jobs := self._next():
-            centres = {hand: self._ring(ring)[:3, 3] for hand, ring in jobs.items()}
+            centres = {}
+            for hand, ring in jobs.items():
+                centres[hand] = self._ring(ring)[:3, 3]
             yield from self._look(centres)
             yield from self._bring(jobs)
             self._judge(jobs)
@@ -141,13 +145,19 @@ class RingSurgeon(SurgeonHands):
     def _next(self) -> dict[str, Ring]:
         """Return {hand: its next ring}; a ring is for the hand on the side where its peg is in the picture."""
         right, left = self.arms
-        jobs: dict[str, Ring] = {}
+        first: dict[str, Ring] = {}
         for ring in self._left:
             peg_seen = self._in_picture({right: ring.end})[right]
-            hand = right if peg_seen[0] > 0 else left
-            jobs.setdefault(hand, ring)
+            hand = left
+            if peg_seen[0] > 0:
+                hand = right
+            first.setdefault(hand, ring)
         # in the order of the hands, in which random numbers are drawn
-        return {hand: jobs[hand] for hand in self.arms if hand in jobs}
+        jobs = {}
+        for hand in self.arms:
+            if hand in first:
+                jobs[hand] = first[hand]
+        return jobs
 
     def _judge(self, jobs: Mapping[str, Ring]) -> None:
         for ring in jobs.values():
@@ -171,25 +181,33 @@ class RingSurgeon(SurgeonHands):
         yield from self._reach(self._grasps(jobs), manner.fine)
         yield from self._turn_grip(dict.fromkeys(jobs, 0.0))
         yield from self._rest(0.15)
-        failed = [hand for hand, ring in jobs.items() if not self._holds(hand, ring)]
-        jobs = {hand: ring for hand, ring in jobs.items() if hand not in failed}
+        failed = []
+        held = {}
+        for hand, ring in jobs.items():
+            if self._holds(hand, ring):
+                held[hand] = ring
+            else:
+                failed.append(hand)
         if failed:
             yield from self._let_go(failed)
         lifted = {}
-        for hand in jobs:
+        for hand in held:
             lifted[hand] = spatial.pose(p=[0, 0, manner.lift]) @ self._tool(hand)
         yield from self._reach(lifted, manner.fine)
         pulled_off = {}
-        for hand, ring in jobs.items():
+        for hand, ring in held.items():
             pulled_off[hand] = spatial.pose(p=self._outwards(ring) * manner.pull) @ self._tool(hand)
         yield from self._reach(pulled_off, manner.near)
-        yield from self._reach(self._over_pegs(jobs, manner.above), manner.near)
-        yield from self._reach(self._over_pegs(jobs, -manner.below), 2 * manner.fine)
-        yield from self._let_go(list(jobs))
+        yield from self._reach(self._over_pegs(held, manner.above), manner.near)
+        yield from self._reach(self._over_pegs(held, -manner.below), 2 * manner.fine)
+        yield from self._let_go(list(held))
 
     def _grasps(self, jobs: Mapping[str, Ring]) -> dict[str, Array]:
         """Return {hand: pose (4, 4) of its tool at which it grasps its ring}."""
-        return {hand: self._grasp(hand, ring) for hand, ring in jobs.items()}
+        grasps = {}
+        for hand, ring in jobs.items():
+            grasps[hand] = self._grasp(hand, ring)
+        return grasps
 
     def _over_pegs(self, jobs: Mapping[str, Ring], height: float) -> dict[str, Array]:
         """Return {hand: pose (4, 4) of its tool with its ring at a height in m above the peg}, if it holds the ring."""

@@ -58,7 +58,10 @@ class BoardMeasures:
     @property
     def transferred(self) -> int:
         """Number of rings that, at the end, are around their pegs and not held (n_RTC in the paper)."""
-        return sum(ring.t is not None for ring in self.rings)
+        count = 0
+        for ring in self.rings:
+            count += ring.t is not None
+        return count
 
     @property
     def dropped(self) -> int:
@@ -135,7 +138,10 @@ class RingsReferee(InstrumentReferee):
     def measures(self) -> BoardMeasures:
         """Return the measures of all samples so far."""
         results = [ring.result(self.period) for ring in self._rings]
-        times = [result.t for result in results if result.t is not None]
+        times = []
+        for result in results:
+            if result.t is not None:
+                times.append(result.t)
         end = None
         if times and len(times) == len(results):
             end = max(times)
@@ -271,11 +277,15 @@ class _Ring:
 
     def _state_to_tell(self) -> str:
         """Return "taken" from its peg, "placed", "dropped" or ""."""
+        if self.holder >= 0 and self.told == "placed":
+            return "taken"
         if self.holder >= 0:
-            return "taken" if self.told == "placed" else ""
+            return ""
         if self.placed is not None:
             return "placed"
-        return "dropped" if self.fell else ""
+        if self.fell:
+            return "dropped"
+        return ""
 
     def state(self, robots: Sequence[str]) -> str:
         """Return the state of the ring as text: held, on its peg, dropped or not on its peg."""
