@@ -149,9 +149,8 @@ def _consistent(states: list[_State], out: JudgedForm) -> None:
 
 
 def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: JudgedForm) -> None:
-    M = np.abs(np.stack([state.A.M - state.M for state in states]))
-    c = np.abs(np.stack([state.A.C @ state.qd - state.c for state in states]))
-    g = np.abs(np.stack([state.A.g - state.g for state in states]))
+    differences = _Differences.of(states)
+    M = np.abs(differences.M)
     inertia_units = {2: "kg m2", 1: "kg m", 0: "kg"}  # by the number of angles among two joints
     for i, joint in enumerate(form.joints):
         for j, other in enumerate(form.joints[: i + 1]):
@@ -161,31 +160,59 @@ def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: Jud
             worst = max(M[:, i, j].max(), M[:, j, i].max())
             unit = inertia_units[angle[i] + angle[j]]
             out.rows.append(TermRow(name, worst, unit, form.tolerance))
-    for term, differences in (("Coriolis", c), ("gravity", g)):
+    for term, efforts in (("Coriolis", differences.c), ("gravity", differences.g)):
         for i, joint in enumerate(form.joints):
             unit = "N m" if angle[i] else "N"
-            worst = differences[:, i].max()
+            worst = np.abs(efforts[:, i]).max()
             out.rows.append(TermRow(f"{term} {joint}", worst, unit, form.tolerance))
+
+
+@dataclass(frozen=True)
+class _Differences:
+    """Terms of the mechanism minus the published terms, at k states.
+
+    Attributes:
+        M, c, g: mass matrices (k, n, n), Coriolis efforts (k, n) and gravity efforts (k, n).
+        coriolis, gravity: the published efforts (k, n).
+    """
+
+    M: Array
+    c: Array
+    g: Array
+    coriolis: Array
+    gravity: Array
+
+    @classmethod
+    def of(cls, states: list[_State]) -> _Differences:
+        """Return the differences at the states."""
+        M = []
+        c = []
+        g = []
+        coriolis = []
+        gravity = []
+        for state in states:
+            coriolis.append(state.A.C @ state.qd)
+            gravity.append(state.A.g)
+            M.append(state.M - state.A.M)
+            c.append(state.c - coriolis[-1])
+            g.append(state.g - state.A.g)
+        return cls(np.array(M), np.array(c), np.array(g), np.array(coriolis), np.array(gravity))
 
 
 def _cause(form: ClosedForm, states: list[_State]) -> str:
     """Return the single edit that explains all differences, as text; "" if none does."""
-    coriolis = np.stack([state.A.C @ state.qd for state in states])
-    gravity = np.stack([state.A.g for state in states])
-    M = np.stack([state.M - state.A.M for state in states])
-    c = np.stack([state.c for state in states]) - coriolis
-    g = np.stack([state.g for state in states]) - gravity
-    wrong_M = np.abs(M).max() > form.tolerance
-    wrong_c = np.abs(c).max() > form.tolerance
-    wrong_g = np.abs(g).max() > form.tolerance
+    off = _Differences.of(states)
+    wrong_M = np.abs(off.M).max() > form.tolerance
+    wrong_c = np.abs(off.c).max() > form.tolerance
+    wrong_g = np.abs(off.g).max() > form.tolerance
     if wrong_c and not wrong_M and not wrong_g:
-        return _sign(form, "the Coriolis effort", c, coriolis) or "C is inconsistent with M"
+        return _sign(form, "the Coriolis effort", off.c, off.coriolis) or "C is inconsistent with M"
     if wrong_g and not wrong_M and not wrong_c:
-        sign = _sign(form, "gravity", g, gravity)
+        sign = _sign(form, "gravity", off.g, off.gravity)
         if sign:
             return sign
     edits: list[str] = []
-    for name, required, published, unit in _parameters(form, states, M, g):
+    for name, required, published, unit in _parameters(form, states, off.M, off.g):
         edits.append(f"{name} = {required:.6g} {unit} instead of {published:.6g}")
     return " or ".join(edits)
 

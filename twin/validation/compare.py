@@ -142,7 +142,10 @@ def _unsolved(kin: Kinematics, q: Array, out: EquationsComparison, clock: Sample
     if solved.all():
         return
     first = int(np.argmin(solved))
-    unsolved = [joint for joint, value in zip(kin.joints, q[first], strict=True) if not np.isfinite(value)]
+    unsolved = []
+    for joint, value in zip(kin.joints, q[first], strict=True):
+        if not np.isfinite(value):
+            unsolved.append(joint)
     variants = ", ".join(f"{equation} {variant}" for equation, variant in kin.variants.items())
     what = (
         f"the equations give no joint values for {np.sum(~solved)} of {len(q)} tool poses that the mechanism can reach "
@@ -274,11 +277,17 @@ class _Check:
             rows: the rows, by point.
             equations: the equation that computes the point, by point; "" if there is none.
         """
-        wrong = {name: r for name, r in rows.items() if not r.agrees}
-        computed = {name: equations[name] for name in wrong if equations[name]}
-        suspects = [wrong[name] for name in computed]
-        if not suspects:
-            suspects = list(wrong.values())
+        wrong = []
+        wrong_computed = []
+        computed: dict[str, str] = {}
+        for name, r in rows.items():
+            if r.agrees:
+                continue
+            wrong.append(r)
+            if equations[name]:
+                wrong_computed.append(r)
+                computed[name] = equations[name]
+        suspects = wrong_computed or wrong
         if not suspects:
             return _Blame()
         first = headline(suspects).name
@@ -426,7 +435,11 @@ class _Check:
 
     def forward(self, kin: Kinematics) -> None:
         """Compare the tool poses of forward equations and mechanism, both at the mechanism's joint values."""
-        by = ", ".join(_reading(kin, e) for e in kin.formula.equations if e.stage == "forward")
+        readings = []
+        for equation in kin.formula.equations:
+            if equation.stage == "forward":
+                readings.append(_reading(kin, equation))
+        by = ", ".join(readings)
         Ts = kin.forward_many(self.posed.q)
         unsolved = ~np.isfinite(Ts).all(axis=(1, 2))
         if unsolved.any():

@@ -201,22 +201,28 @@ def _limits(mechanism: Mechanism, protocol: Protocol, span: PhaseSpan) -> _Limit
 
 def _is_in_joints(protocol: Protocol, span: PhaseSpan) -> bool:
     """Return whether a phase is a motion of the joints, whose frame follows."""
-    phase = next((p for p in protocol.phases if p.name == span.name), None)
-    if phase is None:
-        return False
-    if isinstance(phase, (Auxiliary, Free)):
-        return True
-    waypoint = protocol.waypoints.get(span.waypoint or "")
-    return phase.by_joints and waypoint is not None and waypoint.joints is not None
+    for phase in protocol.phases:
+        if phase.name != span.name:
+            continue
+        if isinstance(phase, (Auxiliary, Free)):
+            return True
+        waypoint = protocol.waypoints.get(span.waypoint or "")
+        return phase.by_joints and waypoint is not None and waypoint.joints is not None
+    return False
 
 
 def _motor_limits(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return `motors` and `motor_speed` of `_Limits`."""
-    max_speed = {a.name: a.max_speed for a in mechanism.actuators if a.max_speed}
-    limited = [i for i, name in enumerate(mechanism.motor_names) if name in max_speed]
+    speeds = {actuator.name: actuator.max_speed for actuator in mechanism.actuators}
+    limited = []
+    motor_speed = []
+    for i, name in enumerate(mechanism.motor_names):
+        speed = speeds.get(name)
+        if speed:
+            limited.append(i)
+            motor_speed.append(speed)
     from_joints = mechanism.motors(np.eye(len(mechanism.active))).T
-    motor_speed = np.array([max_speed[mechanism.motor_names[i]] for i in limited])
-    return from_joints[limited], motor_speed
+    return from_joints[limited], np.array(motor_speed)
 
 
 def _derivatives(curve: PhaseCurve, s: Array) -> _Derivatives:
@@ -417,27 +423,32 @@ def _rows(
     others: Mapping[Solver, tuple[Solver, Fastest]],
 ) -> list[Residual]:
     """Return three rows over all phases: durations, and the excess of speed and acceleration over their limits."""
-    note = "; ".join(f"unchecked: {name}" for name in failed)
+    unchecked = "; ".join(f"unchecked: {name}" for name in failed)
     if not judged:
-        return [Residual("P-T", "duration", "phases", "", nan, nan, None, 0.0, "", note=note or "given by samples")]
-    unchecked = f"; {note}" if note else ""
+        note = unchecked or "given by samples"
+        return [Residual("P-T", "duration", "phases", "", nan, nan, None, 0.0, "", note=note)]
     judges: list[str] = []
     phases: list[PhaseSummary] = []
-    for span, _ in judged:
+    deviations = np.zeros(len(judged))
+    speeds = np.zeros(len(judged))
+    accelerations = np.zeros(len(judged))
+    for i, (span, timed) in enumerate(judged):
         phases.append(PhaseSummary(span.name, span.type, span.t0, span.t1))
         if span.solver is not None and others[span.solver][0] not in judges:
             judges.append(others[span.solver][0])
+        deviations[i] = timed.duration
+        speeds[i] = timed.speed
+        accelerations[i] = timed.acceleration
+    # a row of the residual matrix belongs to a time: each phase has the time of its end
     ends = np.array([phase.t1 for phase in phases])
     clock = SampleClock(ends, tuple(phases))
+    addition = f"; {unchecked}" if unchecked else ""
 
-    deviations = np.array([timed.duration for _, timed in judged])
     solvers = " and ".join(judges)
-    said = f"relative deviation from the shortest duration by {solvers}, slowed down and rounded up{unchecked}"
-    rows = [row("P-T", "duration", "phases", "", deviations, DURATION, clock, note=said)]
-    speeds = np.array([timed.speed for _, timed in judged])
-    accelerations = np.array([timed.acceleration for _, timed in judged])
+    note = f"relative deviation from the shortest duration by {solvers}, slowed down and rounded up{addition}"
+    rows = [row("P-T", "duration", "phases", "", deviations, DURATION, clock, note=note)]
     for rate, loads in (("speed", speeds), ("acceleration", accelerations)):
         excess = np.maximum(loads - 1, 0.0)
-        said = f"relative excess at the grid points; at most {100 * np.max(loads):.1f} % of a limit{unchecked}"
-        rows.append(row("P-T", "limit", rate, "", excess, OVER, clock, note=said))
+        note = f"relative excess at the grid points; at most {100 * np.max(loads):.1f} % of a limit{addition}"
+        rows.append(row("P-T", "limit", rate, "", excess, OVER, clock, note=note))
     return rows

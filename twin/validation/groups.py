@@ -255,7 +255,9 @@ def _errors(rows: Sequence[Accuracy]) -> list[JsonObject]:
     """Return the plain data of the printed errors, with the RMSE by each definition."""
     data: list[JsonObject] = []
     for accuracy in rows:
-        readings = {name: list(span) for name, span in rms_readings(accuracy).items()}
+        readings = {}
+        for name, span in rms_readings(accuracy).items():
+            readings[name] = list(span)
         data.append({"name": accuracy.name, "printed_rmse": accuracy.rmse, "readings": readings})
     return data
 
@@ -330,12 +332,14 @@ def _compared(tables: GroupTables) -> list[tuple[str, ComparedPair]]:
 
 
 def _unpublished(tables: GroupTables) -> Iterator[Finding]:
-    printed = [pair for _, pair in _compared(tables) if pair.printed_p is not None]
+    printed = 0
+    for _, pair in _compared(tables):
+        printed += pair.printed_p is not None
     if printed:
         yield info(
             "study.raw",
             "p",
-            f"{len(printed)} printed p-values are from {tables.printed_test}, which needs the rank of every user; "
+            f"{printed} printed p-values are from {tables.printed_test}, which needs the rank of every user; "
             "they cannot be recomputed from means and standard deviations",
             suggestion="ask the authors for the raw data and run: twin study FILE.csv",
         )
@@ -498,13 +502,14 @@ def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
 
 
 def _twice(t: Twice) -> Iterator[Finding]:
-    first = t.values[0] if t.values else []
-    if all(values == first for values in t.values):
-        return
     places: list[str] = []
+    differs = False
     for where, values in zip(t.where, t.values, strict=True):
+        differs = differs or values != t.values[0]
         numbers = " to ".join(f"{value:+g}" for value in values)
         places.append(f"{where}: {numbers}")
+    if not differs:
+        return
     yield disagreement(
         "study.twice",
         t.name,

@@ -42,19 +42,23 @@ def lengths(
         TwinError: the equations have no parameter of a declared name.
     """
     check_parameters(kin, cad.description)
-    rows, findings = [], []
-    at = clock.at(np.zeros(1, np.intp))
+    rows: list[Residual] = []
+    findings: list[Finding] = []
+    drawn = clock.at(np.zeros(1, np.intp))  # a length is the same at all times
     for length in measure(cad):
+        first, second = length.between
         used = kin.parameters[length.parameter]
-        where, note = f"{length.parameter} on {length.body}", f"{' to '.join(length.between)}, in the CAD"
-        r = row("A-B", "length", where, "m", np.array([length.value - used]), tolerances.position, at, note=note)
+        where = f"{length.parameter} on {length.body}"
+        note = f"{first} to {second}, in the CAD"
+        difference = np.array([length.value - used])
+        r = row("A-B", "length", where, "m", difference, tolerances.position, drawn, note=note)
         rows.append(r)
         if not r.agrees:
             findings.append(
                 disagreement(
                     "length.differs",
                     length.body,
-                    f"{where} measures {length.value / MM:.4f} mm from {length.between[0]} to {length.between[1]}; "
+                    f"{where} measures {length.value / MM:.4f} mm from {first} to {second}; "
                     f"the equations use {used / MM:.4f} mm; difference",
                     um(r.worst),
                     um(tolerances.position),
@@ -72,11 +76,17 @@ def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> 
 
     `found` are the findings on wrong lengths, `findings` the findings on the equations.
     """
-    parameters = [f.cause.removeprefix("length ") for f in found]
     causes = {}
-    for e in kin.formula.equations:
-        variant = kin.variants.get(e.name, e.default)
-        required, optional = arguments(e.variants[variant])
-        if read := [p for p in parameters if p in (*required, *optional)]:
-            causes[f"{e.name} ({variant})"] = f"length {read[0]}"
-    return [replace(f, cause=causes.get(f.cause, f.cause)) for f in findings]
+    for equation in kin.formula.equations:
+        variant = kin.variants.get(equation.name, equation.default)
+        required, optional = arguments(equation.variants[variant])
+        for length in found:
+            parameter = length.cause.removeprefix("length ")
+            if parameter in required or parameter in optional:
+                causes[f"{equation.name} ({variant})"] = length.cause
+                break
+    corrected = []
+    for finding in findings:
+        cause = causes.get(finding.cause, finding.cause)
+        corrected.append(replace(finding, cause=cause))
+    return corrected

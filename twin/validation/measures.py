@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from twin.core.findings import Finding
 from twin.kinematics import Kinematics
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
@@ -18,15 +17,20 @@ def measures(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return
     heading = "reach, singularity measures, aspects"
-    if any(r.pair == "A-B" and not r.agrees for r in out.residuals) or _off(out.findings):
+    if _disagrees(out):
         out.facts[heading] = {"rows judged": "not checked, because other rows disagree"}
         return
-    turns = {j.name: j.is_angle for j in model.mechanism.joints}
+    is_angle = {joint.name: joint.is_angle for joint in model.mechanism.joints}
     error = tolerances.position
-    rows = Boundary(model, Margins(kin, turns, tuple(run.points), error), run.x, error).judge()
+    margins = Margins(kin, is_angle, tuple(run.points), error)
+    rows = Boundary(model, margins, run.x, error).judge()
     out.facts[heading] = {"rows judged": summary(rows)}
     out.findings += disagreements(rows)
 
 
-def _off(findings: list[Finding]) -> bool:
-    return any(f.code.startswith("driven.") and f.severity == "disagreement" for f in findings)
+def _disagrees(out: EquationsComparison) -> bool:
+    """Return whether the equations disagree with the mechanism in a row, or give no joint values."""
+    for row in out.residuals:
+        if row.pair == "A-B" and not row.agrees:
+            return True
+    return any(finding.code.startswith("driven.") and finding.severity == "disagreement" for finding in out.findings)

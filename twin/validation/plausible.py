@@ -26,42 +26,39 @@ _APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes 
 def wide_limits(mechanism: Mechanism) -> list[Finding]:
     """Return a finding for each driven joint with an implausibly wide range."""
     size = _size(mechanism)
-    out = []
+    findings = []
     for joint in mechanism.active:
         if joint.limits is None:
             continue
-        way = joint.limits[1] - joint.limits[0]
+        low, high = joint.limits
+        width = high - low
         most = TURNS if joint.is_angle else SIZES * size
-        if most > 0 and way > most:
-            out.append(
-                _IMPLAUSIBLE(
-                    joint.name,
-                    f"joint {joint.name} has an implausibly wide range",
-                    moved(way, joint.is_angle),
-                    moved(most, joint.is_angle),
-                )
-            )
-    return out
+        if most > 0 and width > most:
+            text = f"joint {joint.name} has an implausibly wide range"
+            shown = moved(width, joint.is_angle)
+            findings.append(_IMPLAUSIBLE(joint.name, text, shown, moved(most, joint.is_angle)))
+    return findings
 
 
 def _size(mechanism: Mechanism) -> float:
     """Return the diagonal in m of the box around all joint origins in the rest pose; 0 without joints."""
-    places = [
-        (mechanism.rest[j.parent] @ j.T_parent_joint)[:3, 3] for j in mechanism.joints if j.parent in mechanism.rest
-    ]
-    return float(np.linalg.norm(np.ptp(np.array(places), axis=0))) if places else 0.0
+    places = []
+    for joint in mechanism.joints:
+        if joint.parent in mechanism.rest:
+            T_base_joint = mechanism.rest[joint.parent] @ joint.T_parent_joint
+            places.append(T_base_joint[:3, 3])
+    if not places:
+        return 0.0
+    return float(np.linalg.norm(np.ptp(np.array(places), axis=0)))
 
 
 def apart(mates: Iterable[Mate]) -> list[Finding]:
     """Return a finding for each joint whose two parts do not touch in the CAD."""
-    return [
-        _APART(
-            m.joint,
-            f"the parts of joint '{m.joint}', {m.parts[0]} and {m.parts[1]}, are apart in the CAD",
-            mm(m.apart),
-            mm(LOOSE),
-            when="as drawn",
-        )
-        for m in mates
-        if m.apart > LOOSE
-    ]
+    findings = []
+    for mate in mates:
+        if mate.apart <= LOOSE:
+            continue
+        first, second = mate.parts
+        text = f"the parts of joint '{mate.joint}', {first} and {second}, are apart in the CAD"
+        findings.append(_APART(mate.joint, text, mm(mate.apart), mm(LOOSE), when="as drawn"))
+    return findings

@@ -116,10 +116,15 @@ def scored(
     Raises:
         DescriptionError: a column of a questionnaire is missing, or an answer is not one of the allowed numbers.
     """
-    out = {name: list(values) for name, values in columns.items()}
+    out: dict[str, list[float]] = {}
+    for name, values in columns.items():
+        out[name] = list(values)
     findings: list[Finding] = []
     for key in keys():
-        answered = [name for name in columns if re.fullmatch(rf"{key.name}_\d+", name)]
+        answered = []
+        for name in columns:
+            if re.fullmatch(rf"{key.name}_\d+", name):
+                answered.append(name)
         if not answered:
             continue
         _check_columns(path, key, columns, answered)
@@ -142,7 +147,10 @@ def scored(
 def _check_columns(path: Path, key: Key, columns: Mapping[str, Sequence[float]], answered: Sequence[str]) -> None:
     """Raise an error if the table lacks a column of a questionnaire, or has more columns than it has items."""
     title = key.name.upper()
-    missing = [name for name in key.columns if name not in columns]
+    missing = []
+    for name in key.columns:
+        if name not in columns:
+            missing.append(name)
     if missing:
         verb = "is" if len(missing) == 1 else "are"
         raise DescriptionError(

@@ -52,23 +52,25 @@ class CheckedPlan(Planned):
 
     def content(self) -> JsonMapping:
         """Return the plan as plain data, with the rows on its timing."""
-        rows = [asdict(r) | {"agrees": r.agrees} for r in self.rows]
+        rows = []
+        for row in self.rows:
+            rows.append(asdict(row) | {"agrees": row.agrees})
         return {**super().content(), "residuals": rows, "durations": dict(self.durations)}
 
     def tables(self) -> Iterator[TextTable]:
         """Yield the rows on the timing, then the tables of every plan."""
-        judges = dict.fromkeys(OTHERS[p.solver][0] for p in self.trajectory.phases if p.solver is not None)
-        rows = [
-            (
-                r.quantity,
-                r.name,
-                quantity(r.worst, r.unit),
-                "" if r.tolerance is None else quantity(r.tolerance, r.unit),
-                r.phase,
-                state(r),
-            )
-            for r in self.rows
-        ]
-        heading = f"by {' and '.join(judges)}" if judges else "timing"
-        yield TextTable((heading, "of", "worst", "tolerance", "phase", ""), rows)
+        judges: list[str] = []
+        for phase in self.trajectory.phases:
+            if phase.solver is not None and OTHERS[phase.solver][0] not in judges:
+                judges.append(OTHERS[phase.solver][0])
+        cells = []
+        for row in self.rows:
+            tolerance = ""
+            if row.tolerance is not None:
+                tolerance = quantity(row.tolerance, row.unit)
+            cells.append((row.quantity, row.name, quantity(row.worst, row.unit), tolerance, row.phase, state(row)))
+        heading = "timing"
+        if judges:
+            heading = f"by {' and '.join(judges)}"
+        yield TextTable((heading, "of", "worst", "tolerance", "phase", ""), cells)
         yield from super().tables()

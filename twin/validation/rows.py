@@ -69,8 +69,13 @@ class SampleClock:
     phases: tuple[PhaseSummary, ...]
 
     def phase(self, t: float) -> str:
-        """Return the name of the phase at a time in s."""
-        return next((p.name for p in self.phases if t <= p.t1 + 1e-9), self.phases[-1].name if self.phases else "")
+        """Return the name of the phase at a time in s; after the last phase, its name; "" without phases."""
+        name = ""
+        for phase in self.phases:
+            name = phase.name
+            if t <= phase.t1 + 1e-9:  # far below a sample: the last sample of a phase belongs to it
+                break
+        return name
 
     def when(self, k: int) -> str:
         """Return phase and time of sample k as text."""
@@ -93,26 +98,49 @@ def row(
     **more: str,
 ) -> Residual:
     """Return a row of the residual matrix from differences: scalars (k,), or vectors (k, 3), whose norms are used."""
-    values = np.linalg.norm(differences, axis=-1) if differences.ndim > 1 else np.abs(differences)
-    i = int(np.argmax(np.where(np.isnan(values), -1.0, values))) if len(values) else 0
+    are_vectors = differences.ndim > 1
+    if are_vectors:
+        values = np.linalg.norm(differences, axis=-1)
+    else:
+        values = np.abs(differences)
+    missing = np.isnan(values)
+    worst = 0
+    if len(values):
+        worst = int(np.argmax(np.where(missing, -1.0, values)))
     component = ""
-    if differences.ndim > 1 and values[i] > 0:
-        parts = np.abs(differences).max(axis=0)
-        component = ", ".join(a for a, v in zip("xyz", parts, strict=True) if v > 0.05 * parts.max())
+    if are_vectors and values[worst] > 0:
+        component = _components(np.abs(differences).max(axis=0))
+    rms = float("nan")
+    if not missing.all():
+        known = values[~missing]
+        rms = float(np.sqrt(np.mean(known**2)))
+    t = float(clock.t[worst])
     return Residual(
         pair,
         quantity,
         name,
         unit,
-        float(values[i]),
-        float(np.sqrt(np.mean(known**2))) if len(known := values[~np.isnan(values)]) else float("nan"),
+        float(values[worst]),
+        rms,
         tolerance,
-        float(clock.t[i]),
-        clock.phase(float(clock.t[i])),
+        t,
+        clock.phase(t),
         component,
         len(values),
         **more,
     )
+
+
+def _components(largest: Array) -> str:
+    """Return the axes along which vectors differ, as text: those with more than a twentieth of the largest difference.
+
+    `largest` (3,) is the largest difference along x, y and z.
+    """
+    axes = []
+    for axis, difference in zip("xyz", largest, strict=True):
+        if difference > 0.05 * largest.max():
+            axes.append(axis)
+    return ", ".join(axes)
 
 
 def pose_rows(
@@ -153,4 +181,6 @@ def show(value: float, unit: str) -> tuple[float, str]:
 def text(value: float, unit: str) -> str:
     """Return a number in SI with its unit, for display."""
     number, name = show(value, unit)
-    return f"{number:.4g}{'' if name.startswith('°') else ' '}{name}"
+    if name.startswith("°"):
+        return f"{number:.4g}{name}"
+    return f"{number:.4g} {name}"

@@ -210,11 +210,15 @@ def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list
         ("tip", name, "mm", MM, moves, trajectory.tip_velocity[rows]),
         ("rotation", f"{name} (rotation)", "deg", DEG, turns, trajectory.angular_velocity[rows]),
     ):
-        codes = [f"{kind}_{rate}" for rate in _RATES]
-        names = [f"{kind} {rate} of {name} in phase '{span.name}'" for rate in _RATES]
-        most = tuple(getattr(limits, code) for code in codes)
+        codes = []
+        names = []
+        most = []
+        for rate in _RATES:
+            codes.append(f"{kind}_{rate}")
+            names.append(f"{kind} {rate} of {name} in phase '{span.name}'")
+            most.append(getattr(limits, f"{kind}_{rate}"))
         what = f"{kind} of {name}"
-        motion = _Moving(what, subject, name, codes, names, unit, factor, span.start, steps, stated, most)
+        motion = _Moving(what, subject, name, codes, names, unit, factor, span.start, steps, stated, tuple(most))
         out.append(motion)
     return out
 

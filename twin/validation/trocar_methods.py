@@ -98,10 +98,12 @@ class Single:
 
     def cells(self) -> tuple[str, ...]:
         """Return the cells of a table: number of each outcome, median number of steps of the solved ones."""
-        numbers = [str(int((self.outcome == k).sum())) for k in range(len(OUTCOMES))]
+        numbers = np.bincount(self.outcome, minlength=len(OUTCOMES)).tolist()
         solved = self.outcome == 0
-        median = f"{np.median(self.steps[solved]):.0f}" if solved.any() else ""
-        return (*numbers, median)
+        median = ""
+        if solved.any():
+            median = f"{np.median(self.steps[solved]):.0f}"
+        return (*map(str, numbers), median)
 
 
 def three_methods(case: Case, out: EquationsComparison, number: int = PROBLEMS) -> None:
@@ -109,14 +111,15 @@ def three_methods(case: Case, out: EquationsComparison, number: int = PROBLEMS) 
 
     `number` is the number of random problems.
     """
-    kin, mechanism = case.kinematics, case.cad.mechanism
+    kin = case.kinematics
     if kin is None or kin.formula.point_search is None:
         return
-    if any(r.pair == "A-B" and not r.agrees for r in out.residuals):
-        out.facts[HEADING] = {"compared": "no, because other rows disagree"}
-        return
+    for row in out.residuals:
+        if row.pair == "A-B" and not row.agrees:
+            out.facts[HEADING] = {"compared": "no, because other rows disagree"}
+            return
     try:
-        _compare(kin, case.model, mechanism.limits, case, out, number)
+        _compare(kin, case.model, case.cad.mechanism.limits, case, out, number)
     except KinematicsError as error:
         out.findings.append(_DIFFERS(kin.formula.name, f"tip and trocar cannot be solved: {error}", None, None))
 
@@ -148,18 +151,22 @@ def by_points(solver: PointSolver, given: Problems, outside: bool = False) -> Si
 
 def by_joints(kin: Kinematics, given: Problems, limits: Array, axis: tuple[float, float, float]) -> Single:
     """Run the joint-space search once for each problem, within the limits; the arm is never beyond the tip."""
-    histories, outcome, steps = [], [], []
-    for tip, trocar, q in zip(given.tips, given.trocars, given.starts, strict=True):
+    histories: list[list[float]] = []
+    outcome = np.zeros(len(given.starts), int)
+    steps = np.zeros(len(given.starts), int)
+    for i, (tip, trocar, q) in enumerate(zip(given.tips, given.trocars, given.starts, strict=True)):
         history: list[float] = []
         found = descend(kin, Tip(tip) + Trocar(trocar, axis), q, limits, history=history)
         histories.append(history)
-        outcome.append(0 if found.residual <= SOLVED else 2)
-        steps.append(found.iterations)
-    width = max(len(h) for h in histories)
-    out = np.full((len(histories), width), np.nan)
-    for row, history in zip(out, histories, strict=True):
+        if not found.residual <= SOLVED:  # true also for NaN
+            outcome[i] = 2
+        steps[i] = found.iterations
+    longest = max(map(len, histories))
+    residuals = np.full((len(histories), longest), np.nan)
+    for row, history in zip(residuals, histories, strict=True):
         row[: len(history)] = history
-    return Single(out * kin.characteristic_length, np.array(outcome), np.array(steps))
+    # the search has lengths in units of the characteristic length
+    return Single(residuals * kin.characteristic_length, outcome, steps)
 
 
 def _compare(
@@ -189,7 +196,8 @@ def _compare(
         _row(out, "A", name, off[all_solved], EXACT, note, "the methods for tip and trocar give different positions")
     _along(solver, case, out)
     _mechanism(model, given, points.q, by_limits, axis, case, out)
-    first, outside = by_points(solver, given), by_points(solver, given, outside=True)
+    first = by_points(solver, given)
+    outside = by_points(solver, given, outside=True)
     alone = by_joints(kin, given, limits, axis)
     names = " and ".join(solver.search.unknowns)
     reached = (f"{by_limits.sum()}", _largest(off_points[all_solved]))
@@ -244,7 +252,8 @@ def _mechanism(
     """Add rows for tip and shaft of the mechanism, driven to the joints of the search for points."""
     states, _ = Closing(model, np.ones(qs.shape[1])).states(qs[solved])
     Ts = model.collect(states).Ts_base_tool
-    tips, trocars = given.tips[solved], given.trocars[solved]
+    tips = given.tips[solved]
+    trocars = given.trocars[solved]
     shaft = Ts[:, :3, :3] @ np.asarray(axis)
     note = f"mechanism at the joints of the optimisation, {solved.sum()} of {len(qs)} random problems"
     off = np.linalg.norm(Ts[:, :3, 3] - tips, axis=1)

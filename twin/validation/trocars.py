@@ -23,16 +23,22 @@ _TROCAR = Kind(
 
 def through_trocars(case: Case, out: EquationsComparison) -> None:
     """Check the distance of each shaft axis from its trocar along the motion."""
-    run, mechanism = out.posed, case.cad.mechanism
-    held = {n: shaft for n in mechanism.trocars if (shaft := mechanism.shaft_through(n)) is not None}
-    if run is None or not held:
+    run = out.posed
+    mechanism = case.cad.mechanism
+    shafts = {}
+    for name in mechanism.trocars:
+        shaft = mechanism.shaft_through(name)
+        if shaft is not None:
+            shafts[name] = shaft
+    if run is None or not shafts:
         return
-    links, tolerance = case.model.link_poses(run.x), case.protocol.tolerances.rcm
-    for name, shaft in held.items():
+    links = case.model.link_poses(run.x)
+    tolerance = case.protocol.tolerances.rcm
+    times = case.clock.at(out.coarse)
+    for name, shaft in shafts.items():
         T = links[shaft.body] @ shaft.T_body_frame
         missed = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
-        at, note = case.clock.at(out.coarse), f"{shaft.body} in trocar {name}"
-        r = row("B", "rcm", name, "m", missed, tolerance, at, note=note)
+        r = row("B", "rcm", name, "m", missed, tolerance, times, note=f"{shaft.body} in trocar {name}")
         out.judge(r, _TROCAR, f"{shaft.body} misses trocar '{name}'")
 
 
@@ -41,21 +47,21 @@ def as_written(case: Case) -> list[Finding]:
     mechanism = case.cad.mechanism
     if case.written is None or not mechanism.trocars:
         return []
-    there = read_stage(case.written).trocar_places
-    out = []
+    # a motion that was baked for another protocol may have the trocar elsewhere
+    severity = "disagreement" if case.baked_for_it else "warning"
+    written = read_stage(case.written).trocar_places
+    findings = []
     for name, place in mechanism.trocar_places.items():
-        if name not in there or (off := float(np.linalg.norm(there[name] - place))) <= SINGLE:
+        if name not in written:
             continue  # a trocar missing on the stage is reported by the comparison of the stage
-        at = ", ".join(f"{v / MM:.3f}" for v in there[name])
-        out.append(
-            finding(
-                "disagreement" if case.baked_for_it else "warning",
-                "baked.trocar",
-                name,
-                f"the motion on the stage has trocar '{name}' at ({at}) mm; distance from the trocar of the protocol",
-                mm(off),
-                mm(SINGLE),
-                "run `twin build` again",
-            )
+        distance = float(np.linalg.norm(written[name] - place))
+        if distance <= SINGLE:
+            continue
+        position = ", ".join(f"{coordinate / MM:.3f}" for coordinate in written[name])
+        text = (
+            f"the motion on the stage has trocar '{name}' at ({position}) mm; distance from the trocar of the protocol"
         )
-    return out
+        findings.append(
+            finding(severity, "baked.trocar", name, text, mm(distance), mm(SINGLE), "run `twin build` again")
+        )
+    return findings

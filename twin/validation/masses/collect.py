@@ -99,16 +99,24 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
     Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The
     products of all rows are negated if this reduces the sum of the minimum masses by more than the factor `PLAIN`.
     """
-    negated = [(name, first, published_moments.negated(tensor)) for name, first, tensor in rows]
-    masses = [least_mass(tensor, first) for _, first, tensor in rows]
-    masses_negated = [least_mass(tensor, first) for _, first, tensor in negated]
+    rows_negated = []
+    masses = []
+    masses_negated = []
+    ratios = []
+    for name, first, tensor in rows:
+        tensor_negated = published_moments.negated(tensor)
+        mass = least_mass(tensor, first)
+        mass_negated = least_mass(tensor_negated, first)
+        rows_negated.append((name, first, tensor_negated))
+        masses.append(mass)
+        masses_negated.append(mass_negated)
+        ratios.append(mass / mass_negated if mass_negated else 0.0)
     total = sum(masses)
     total_negated = sum(masses_negated)
     findings: list[Finding] = []
     chosen = rows
     if total_negated * PLAIN < total:
-        chosen = negated
-        ratios = [a / b if b else 0.0 for a, b in zip(masses, masses_negated, strict=True)]
+        chosen = rows_negated
         worst = int(np.argmax(ratios))
         name = rows[worst][0]
         findings.append(
@@ -137,5 +145,7 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
                 word="negated",
             )
         )
-    bodies = [judged(StatedInertia(name, title, None, first, tensor)) for name, first, tensor in chosen]
+    bodies = []
+    for name, first, tensor in chosen:
+        bodies.append(judged(StatedInertia(name, title, None, first, tensor)))
     return MassSource(title, tuple(bodies), tuple(findings))

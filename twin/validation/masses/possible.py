@@ -93,10 +93,10 @@ def stated(
 ) -> StatedInertia:
     """Return `StatedInertia` data about the origin of the body frame, from an inertia about the mass centre."""
     p = np.asarray(inertia.p_body_com, float)
-    far = inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
-    return StatedInertia(
-        name, source, float(inertia.mass), inertia.mass * p, np.asarray(inertia.I_com, float) + far, meshes, own_shapes
-    )
+    # parallel axes: the tensor of the whole mass at the mass centre is added
+    shift = inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
+    tensor = np.asarray(inertia.I_com, float) + shift
+    return StatedInertia(name, source, float(inertia.mass), inertia.mass * p, tensor, meshes, own_shapes)
 
 
 def second(tensor: Array) -> Array:
@@ -123,15 +123,16 @@ def least_mass(tensor: Array, first: Array) -> float:
 def judged(body: StatedInertia) -> JudgedInertia:
     """Check a body's stated mass data; return derived quantities and findings."""
     found: list[Finding] = []
-    mass, first = body.mass, np.asarray(body.first, float)
+    mass = body.mass
+    first = np.asarray(body.first, float)
     tensor = 0.5 * (body.tensor + body.tensor.T)
 
     def say(code: str, what: str, *more: Any, severity: Severity = "disagreement", word: str = "limit") -> None:
         at = body.source
         found.append(finding(severity, f"inertia.{code}", body.name, f"{body.name}: {what}", *more, when=at, word=word))
 
-    numbers = np.concatenate([first, body.tensor.ravel(), [] if mass is None else [mass]])
-    if not np.all(np.isfinite(numbers)):
+    numbers = np.concatenate([first, body.tensor.ravel()])
+    if not np.all(np.isfinite(numbers)) or (mass is not None and not np.isfinite(mass)):
         say("number", "a mass or moment is not a finite number")
         return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
     skew = float(np.abs(body.tensor - body.tensor.T).max())
@@ -141,16 +142,23 @@ def judged(body: StatedInertia) -> JudgedInertia:
         say("mass", "the mass is not positive", Quantity(mass, "kg"), 0.0)
         return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
     least = least_mass(tensor, first)
-    about = tensor if mass is None else _about_centre(tensor, first, mass)
+    if mass is not None:
+        about = _about_centre(tensor, first, mass)
+        place = "about the mass centre "
+        pseudo = _pseudo(tensor, first, mass)
+    else:
+        about = tensor
+        place = ""
+        # just above the minimum; without a first moment, the ratio is the same for any mass
+        positive = least if 0 < least < np.inf else 1.0
+        pseudo = _pseudo(tensor, first, positive * (1 + 1e-6))
     moments: Array = np.asarray(np.linalg.eigvalsh(about), float)
     slack = float(moments[0] + moments[1] - moments[2])
-    least_positive = least if 0 < least < np.inf else 1.0  # without a first moment, the ratio is the same for any mass
-    whole = _pseudo(tensor, first, mass if mass is not None else least_positive * (1 + 1e-6))
-    values = np.linalg.eigvalsh(whole)
-    definite = float(values[0] / values[-1])
+    eigenvalues = np.linalg.eigvalsh(pseudo)
+    definite = float(eigenvalues[0] / eigenvalues[-1])
     if moments[0] <= 0:
-        what = "is not positive definite" if mass is None else "about the mass centre is not positive definite"
-        say("impossible", f"the tensor {what}: smallest principal moment", Quantity(moments[0], "kg m2"), 0.0)
+        text = f"the tensor {place}is not positive definite: smallest principal moment"
+        say("impossible", text, Quantity(moments[0], "kg m2"), 0.0)
     elif slack <= 0:
         text = f"principal moments {_three(moments)} kg m2 violate the triangle inequality: largest"
         say("impossible", text, Quantity(moments[2], "kg m2"), moments[:2].sum())

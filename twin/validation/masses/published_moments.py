@@ -187,14 +187,34 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
 
 def convention(rows: list[MassRow]) -> Products:
     """Return the sign of the products, "as printed" or "negated", for which the sum of minimum masses is smaller."""
-    plain, negated = (sum(getattr(r, m) for r in rows) for m in ("mass_printed", "mass_negated"))
-    return "negated" if negated < plain else "as printed"
+    mass_printed, mass_negated = _totals(rows)
+    if mass_negated < mass_printed:
+        return "negated"
+    return "as printed"
+
+
+def _totals(rows: list[MassRow]) -> tuple[float, float]:
+    """Return the sums of the minimum masses in kg with the products as printed, and negated."""
+    mass_printed = 0.0
+    mass_negated = 0.0
+    for row in rows:
+        mass_printed += row.mass_printed
+        mass_negated += row.mass_negated
+    return mass_printed, mass_negated
 
 
 def falling(rows: list[MassRow], products: Products) -> bool:
     """Return whether the minimum masses decrease from row to row, as they do if each link includes all later links."""
-    masses = [r.mass_negated if products == "negated" else r.mass_printed for r in rows]
-    return len(masses) > 1 and all(a > b for a, b in pairwise(masses))
+    if len(rows) < 2:
+        return False
+    for row, following in pairwise(rows):
+        if products == "negated":
+            falls = row.mass_negated > following.mass_negated
+        else:
+            falls = row.mass_printed > following.mass_printed
+        if not falls:
+            return False
+    return True
 
 
 def _repairs(exhibit: Exhibit) -> list[Finding]:
@@ -227,13 +247,8 @@ def _impossible(rows: list[MassRow]) -> list[Finding]:
 def _products(rows: list[MassRow]) -> list[Finding]:
     if convention(rows) == "as printed":
         return []
-
-    def relative(row: MassRow) -> float:
-        return row.mass_printed / row.mass_negated if row.mass_negated else 0.0
-
-    mass_printed = sum(row.mass_printed for row in rows)
-    mass_negated = sum(row.mass_negated for row in rows)
-    worst = max(rows, key=relative)
+    mass_printed, mass_negated = _totals(rows)
+    worst = max(rows, key=_ratio_of_masses)
     return [
         disagreement(
             "inertia.products",
@@ -247,3 +262,9 @@ def _products(rows: list[MassRow]) -> list[Finding]:
             word="",
         )
     ]
+
+
+def _ratio_of_masses(row: MassRow) -> float:
+    if not row.mass_negated:
+        return 0.0
+    return row.mass_printed / row.mass_negated
