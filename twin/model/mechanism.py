@@ -132,13 +132,17 @@ class Mechanism:
     @cached_property
     def loops(self) -> tuple[Joint, ...]:
         """Joints that close a loop, in file order."""
-        spanning = {j.name for j in self.tree}
-        return tuple(j for j in self.joints if j.name not in spanning)
+        spanning = _names(self.tree)
+        loops = []
+        for joint in self.joints:
+            if joint.name not in spanning:
+                loops.append(joint)
+        return tuple(loops)
 
     @cached_property
     def active(self) -> tuple[Joint, ...]:
         """Active joints, in the order of q."""
-        return tuple(j for j in self.joints if j.active)
+        return tuple(joint for joint in self.joints if joint.active)
 
     @cached_property
     def auxiliary(self) -> tuple[Joint, ...]:
@@ -154,11 +158,13 @@ class Mechanism:
                 tool_body = frame.body
         if tool_body is None:
             return ()
-        moving = self._path_names(tool_body)
+        moving = _names(self.path(tool_body))
         # joints of a loop or a coupling move together
-        groups = [set(coupling.joints) for coupling in self.couplings]
+        groups: list[set[str]] = []
+        for coupling in self.couplings:
+            groups.append(set(coupling.joints))
         for closing in self.loops:
-            cycle = self._path_names(closing.parent) ^ self._path_names(closing.child)
+            cycle = _names(self.path(closing.parent)) ^ _names(self.path(closing.child))
             groups.append(cycle | {closing.name})
         found = True
         while found:
@@ -167,14 +173,13 @@ class Mechanism:
                 if group & moving and not group <= moving:
                     moving |= group
                     found = True
-        others = tuple(joint for joint in self.active if joint.name not in moving)
+        others = []
+        for joint in self.active:
+            if joint.name not in moving:
+                others.append(joint)
         if len(others) == len(self.active):
             return ()  # no active joint moves the tool: none is called auxiliary
-        return others
-
-    def _path_names(self, body: str) -> set[str]:
-        """Return the names of the joints of the tree between the base and a body."""
-        return {joint.name for joint in self.path(body)}
+        return tuple(others)
 
     def extra_joints(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
         """Return (index in q, name, whether an angle, drawn coordinate) of each auxiliary joint not in `names`."""
@@ -209,25 +214,32 @@ class Mechanism:
         for transmission in self.transmissions:
             # as many motors as joints; which motor moves which joint does not matter for the order
             motors |= zip(transmission.joints, transmission.actuators, strict=True)
-        return tuple(motors.get(joint.name, joint.name) for joint in self.active)
+        names = []
+        for joint in self.active:
+            names.append(motors.get(joint.name, joint.name))
+        return tuple(names)
 
     @cached_property
     def motor_matrix(self) -> Array:
         """Matrix (n, n) from motor to joint coordinates, q = motor_matrix @ m; identity without transmissions."""
-        return self._blocks({t.name: t.matrix for t in self.transmissions})
+        matrix = np.eye(len(self.active))
+        for transmission in self.transmissions:
+            matrix[self._block(transmission)] = transmission.matrix
+        return matrix
 
     @cached_property
     def _motor_rows(self) -> Array:
         """Inverse (n, n) of `motor_matrix`, computed block by block: the rows of directly driven joints stay exact."""
-        return self._blocks({t.name: t.inverse for t in self.transmissions})
+        matrix = np.eye(len(self.active))
+        for transmission in self.transmissions:
+            matrix[self._block(transmission)] = transmission.inverse
+        return matrix
 
-    def _blocks(self, blocks: Mapping[str, Array]) -> Array:
-        order = {j.name: i for i, j in enumerate(self.active)}
-        out = np.eye(len(order))
-        for t in self.transmissions:
-            rows = [order[n] for n in t.joints]
-            out[np.ix_(rows, rows)] = blocks[t.name]
-        return out
+    def _block(self, transmission: Transmission) -> tuple[Array, ...]:
+        """Return the index of the elements of a matrix (n, n) that belong to the joints of a transmission."""
+        names = [joint.name for joint in self.active]
+        rows = list(map(names.index, transmission.joints))
+        return np.ix_(rows, rows)
 
     def motors(self, q: Array) -> Array:
         """Return motor values or rates (..., n), in the order of `motor_names`, for joint values or rates (..., n)."""
@@ -244,12 +256,21 @@ class Mechanism:
     @cached_property
     def passive(self) -> tuple[Joint, ...]:
         """Passive joints with one coordinate, of the tree and of the loops, in file order."""
-        return tuple(j for j in self.joints if not j.active and len(j.free_axes) == 1)
+        passive = []
+        for joint in self.joints:
+            if not joint.active and len(joint.free_axes) == 1:
+                passive.append(joint)
+        return tuple(passive)
 
     @cached_property
     def limited(self) -> tuple[Joint, ...]:
         """Passive joints with hard limits or a cone, of the tree and of the loops, in file order."""
-        return tuple(j for j in self.joints if not j.active and (j.limits is not None or j.cone is not None))
+        limited = []
+        for joint in self.joints:
+            has_limit = joint.limits is not None or joint.cone is not None
+            if has_limit and not joint.active:
+                limited.append(joint)
+        return tuple(limited)
 
     @property
     def driven(self) -> tuple[list[tuple[str, bool]], Array, Array | None]:
@@ -260,25 +281,32 @@ class Mechanism:
         """
         tool = self.frame(self.tool)
         T_base_tool = self.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame
-        driving = [joint for joint in self.active if joint not in self.auxiliary]
+        auxiliary = _names(self.auxiliary)
+        joints = []
+        values = []
+        for joint in self.active:
+            if joint.name in auxiliary:
+                continue
+            joints.append((joint.name, joint.is_angle))
+            if self.postures:
+                values.append(self._drawn(joint))
         q = None
         if self.postures:
-            q = np.array([self._drawn(joint) for joint in driving])
-        joints = [(joint.name, joint.is_angle) for joint in driving]
+            q = np.array(values)
         return joints, T_base_tool, q
 
     @cached_property
     def link_length(self) -> float | None:
         """Median length in m of the links (largest distance between two joints); None if all links are points."""
-        places: dict[str, list[Array]] = {body.name: [] for body in self.bodies}
+        places: dict[str, list[Array]] = {}
         for joint in self.joints:
-            places[joint.parent].append(joint.T_parent_joint[:3, 3])
-            places[joint.child].append(joint.T_child_joint[:3, 3])
+            places.setdefault(joint.parent, []).append(joint.T_parent_joint[:3, 3])
+            places.setdefault(joint.child, []).append(joint.T_child_joint[:3, 3])
         lengths = []
         for positions in places.values():
-            p = np.reshape(positions, (-1, 3))
+            p = np.array(positions)
             distances = np.linalg.norm(p[:, None] - p[None], axis=2)
-            length = float(distances.max(initial=0.0))
+            length = float(distances.max())
             if length > _POINT:
                 lengths.append(length)
         if not lengths:
@@ -368,13 +396,13 @@ class Mechanism:
     @cached_property
     def _inward(self) -> dict[str, Joint]:
         """{name of a body: the tree joint whose child is this body}."""
-        return {j.child: j for j in self.tree}
+        return {joint.child: joint for joint in self.tree}
 
     def posture(self, name: str) -> Array:
         """Return q (n,) of the posture called `name`, or raise a `MechanismError` that lists all names."""
         if name not in self.postures:
             raise MechanismError(f"{self.name}: {unknown('posture', name, self.postures)}")
-        return np.array([self.postures[name][j.name] for j in self.active])
+        return np.array([self.postures[name][joint.name] for joint in self.active])
 
     def with_rest(self, rest: Mapping[str, Array]) -> Mechanism:
         """Return the same mechanism with other rest poses; `rest` is {body: T_base_body (4, 4)}."""
@@ -383,7 +411,10 @@ class Mechanism:
     @property
     def trocar_places(self) -> dict[str, Array]:
         """{name of a trocar: position (3,) in base, in m}; empty if the mechanism has no trocar."""
-        return {n: self.joint(n).T_parent_joint[:3, 3] for n in self.trocars}
+        places = {}
+        for name in self.trocars:
+            places[name] = self.joint(name).T_parent_joint[:3, 3]
+        return places
 
     def trocar_at(self, name: str = "") -> Array:
         """Return the position (3,) of a trocar in base, in m; for `name` and errors, see `trocar_named`."""
@@ -450,10 +481,17 @@ class Mechanism:
 
 
 def _find(kind: str, items, name: str):
+    names = []
     for item in items:
         if item.name == name:
             return item
-    raise MechanismError(unknown(kind, name, (i.name for i in items)))
+        names.append(item.name)
+    raise MechanismError(unknown(kind, name, names))
+
+
+def _names(items: Iterable[Body] | Iterable[Joint]) -> set[str]:
+    """Return the names of bodies or joints."""
+    return {item.name for item in items}
 
 
 def _check(m: Mechanism) -> None:
@@ -503,13 +541,9 @@ def _check_size(m: Mechanism) -> None:
         _fail(m, f"all joints together have {freedoms} degrees of freedom; the limit is {FREEDOMS}")
 
 
-def _body_names(m: Mechanism) -> set[str]:
-    return {body.name for body in m.bodies}
-
-
 def _check_joints(m: Mechanism) -> None:
     """Check the base, and the bodies, frames, limits and drive of each joint."""
-    names = _body_names(m)
+    names = _names(m.bodies)
     if m.base not in names:
         _fail(m, f"base: {unknown('body', m.base, names)}")
     for joint in m.joints:
@@ -534,15 +568,16 @@ def _check_motors(m: Mechanism) -> None:
     """Check transmissions, which connect actuators to active joints, and couplings."""
     active = []
     with_drive = []
+    joints = []
     single: set[str] = set()  # couplings connect joints with one coordinate only
     for joint in m.joints:
+        joints.append(joint.name)
         if joint.active:
             active.append(joint.name)
         if joint.drive:
             with_drive.append(joint.name)
         if len(joint.free_axes) == 1:
             single.add(joint.name)
-    joints = [joint.name for joint in m.joints]
     for *_, text in faults(m.actuators, m.transmissions, active, joints, with_drive):
         _fail(m, text)
     for coupling in m.couplings:
@@ -554,7 +589,7 @@ def _check_motors(m: Mechanism) -> None:
 
 
 def _check_trocars(m: Mechanism) -> None:
-    joints = {joint.name for joint in m.joints}
+    joints = _names(m.joints)
     for name in m.trocars:
         if name not in joints or m.joint(name).parent != m.base:
             _fail(m, f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
@@ -564,7 +599,7 @@ def _check_trocars(m: Mechanism) -> None:
 
 def _check_places(m: Mechanism) -> None:
     """Check gravity, frames, points and rest poses."""
-    names = _body_names(m)
+    names = _names(m.bodies)
     if len(m.gravity) != 3 or not np.all(np.isfinite(m.gravity)):
         _fail(m, f"gravity {m.gravity} is not three finite numbers in m/s2")
     for item in (*m.frames, *m.points):
@@ -582,17 +617,18 @@ def _check_places(m: Mechanism) -> None:
 
 
 def _check_connections(m: Mechanism) -> None:
-    connected = {joint.child for joint in m.tree}
-    unconnected = sorted(_body_names(m) - {m.base} - connected)
+    unconnected = _names(m.bodies) - {m.base}
+    for joint in m.tree:
+        unconnected.discard(joint.child)
     if unconnected:
-        listed = ", ".join(unconnected)
+        listed = ", ".join(sorted(unconnected))
         advice = "Add joints, or move these bodies to the props of a scene."
         _fail(m, f"no joints connect base '{m.base}' to: {listed}. {advice}")
 
 
 def _check_postures(m: Mechanism) -> None:
     """Check that each posture has a value for each active joint, and that no active joint closes a loop."""
-    active = {joint.name for joint in m.joints if joint.active}
+    active = _names(m.active)
     for posture, values in m.postures.items():
         wrong = sorted(set(values) ^ active)  # names without a value, and values of no active joint
         if wrong:

@@ -66,7 +66,10 @@ class _Writer:
         return self.b.load(place, typ=kind)
 
     def difference(self, a: list[ir.Value], b: list[ir.Value]) -> list[ir.Value]:
-        return [self.b.fsub(x, y) for x, y in zip(a, b, strict=True)]
+        differences = []
+        for x, y in zip(a, b, strict=True):
+            differences.append(self.b.fsub(x, y))
+        return differences
 
     def matrix(self, pointer: ir.Value) -> list[list[ir.Value]]:
         """Return the first three rows of the pose (4, 4) at `pointer`."""
@@ -111,11 +114,15 @@ class _LookupKernel:
         self.function = ir.Function(self.module, kind, "kernel")
         self.begin, self.end, given, results, _ = self.function.args
         names = ("entry", "item", "body", "ball", "opened", "skipped", "leaf", "inner", "stored", "done")
-        self.blocks = {name: self.function.append_basic_block(name) for name in names}
+        self.blocks: dict[str, ir.Block] = {}
+        for name in names:
+            self.blocks[name] = self.function.append_basic_block(name)
         self.w = _Writer(ir.IRBuilder(self.blocks["entry"]), self.module)
         self.b = self.w.b
         arrays = ("poses", "states", "pairs", "enough", "reject", "fine", "table", "grids", "values", "balls")
-        self.data = {name: self.w.at(given, i, _POINTER) for i, name in enumerate(arrays)}
+        self.data: dict[str, ir.Value] = {}
+        for i, name in enumerate(arrays):
+            self.data[name] = self.w.at(given, i, _POINTER)
         self.lows = self.w.at(results, 0, _POINTER)
         self.highs = self.w.at(results, 1, _POINTER)
 
@@ -132,7 +139,10 @@ class _LookupKernel:
         self._join_balls()
         self._store()
         # the target is that of the machine, chosen by the compiler
-        lines = [line for line in str(self.module).splitlines() if not line.startswith("target ")]
+        lines = []
+        for line in str(self.module).splitlines():
+            if not line.startswith("target "):
+                lines.append(line)
         return "\n".join(lines)
 
     def _begin_item(self) -> None:
@@ -163,7 +173,9 @@ class _LookupKernel:
         for r in range(3):
             axis = _column(G, r)
             self.R.append([w.dot(axis, _column(B, c)) for c in range(3)])
-        self.t = [w.dot(_column(G, r), off) for r in range(3)]
+        self.t = []
+        for r in range(3):
+            self.t.append(w.dot(_column(G, r), off))
         record = w.shifted(data["grids"], grid, GRID)
         numbers = w.numbers(record, GRID)
         self.start = numbers[:3]
@@ -207,8 +219,15 @@ class _LookupKernel:
         centre = w.numbers(own, 3)
         self.radius = w.at(own, 3)
         self.after = b.fptosi(w.at(own, 4), _INT)
-        self.p = [b.fadd(w.dot(self.R[r], centre), self.t[r]) for r in range(3)]
-        self.steps = [b.fmul(b.fsub(self.p[k], self.start[k]), self.cells_per_length) for k in range(3)]
+        self.p = []
+        for r in range(3):
+            turned = w.dot(self.R[r], centre)
+            self.p.append(b.fadd(turned, self.t[r]))
+        # in cells from the first node of the grid
+        self.steps = []
+        for k in range(3):
+            length = b.fsub(self.p[k], self.start[k])
+            self.steps.append(b.fmul(length, self.cells_per_length))
         self.value, self.way = self._bound(self._nodes("rint"))
         zero = _number(0.0)
         outside = []
@@ -252,7 +271,9 @@ class _LookupKernel:
         sharp = self.proven
         over = self.high_here
         for shift in product((0.0, 1.0), repeat=3):
-            node = [b.fadd(corner, _number(s)) for corner, s in zip(corners, shift, strict=True)]
+            node = []
+            for corner, cells in zip(corners, shift, strict=True):
+                node.append(b.fadd(corner, _number(cells)))
             value_of_node, distance = self._bound(node)
             sharp = w.most(sharp, b.fsub(value_of_node, distance))
             over = w.least(over, self._upper(value_of_node, distance))
@@ -299,9 +320,13 @@ class _LookupKernel:
         """Return (stored distance at a node, distance of the ball's centre from the node)."""
         b = self.b
         whole = [b.fptosi(x, _INT) for x in node]
-        place = b.add(b.add(b.mul(whole[0], self.strides[0]), b.mul(whole[1], self.strides[1])), whole[2])
+        row = b.add(b.mul(whole[0], self.strides[0]), b.mul(whole[1], self.strides[1]))
+        place = b.add(row, whole[2])
         value = b.fpext(self.w.at(self.values, place, _FLOAT), _DOUBLE)
-        offsets = [b.fsub(self.p[k], b.fadd(self.start[k], b.fmul(node[k], self.cell))) for k in range(3)]
+        offsets = []
+        for k in range(3):
+            p_node = b.fadd(self.start[k], b.fmul(node[k], self.cell))
+            offsets.append(b.fsub(self.p[k], p_node))
         return value, self.w.size(offsets)
 
     def _nodes(self, rounding: str) -> list[ir.Value]:
@@ -377,5 +402,7 @@ def look_up(
 
 def _addresses(arrays: list[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
     """Return the addresses of the memory of arrays, as the kernel takes them."""
-    pointers = [array.ctypes.data for array in arrays]
-    return (ctypes.c_void_p * len(pointers))(*pointers)
+    addresses = (ctypes.c_void_p * len(arrays))()
+    for i, array in enumerate(arrays):
+        addresses[i] = array.ctypes.data
+    return addresses

@@ -75,8 +75,10 @@ class Tree:
         self.tool_joint, T_joint_body = self._body[tool.body]
         self.T_joint_tool = T_joint_body @ tool.T_body_frame
         self.loops = Loops(mechanism.loops, self._body, self._mask, self._coupled())
-        carriers = {number for number, _ in self._body.values()}
-        self._all = sorted(carriers - {0})
+        carriers: set[int] = set()
+        for number, _ in self._body.values():
+            carriers.add(number)
+        self._all = sorted(carriers - {0})  # 0: the base
         closing = {*self.loops.joint_numbers, self.tool_joint}
         for point in mechanism.points:
             number, _ = self._body[point.body]
@@ -97,7 +99,9 @@ class Tree:
                 self.quaternions.append(place + 3)  # after the position
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in self.__dict__.items() if name != "_views"}
+        state = dict(self.__dict__)
+        del state["_views"]
+        return state
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__ |= state
@@ -141,17 +145,20 @@ class Tree:
     def _coupled(self) -> tuple[Coupled, ...]:
         out = []
         for coupling in self.mechanism.couplings:
+            columns = []
+            places = []
             for name in coupling.joints:
                 if name not in self.coordinate:
                     raise MechanismError(
                         f"coupling '{coupling.name}': joint '{name}' closes a loop and therefore has no coordinate; "
                         "list this joint before the joint that should close the loop"
                     )
-            columns = np.array([self.coordinate[n] for n in coupling.joints], int)
-            places = np.array([self.configuration[n] for n in coupling.joints], int)
+                columns.append(self.coordinate[name])
+                places.append(self.configuration[name])
             ratios = np.array(coupling.ratios)
             angle = self.mechanism.joint(coupling.joints[0]).is_angle
-            out.append(Coupled(coupling.name, places, columns, ratios, coupling.total, angle))
+            indices = (np.array(places, int), np.array(columns, int))
+            out.append(Coupled(coupling.name, *indices, ratios, coupling.total, angle))
         return tuple(out)
 
     def _support_masks(self) -> Array:

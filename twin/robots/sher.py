@@ -231,7 +231,9 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
     """Return P, the platform centre, and the pins in {b}; pins are given in the plane of the tool."""
     T_b_a = eq1(r_x, r_y, r_z) @ eq2(psi, d1) @ eq3_corrected(d2, d3)
     pins = {"a": (0, 0), **_in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR)}
-    placed = [(T_b_a @ vertcat(x, y, 0, 1))[0:3] for x, y in pins.values()]
+    placed = []
+    for x, y in pins.values():
+        placed.append((T_b_a @ vertcat(x, y, 0, 1))[0:3])
     return T_base_tool[0:3, 3], vertcat(r_x, r_y, r_z), *placed
 
 
@@ -240,8 +242,10 @@ def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA
     """Return the angles of cross and rod for both rods of each leg, then of the pins of the tilt linkage."""
     out = []
     for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
-        out_, along = cos(a) * leg[0] + sin(a) * leg[1], -sin(a) * leg[0] + cos(a) * leg[1]
-        out += 2 * [atan2(out_, leg[2]), atan2(-along, hypot(out_, leg[2]))]
+        outwards = cos(a) * leg[0] + sin(a) * leg[1]
+        along = -sin(a) * leg[0] + cos(a) * leg[1]
+        # both rods of a leg are parallel
+        out += 2 * [atan2(outwards, leg[2]), atan2(-along, hypot(outwards, leg[2]))]
     p = _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR)
     bc = atan2(p["c"][1] - p["b"][1], p["c"][0] - p["b"][0])
     rq = atan2(p["q"][1] - p["r"][1], p["q"][0] - p["r"][0])
@@ -254,7 +258,9 @@ def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA
 def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ, QR, phi1, y_AR):  # noqa: E741
     """Return margins of reach in m of rods, four-bar, slider-crank (below 0: no solution), singularity measures."""
     rho = r_b - r_p
-    lateral = [l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)) for a in _AZIMUTHS]
+    lateral = []
+    for a in _AZIMUTHS:
+        lateral.append(l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)))
     legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))
     volume = dot(legs[0], cross(legs[1], legs[2])) / l**3
     BD = sqrt(AB**2 + DA**2 - 2 * AB * DA * cos(phi1 - th1))
@@ -306,7 +312,8 @@ def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
     H2 = p["l"] ** 2 - X**2 - Y**2
     if H2 < 0:
         return []
-    foot, up = c[0] + X * e_x + Y * e_y, np.sqrt(H2) * np.cross(e_x, e_y)
+    foot = c[0] + X * e_x + Y * e_y
+    up = np.sqrt(H2) * np.cross(e_x, e_y)
     return sorted((foot + up, foot - up), key=lambda r: -r[2])
 
 
