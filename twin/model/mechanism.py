@@ -19,7 +19,7 @@ from twin.core import spatial, units
 from twin.core.errors import MechanismError, unknown
 from twin.core.foreign.budget import BODIES, FREEDOMS
 from twin.core.provenance import Parameter
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 from twin.model.body import TOOL, Body, Finish, Frame, Material, Point
 from twin.model.joint import FREE_AXES, Joint, reversed_joint
 from twin.model.transmission import Actuator, Transmission, faults
@@ -235,7 +235,7 @@ class Mechanism:
             matrix[self._block(transmission)] = transmission.inverse
         return matrix
 
-    def _block(self, transmission: Transmission) -> tuple[Array, ...]:
+    def _block(self, transmission: Transmission) -> tuple[Index, ...]:
         """Return the index of the elements of a matrix (n, n) that belong to the joints of a transmission."""
         names = [joint.name for joint in self.active]
         rows = list(map(names.index, transmission.joints))
