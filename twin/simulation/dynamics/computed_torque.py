@@ -248,7 +248,6 @@ def run(
     for i, joint in enumerate(arm.mechanism.active):
         if not joint.is_angle:
             joint_scale[i] = LENGTH_SCALE
-    encoder_step = c.quantisation * joint_scale
     # Time in s by which the state of the equations is ahead of the tick; see the head of the file.
     lead = 0.0
     desired_qdd = motion.qdd
@@ -258,29 +257,19 @@ def run(
         desired_qdd = 0.5 * (motion.qdd + next_qdd)
     Kp = c.w**2
     Kv = 2 * c.w
-    low_pass_share = 1.0 - np.exp(-2 * np.pi * c.velocity_cutoff * tick)
 
     plant.reset(motion.q[0], motion.qd[0])
+    encoders = _Encoders(c, joint_scale, motion.q[0], motion.qd[0])
     true_q = np.zeros((k, n))
     efforts = np.zeros((k, n))
     saturated = np.zeros((k, n), bool)
-    previous_q = _measured(motion.q[0], encoder_step)
-    rate = motion.qd[0]
     state: State | None = None
     for i in range(k):
         if i % _OFTEN == 0:
             progress(i / k)
         true_q[i] = plant.q
         _check_convergence(motion, i, true_q[i], joint_scale, c)
-        measured_q = _measured(true_q[i], encoder_step)
-        if c.quantisation:
-            # The first tick has no earlier position; its rate is the desired one.
-            if i:
-                difference_quotient = (measured_q - previous_q) / tick
-                rate = rate + low_pass_share * (difference_quotient - rate)
-            previous_q = measured_q
-        else:
-            rate = plant.qd
+        measured_q, rate = encoders.read(true_q[i], plant.qd)
         rate_error = motion.qd[i] - rate
         position_error = motion.q[i] - measured_q
         wished_qdd = desired_qdd[i] + Kv * rate_error + Kp * position_error
@@ -298,6 +287,33 @@ def run(
         shafts = true_tips[:, :3, :3] @ motion.shaft
         rcm_error = spatial.point_to_line(motion.rcm, true_tips[:, :3, 3], shafts)
     return Run(c, motion.t, tip_error, motion.q - true_q, rcm_error, efforts, saturated)
+
+
+class _Encoders:
+    """Joint values and rates as the controller reads them, once per tick."""
+
+    def __init__(self, conditions: Conditions, joint_scale: Array, q: Array, qd: Array) -> None:
+        """Store the start, joint values q (n,) and rates qd (n,); `joint_scale` (n,) multiplies the encoder step."""
+        self._step = conditions.quantisation * joint_scale
+        self._tick = 1.0 / conditions.rate
+        # share of the difference that the first-order low-pass adds in each tick
+        self._share = 1.0 - np.exp(-2 * np.pi * conditions.velocity_cutoff * self._tick)
+        self._q = _measured(q, self._step)
+        self._rate = qd
+        self._is_first = True
+
+    def read(self, q: Array, qd: Array) -> tuple[Array, Array]:
+        """Return measured joint values (n,) and rates (n,) for the true ones; without encoder steps, the true ones."""
+        if not self._step.all():
+            return q, qd
+        measured = _measured(q, self._step)
+        # The first tick has no earlier position; its rate is that of the start.
+        if not self._is_first:
+            difference_quotient = (measured - self._q) / self._tick
+            self._rate = self._rate + self._share * (difference_quotient - self._rate)
+        self._is_first = False
+        self._q = measured
+        return measured, self._rate
 
 
 def curve(
