@@ -25,9 +25,9 @@ def test_the_prime_is_one_and_has_the_roots_of_drawings():
     assert all(field.PRIME % k for k in range(2, math.isqrt(field.PRIME) + 1))
     assert field.PRIME % 24 == 23
     for radicand in constants.ROOTS:
-        exact = constants.ExactNumber(Fraction(0), Fraction(1), radicand)
+        exact = constants.exact(1, radicand)
         assert exact.residue**2 % field.PRIME == radicand
-    two, three, six = (constants.ExactNumber(Fraction(0), Fraction(1), n).residue for n in constants.ROOTS)
+    two, three, six = (constants.exact(1, n).residue for n in constants.ROOTS)
     assert two * three % field.PRIME == six
 
 
@@ -58,15 +58,15 @@ def test_the_root_of_a_square_is_the_number_or_its_negative(a):
     ],
 )
 def test_decimals_are_meant_as_written(value, exact):
-    assert constants.exact_number(value) == constants.ExactNumber(exact)
+    assert constants.exact_number(value) == constants.exact(exact)
 
 
 @pytest.mark.parametrize("radicand", constants.ROOTS)
 def test_multiples_of_roots_are_recognised(radicand):
     found = constants.exact_number(math.sqrt(radicand) / 6)
-    assert (found.factor, found.radicand) == (Fraction(1, 6), radicand)
+    assert found == constants.exact(Fraction(1, 6), radicand)
     length = constants.decimal(0.0225 * math.sqrt(radicand) + 3e-12, 1e-10)
-    assert (length.factor, length.radicand) == (Fraction(225, 10000), radicand)
+    assert length == constants.exact(Fraction(225, 10000), radicand)
 
 
 @pytest.mark.parametrize("value", [math.pi, math.e, 0.1499967322977404, math.nan, math.inf])

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import math
 import re
-from fractions import Fraction
 
 from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.proof import form
-from twin.proof.constants import ExactNumber
+from twin.proof.constants import exact
 
 LEAVES = {
     "x": (form.variable("x"), 0.7),
     "l": (form.variable("l"), 1.3),
     "cos": (form.cosine("a"), math.cos(0.4)),
     "sin": (form.sine("a"), math.sin(0.4)),
-    "3": (form.number(ExactNumber(Fraction(3))), 3.0),
-    "root 2": (form.number(ExactNumber(Fraction(0), Fraction(1), 2)), math.sqrt(2)),
-    "root 3": (form.number(ExactNumber(Fraction(0), Fraction(1), 3)), math.sqrt(3)),
-    "root 6": (form.number(ExactNumber(Fraction(0), Fraction(1), 6)), math.sqrt(6)),
+    "3": (form.number(exact(3)), 3.0),
+    "root 2": (form.number(exact(1, 2)), math.sqrt(2)),
+    "root 3": (form.number(exact(1, 3)), math.sqrt(3)),
+    "root 6": (form.number(exact(1, 6)), math.sqrt(6)),
 }
 trees = st.recursive(st.sampled_from(sorted(LEAVES)), lambda t: st.tuples(st.sampled_from("+-*"), t, t), max_leaves=7)
 

@@ -106,10 +106,10 @@ def judged(
         status = "proved"
     elif zeros >= ENOUGH:
         reason = "the degree of the expressions is too high for a bound of the odds"
-    elif exact < ENOUGH and reasons:
+    elif not exact and reasons:
         reason = "no exact form: " + ", ".join(reasons)
     elif exact < ENOUGH:
-        reason = f"only {exact} of {int(inside.sum())} states have roots in the field"
+        reason = f"only {exact} of {int(inside.sum())} states have roots in the field; draw more states"
     else:
         reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
     return Claim(name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error)

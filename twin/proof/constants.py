@@ -27,29 +27,59 @@ _ROUNDING = 4e-16
 
 @dataclass(frozen=True)
 class ExactNumber:
-    """The number `rational + factor sqrt(radicand)`."""
+    """A sum of fractions multiplied by roots.
 
-    rational: Fraction
-    factor: Fraction = Fraction(0)
-    radicand: int = 1
+    Attributes:
+        parts: (radicand, fraction) of each term, without fractions of 0; a fraction alone has the radicand 1.
+    """
+
+    parts: tuple[tuple[int, Fraction], ...]
 
     def __float__(self) -> float:
-        return float(self.rational) + float(self.factor) * math.sqrt(self.radicand)
+        return math.fsum(float(fraction) * math.sqrt(radicand) for radicand, fraction in self.parts)
 
     @property
     def residue(self) -> int:
         """The number in the prime field."""
-        return (field.residue(self.rational) + field.residue(self.factor) * _root(self.radicand)) % field.PRIME
+        total = 0
+        for radicand, fraction in self.parts:
+            total += field.residue(fraction) * _root(radicand)
+        return total % field.PRIME
+
+    @property
+    def decimal(self) -> Fraction | None:
+        """The number if it is a fraction; None if it has a root."""
+        if not self.parts:
+            return Fraction(0)
+        if len(self.parts) == 1 and self.parts[0][0] == 1:
+            return self.parts[0][1]
+        return None
 
     @property
     def in_mm(self) -> str:
         """A length in m as text, in mm."""
-        irrational = f"{_text(1000 * self.factor)} sqrt({self.radicand})"
-        if not self.factor:
-            return _text(1000 * self.rational)
-        if not self.rational:
-            return irrational
-        return f"{_text(1000 * self.rational)} + {irrational}"
+        words = []
+        for radicand, fraction in self.parts:
+            word = _text(1000 * fraction)
+            if radicand != 1:
+                word += f" sqrt({radicand})"
+            words.append(word)
+        return " + ".join(words) or "0"
+
+
+def exact(fraction: Fraction | int, radicand: int = 1) -> ExactNumber:
+    """Return a fraction multiplied by a root."""
+    if not fraction:
+        return ExactNumber(())
+    return ExactNumber(((radicand, Fraction(fraction)),))
+
+
+def both(first: ExactNumber, second: ExactNumber) -> ExactNumber:
+    """Return the sum of two exact numbers."""
+    totals: dict[int, Fraction] = {}
+    for radicand, fraction in (*first.parts, *second.parts):
+        totals[radicand] = totals.get(radicand, Fraction(0)) + fraction
+    return ExactNumber(tuple((radicand, fraction) for radicand, fraction in sorted(totals.items()) if fraction))
 
 
 def _text(fraction: Fraction) -> str:
@@ -63,6 +93,8 @@ def _text(fraction: Fraction) -> str:
 @cache
 def _root(radicand: int) -> int:
     """Return a root in the field; that of 6 is the product of those of 2 and 3."""
+    if radicand == 1:
+        return 1
     if radicand == 6:
         return _root(2) * _root(3) % field.PRIME
     return pow(radicand, (field.PRIME + 1) // 4, field.PRIME)
@@ -76,9 +108,9 @@ def exact_number(value: float) -> ExactNumber | None:
     if not math.isfinite(value):
         return None
     # a conversion of units may have rounded the decimal, as in 0.013000000000000001
-    decimal = Fraction(f"{value:.{_DIGITS - 1}g}")
-    if abs(float(decimal) - value) <= _ROUNDING * abs(value):
-        return ExactNumber(decimal)
+    written = Fraction(f"{value:.{_DIGITS - 1}g}")
+    if abs(float(written) - value) <= _ROUNDING * abs(value):
+        return exact(written)
     return recognised(value, _ROUNDING * max(1.0, abs(value)))
 
 
@@ -88,9 +120,7 @@ def recognised(value: float, tolerance: float, denominators: int = _DENOMINATORS
         quotient = value / math.sqrt(radicand)
         fraction = Fraction(quotient).limit_denominator(denominators)
         if abs(float(fraction) - quotient) <= tolerance:
-            if radicand == 1:
-                return ExactNumber(fraction)
-            return ExactNumber(Fraction(0), fraction, radicand)
+            return exact(fraction, radicand)
     return None
 
 
@@ -102,7 +132,7 @@ def decimal(value: float, tolerance: float) -> ExactNumber | None:
         factor = value / math.sqrt(radicand)
         fraction = Fraction(round(factor * _GRID), _GRID)
         if abs(float(fraction) - factor) * math.sqrt(radicand) <= tolerance:
-            return ExactNumber(Fraction(0), fraction, radicand)
+            return exact(fraction, radicand)
     return None
 
 

@@ -74,12 +74,11 @@ def sine(name: str) -> Form:
 def number(value: ExactNumber) -> Form:
     """Return an exact number."""
     terms: dict[Monomial, Fraction] = {}
-    if value.rational:
-        terms[()] = value.rational
-    if value.factor and value.radicand == 1:
-        terms[()] = terms.get((), Fraction(0)) + value.factor
-    elif value.factor:
-        terms[((f"{_ROOT}{value.radicand}", 1),)] = value.factor
+    for radicand, fraction in value.parts:
+        if radicand == 1:
+            terms[()] = fraction
+        else:
+            terms[((f"{_ROOT}{radicand}", 1),)] = fraction
     return Form(terms)
 
 

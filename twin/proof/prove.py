@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
@@ -16,10 +15,12 @@ from twin.model.mechanism import Mechanism
 from twin.proof import draws, equations, mechanism, values
 from twin.proof import form as forms
 from twin.proof.claims import Claim, judged
-from twin.proof.constants import exact_number
+from twin.proof.constants import exact_angle, exact_number
+from twin.proof.drawing import Drawing
 from twin.proof.equations import Outputs
-from twin.proof.mechanism import ExactMechanism, Matrix
+from twin.proof.mechanism import ExactMechanism
 from twin.proof.replay import Notes, replay
+from twin.proof.transforms import Matrix
 from twin.proof.values import Angle, Scalar, Truths, Value
 
 STATES = 4096
@@ -39,6 +40,9 @@ _TRIAL_STATES = 256
 
 _REASONS = 3
 """Number of numbers without an exact form that a claim names."""
+
+_ANGULAR = ("deg", "rad")
+"""Units of parameters that are angles."""
 
 _FORMULA_STATES = 16
 """Number of states at which formulas are computed; they do not depend on it."""
@@ -130,21 +134,26 @@ def prove(
         return _attempt(_Work(formula, variants, robot, count, np.random.default_rng(seed), formulas), drawn)
 
     progress("the published parameters", 0.0)
-    proof = attempt((), states)
+    exact = all(exact_angle(float(p.value), 1e-12) for p in formula.parameters if p.unit in _ANGULAR)
+    # with an angle without an exact form nothing is proved yet: this attempt only refutes
+    proof = attempt((), states if exact else min(states, STATES))
     if proof.count("refuted"):
         progress("the errors as formulas", 0.5)
         formulas = {claim.name: claim.error for claim in attempt((), _FORMULA_STATES, formulas=True).claims}
         claims = [replace(claim, error=formulas[claim.name]) for claim in proof.claims]
         return replace(proof, claims=tuple(claims))
-    general: list[str] = []
     angles = _angles(formula)
-    for k, name in enumerate(angles):
-        progress(f"other values of {name}", (1 + k) / (2 + len(angles)))
-        if not attempt([*general, name], _TRIAL_STATES).count("refuted"):
-            general.append(name)
+    # the parameters without an exact form together, because an angle of the CAD may be a sum of two
+    groups = [[name for name in angles if name in proof.inexact]]
+    groups += [[name] for name in angles if name not in proof.inexact]
+    general: list[str] = []
+    for k, group in enumerate(groups):
+        progress(f"other values of {', '.join(group)}", (1 + k) / (2 + len(groups)))
+        if group and not attempt([*general, *group], _TRIAL_STATES).count("refuted"):
+            general += group
     if not general:
         return proof
-    progress("all of these values", (1 + len(angles)) / (2 + len(angles)))
+    progress("all of these values", (1 + len(groups)) / (2 + len(groups)))
     return _either(proof, attempt(general, states))
 
 
@@ -161,7 +170,7 @@ def _either(published: Proof, general: Proof) -> Proof:
 
 def _angles(formula: Formula) -> list[str]:
     """Return the parameters that are angles."""
-    return [parameter.name for parameter in formula.parameters if parameter.unit in ("deg", "rad")]
+    return [parameter.name for parameter in formula.parameters if parameter.unit in _ANGULAR]
 
 
 def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
@@ -191,9 +200,9 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
         drawn=tuple(work.drawn),
         fixed=tuple(name for name in _angles(formula) if name not in work.drawn),
         inexact=tuple(work.inexact),
-        largest=exact.largest,
-        unrecognised=tuple(dict.fromkeys(exact.unrecognised)),
-        recognised=dict(exact.recognised),
+        largest=exact.drawing.largest,
+        unrecognised=tuple(dict.fromkeys(exact.drawing.unrecognised)),
+        recognised=dict(exact.drawing.recognised),
         uncovered=tuple(sorted(work.uncovered)),
     )
 
@@ -206,7 +215,7 @@ def _set_parameters(work: _Work, drawn: Collection[str]) -> None:
     for parameter in work.formula.parameters:
         name = parameter.name
         value = float(parameter.value)
-        if parameter.unit not in ("deg", "rad"):
+        if parameter.unit not in _ANGULAR:
             number = values.constant(value, work.states)
             if work.formulas:
                 number = replace(number, form=forms.variable(name), constant=None)
@@ -233,9 +242,9 @@ def _exact_mechanism(work: _Work) -> ExactMechanism:
         if isinstance(value, Angle) and parameter.name in work.drawn:
             angles[parameter.name] = value
         exact = exact_number(float(parameter.value))
-        if parameter.unit in ("mm", "m") and exact is not None and not exact.factor:
-            lengths[parameter.name] = Fraction(exact.rational)
-    return ExactMechanism(work.robot, work.states, angles, lengths, work.formulas)
+        if parameter.unit in ("mm", "m") and exact is not None and exact.decimal:
+            lengths[parameter.name] = exact.decimal
+    return ExactMechanism(work.robot, Drawing(work.states, angles, lengths, work.formulas))
 
 
 def _joint_ranges(work: _Work) -> dict[str, tuple[bool, float, float]]:
@@ -381,6 +390,6 @@ def _claim(
         reals[key] = values.real_of(work.parameters[key])
     numbers = list(numbers)
     reasons = [f"parameter {key}" for key in work.inexact]
-    reasons += dict.fromkeys(exact.unrecognised)
+    reasons += dict.fromkeys(exact.drawing.unrecognised)
     reasons += dict.fromkeys(work.notes.inexact)
     work.claims.append(judged(name, sentence, numbers, inside, reals, reasons[:_REASONS]))

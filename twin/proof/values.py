@@ -351,6 +351,13 @@ def turned_back(a: Angle) -> Angle:
     return Angle(a.cosine, minus(a.sine), -a.real, -a.published)
 
 
+def first_state(a: Angle) -> Angle:
+    """Return an angle at the first state alone."""
+    cosine = replace(a.cosine, residue=a.cosine.residue[:1], known=a.cosine.known[:1], real=a.cosine.real[:1])
+    sine = replace(a.sine, residue=a.sine.residue[:1], known=a.sine.known[:1], real=a.sine.real[:1])
+    return Angle(cosine, sine, a.real[:1], a.published)
+
+
 def turned(a: Angle, b: Angle) -> Angle:
     """Return a + b of two angles."""
     cosine = difference(product(a.cosine, b.cosine), product(a.sine, b.sine))

@@ -1,0 +1,220 @@
+"""Exact forms of the numbers of a CAD: the decimals, angles and parameters of its drawing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from itertools import combinations
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.proof import constants, values
+from twin.proof import form as forms
+from twin.proof.constants import ROOTS, ExactNumber, decimal, exact_angle
+from twin.proof.form import Form
+from twin.proof.transforms import Matrix, compose, shifted, turn
+from twin.proof.values import Angle, Scalar
+
+LENGTH_TOLERANCE = 1e-10
+"""Distance in m within which a length of the CAD is taken as a decimal, or as a decimal multiplied by a root."""
+
+ANGLE_TOLERANCE = 1e-9
+"""Difference in rad within which an angle of the CAD is taken as a multiple of 30 or 45 degrees, or as a parameter."""
+
+_GRIDS = {1: 10**5, 2: 2000, 3: 2000}
+"""{root: steps in a metre}: what remains of a length after a part of a parameter is subtracted is a multiple of 10
+micrometres, or of half a millimetre multiplied by a root."""
+
+_PARTS = (Fraction(1), Fraction(1, 2), Fraction(3, 2), Fraction(2), Fraction(1, 3))
+"""Multiples of a parameter that are parts of lengths in drawings."""
+
+_LARGEST_PART = 6
+"""Largest numerator and denominator of a part of a parameter in a formula."""
+
+
+class Drawing:
+    """Finds exact forms, and keeps what has none.
+
+    Attributes:
+        states: number k of states.
+        unrecognised: numbers without an exact form, as texts with their body.
+        recognised: {length as text: its exact form}, for lengths that are no decimals.
+        largest: the largest difference in m or rad between a number and its exact form.
+    """
+
+    def __init__(
+        self, states: int, angles: Mapping[str, Angle], lengths: Mapping[str, Fraction], formulas: bool
+    ) -> None:
+        """Keep the parameters that the numbers may contain.
+
+        Args:
+            states: number of states.
+            angles: {parameter of the equations: angle}; an angle of the CAD may be a sum with one or two of them.
+            lengths: {parameter of the equations: length in m}; lengths of the CAD may contain one.
+            formulas: whether lengths that are parts of a parameter are this part in formulas.
+        """
+        self.states = states
+        self.unrecognised: list[str] = []
+        self.recognised: dict[str, str] = {}
+        self.largest = 0.0
+        self._lengths = lengths
+        self._formulas = formulas
+        self._angles = list(angles.values())
+        self._sums = list(_sums(self._angles))
+
+    def fresh(self) -> Drawing:
+        """Return the same drawing for one state, without what was found."""
+        angles = {str(i): values.first_state(angle) for i, angle in enumerate(self._angles)}
+        return Drawing(1, angles, self._lengths, formulas=False)
+
+    def pose(self, T: Array, what: str) -> Matrix:
+        """Return a pose (4, 4) as turn about z, shift, turn about x (common normal), shift along z, turn about z."""
+        z = T[:3, 2]
+        p = T[:3, 3]
+        lean = math.hypot(z[0], z[1])
+        alpha = math.atan2(lean, z[2])
+        theta = 0.0
+        along = 0.0
+        shift = p
+        if lean > ANGLE_TOLERANCE:
+            normal = np.array([-z[1], z[0], 0.0]) / lean
+            theta = math.atan2(normal[1], normal[0])
+            # the feet of the common normal on both axes
+            foot, distance, along = np.linalg.solve(np.column_stack([[0.0, 0.0, 1.0], normal, z]), p)
+            shift = np.array([distance, 0.0, foot])
+        normal = np.array([math.cos(theta), math.sin(theta), 0.0])
+        phi = math.atan2(T[:3, 0] @ np.cross(z, normal), T[:3, 0] @ normal)
+        bend = self.angle(alpha, what)
+        x, y = self._in_plane(float(shift[0]), float(shift[1]), what)
+        foot, beyond = self._feet(float(shift[2]), float(along), alpha, bend, what)
+        matrix = compose(turn(self.angle(theta, what), "z"), shifted([x, y, foot]))
+        matrix = compose(matrix, turn(bend, "x"))
+        zero = values.constant(0.0, self.states)
+        matrix = compose(matrix, shifted([zero, zero, beyond]))
+        return compose(matrix, turn(self.angle(phi, what), "z"))
+
+    def point(self, p: Array, what: str) -> list[Scalar]:
+        """Return a point (3,)."""
+        x, y = self._in_plane(float(p[0]), float(p[1]), what)
+        return [x, y, self.length(float(p[2]), what)]
+
+    def _in_plane(self, x: float, y: float, what: str) -> tuple[Scalar, Scalar]:
+        """Return a point of a plane, given by its coordinates, or by its distance and direction from the origin."""
+        if self._exact_length(x) is None or self._exact_length(y) is None:
+            distance = decimal(math.hypot(x, y), LENGTH_TOLERANCE)
+            direction = self._exact_angle(math.atan2(y, x))
+            if distance is not None and direction is not None:
+                radius = self._recognised(distance, math.hypot(x, y))
+                return values.product(radius, direction.cosine), values.product(radius, direction.sine)
+        return self.length(x, what), self.length(y, what)
+
+    def _feet(self, foot: float, along: float, alpha: float, bend: Angle, what: str) -> tuple[Scalar, Scalar]:
+        """Return the distances of the feet of the common normal from the origins of both frames.
+
+        If an origin lies at decimal distances from the first axis, the feet are `height - offset / sin(bend)` and
+        `offset cos(bend) / sin(bend)`.
+        """
+        if decimal(along, LENGTH_TOLERANCE) is None and abs(math.sin(2 * alpha)) > ANGLE_TOLERANCE:
+            offset = decimal(along * math.tan(alpha), LENGTH_TOLERANCE)
+            if offset is not None:
+                height = decimal(foot + float(offset) / math.sin(alpha), LENGTH_TOLERANCE)
+                if height is not None:
+                    scaled = values.product(values.exact(offset, self.states), values.reciprocal(bend.sine))
+                    first = values.difference(values.exact(height, self.states), scaled)
+                    return first, values.product(scaled, bend.cosine)
+        return self.length(foot, what), self.length(along, what)
+
+    def length(self, value: float, what: str) -> Scalar:
+        """Return a length in m: a decimal, a decimal and a root, or a sum with a part of a parameter."""
+        found = self._exact_length(value)
+        if found is not None:
+            return self._recognised(found, value)
+        self.unrecognised.append(f"{value * 1e3:.9g} mm of {what}")
+        return values.unknown(np.full(self.states, value))
+
+    def _exact_length(self, value: float) -> ExactNumber | None:
+        found = decimal(value, LENGTH_TOLERANCE)
+        if found is not None:
+            return found
+        for length in self._lengths.values():
+            for radicand in (1, *ROOTS):
+                for part in (*_PARTS, *(-part for part in _PARTS)):
+                    factor = constants.exact(part * length, radicand)
+                    rest = _on_grid(value - float(factor))
+                    if rest is not None:
+                        return constants.both(factor, rest)
+        return None
+
+    def angle(self, value: float, what: str) -> Angle:
+        """Return an angle in rad: a multiple of 30 or 45 degrees, or a sum of one with parameters."""
+        found = self._exact_angle(value)
+        if found is not None:
+            return found
+        self.unrecognised.append(f"{math.degrees(value):.9g} deg of {what}")
+        real = np.full(self.states, value)
+        return Angle(values.unknown(np.cos(real)), values.unknown(np.sin(real)), real)
+
+    def _exact_angle(self, value: float) -> Angle | None:
+        fixed = self._multiple(value)
+        if fixed is not None:
+            return fixed
+        for parameters in self._sums:
+            fixed = self._multiple(math.remainder(value - sum(p.published for p in parameters), 2 * math.pi))
+            if fixed is not None:
+                for parameter in parameters:
+                    fixed = values.turned(fixed, parameter)
+                return fixed
+        return None
+
+    def _multiple(self, value: float) -> Angle | None:
+        """Return a multiple of 30 or 45 degrees."""
+        found = exact_angle(value, ANGLE_TOLERANCE)
+        if found is None:
+            return None
+        cosine, sine = found
+        exact_value = math.atan2(float(sine), float(cosine))
+        self.largest = max(self.largest, abs(math.remainder(value - exact_value, 2 * math.pi)))
+        real = np.full(self.states, exact_value)
+        return Angle(values.exact(cosine, self.states), values.exact(sine, self.states), real)
+
+    def _recognised(self, found: ExactNumber, value: float) -> Scalar:
+        self.largest = max(self.largest, abs(float(found) - value))
+        if found.decimal is None:
+            self.recognised[f"{value * 1e3:.9g} mm"] = f"{found.in_mm} mm"
+        length = values.exact(found, self.states)
+        if self._formulas and len(found.parts) == 1:
+            return replace(length, form=self._form(*found.parts[0]) or length.form)
+        return length
+
+    def _form(self, radicand: int, fraction: Fraction) -> Form | None:
+        """Return a length as a part of a parameter; None if it is none."""
+        for name, length in self._lengths.items():
+            part = fraction / length
+            if part.denominator <= _LARGEST_PART and abs(part.numerator) <= _LARGEST_PART:
+                root = forms.number(constants.exact(part, radicand))
+                return forms.product(root, forms.variable(name))
+        return None
+
+
+def _on_grid(value: float) -> ExactNumber | None:
+    """Return a length in m as a multiple of a step of drawings, or of one multiplied by a root."""
+    for radicand, steps in _GRIDS.items():
+        factor = value / math.sqrt(radicand)
+        fraction = Fraction(round(factor * steps), steps)
+        if abs(float(fraction) - factor) * math.sqrt(radicand) <= LENGTH_TOLERANCE:
+            return constants.exact(fraction, radicand)
+    return None
+
+
+def _sums(angles: Sequence[Angle]) -> Iterator[tuple[Angle, ...]]:
+    """Yield each angle, then each two of them, with all signs."""
+    for angle in angles:
+        yield (angle,)
+        yield (values.turned_back(angle),)
+    for first, second in combinations(angles, 2):
+        for a in (first, values.turned_back(first)):
+            for b in (second, values.turned_back(second)):
+                yield a, b

@@ -1,0 +1,63 @@
+"""Poses (4, 4) of exact values, as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from twin.proof import values
+from twin.proof.values import Angle, Scalar
+
+Matrix = list[list[Scalar]]
+"""A pose (4, 4), as rows."""
+
+
+def compose(A: Matrix, B: Matrix) -> Matrix:
+    """Return A B of two poses."""
+    rows = []
+    for i in range(3):
+        row = []
+        for j in range(4):
+            entry = A[i][3] if j == 3 else None
+            for k in range(3):
+                term = values.product(A[i][k], B[k][j])
+                entry = term if entry is None else values.total(entry, term)
+            row.append(entry)
+        rows.append(row)
+    return [*rows, B[3]]
+
+
+def inverse(A: Matrix) -> Matrix:
+    """Return the inverse of a pose: the transposed rotation, and the origin of the other frame."""
+    states = len(A[0][0].real)
+    rows = []
+    for i in range(3):
+        moved = values.constant(0.0, states)
+        for k in range(3):
+            moved = values.difference(moved, values.product(A[k][i], A[k][3]))
+        rows.append([A[0][i], A[1][i], A[2][i], moved])
+    return [*rows, A[3]]
+
+
+def identity(states: int) -> Matrix:
+    """Return the pose without motion."""
+    return [[values.constant(float(i == j), states) for j in range(4)] for i in range(4)]
+
+
+def turn(angle: Angle, axis: Literal["x", "z"]) -> Matrix:
+    """Return the rotation about the x or the z axis."""
+    T = identity(len(angle.real))
+    first, second = {"x": (1, 2), "z": (0, 1)}[axis]
+    T[first][first] = angle.cosine
+    T[first][second] = values.minus(angle.sine)
+    T[second][first] = angle.sine
+    T[second][second] = angle.cosine
+    return T
+
+
+def shifted(p: Sequence[Scalar]) -> Matrix:
+    """Return the translation by a vector (3,)."""
+    T = identity(len(p[0].real))
+    for i in range(3):
+        T[i][3] = p[i]
+    return T
