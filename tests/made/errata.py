@@ -114,6 +114,8 @@ class Entry:
     def after(self) -> EntryRobot:
         """Return the corrected robot; of an entry with one robot only, that robot."""
         joints = tuple(copy.deepcopy(self.data.get("joint", [])))
+        if joints and all(joint["type"] == "fixed" for joint in joints):
+            joints = (_turntable(joints[0]["parent"]), *joints)
         bodies = tuple(copy.deepcopy(self.data.get("body", [])))
         if joints:
             return EntryRobot(self.name, joints, bodies)
@@ -219,6 +221,12 @@ def _write_as(format: str, robot: EntryRobot, path: Path) -> Path:
 
 
 # -- robots -------------------------------------------------------------------------------------------
+
+
+def _turntable(link: str) -> Table:
+    """Return a joint under a part of a robot that has none: a mechanism needs one."""
+    place = {"xyz": [0, 0, 0], "rpy": [0, 0, 0], "axis": [0, 0, 1]}
+    return {"name": "turntable", "type": "continuous", "parent": "stand", "child": link, **place}
 
 
 def _pose(joint: Table) -> np.ndarray:
@@ -406,8 +414,14 @@ def mjcf_text(robot: EntryRobot) -> str:
     ]
     children = {joint["child"] for joint in robot.joints}
     for link in _links(robot):
-        if link not in children:
-            lines += _mjcf_body(robot, link, None, "    ")
+        if link in children:
+            continue
+        if link == "world":  # it has this name in MJCF as well, and is no body there
+            for joint in robot.joints:
+                if joint["parent"] == link:
+                    lines += _mjcf_body(robot, joint["child"], joint, "    ")
+            continue
+        lines += _mjcf_body(robot, link, None, "    ")
     lines.append("  </worldbody>")
     followers = [joint for joint in robot.joints if "mimic" in joint]
     if followers:

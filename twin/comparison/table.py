@@ -1,0 +1,107 @@
+"""The parameters of a table of Denavit-Hartenberg parameters, with their lines, and what another value would move.
+
+The motions of a row are computed here, without the reader that made the side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.comparison.side import RobotSide, TableRow, plain
+from twin.core import spatial
+from twin.core.spatial import Array
+
+_MOTIONS: dict[str, tuple[str, ...]] = {
+    "standard": ("q", "Rz theta", "Tz d", "Tx a", "Rx alpha"),
+    "modified": ("Rx alpha", "Tx a", "Rz theta", "Tz d", "q"),
+    "khalil": ("Rz gamma", "Tz b", "Rx alpha", "Tx d", "Rz theta", "Tz r", "q"),
+    "hayati": ("q", "Rz theta", "Tz d", "Tx a", "Rx alpha", "Ry beta"),
+}
+"""Motions of a row in their order; "q" is that of its joint, along or about z."""
+
+
+@dataclass(frozen=True)
+class CellStatement:
+    """One parameter of one row.
+
+    Attributes:
+        file, line: where it stands.
+        what: "row 'q1' d".
+        role: "cell".
+        values: its value, in the unit of the table.
+        row, parameter: where it belongs.
+    """
+
+    file: str
+    line: int
+    what: str
+    role: str
+    values: tuple[float, ...]
+    row: TableRow
+    parameter: str
+
+    def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
+        """Return the side with another value here; None if the side has no such row."""
+        entry = side.frames.get(self.row.link)
+        if entry is None:
+            return None
+        unit = self.row.units[self.parameter]
+        changed = {**self.row.values, self.parameter: float(values[0]) * unit}
+        before, after = self._parts(self.row.values)
+        new_before, new_after = self._parts(changed)
+        T_base_link = entry[1]
+        # the motion of the joint stands between both parts, and commutes with neither of a general row
+        T_joint = self._joint_motion(side)
+        T_base_parent = T_base_link @ spatial.inverse(before @ T_joint @ after)
+        carried = T_base_parent @ new_before @ T_joint @ new_after @ spatial.inverse(T_base_link)
+        placed = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
+        axes = []
+        for axis in side.axes:
+            if plain(axis.name) in self.row.joints_below:
+                axis = axis.moved(carried)
+            elif plain(axis.name) == plain(self.row.joint):
+                axis = axis.moved(placed)
+            axes.append(axis)
+        frames = {}
+        for name, (group, T) in side.frames.items():
+            frames[name] = (group, carried @ T if name in self.row.frames_below else T)
+        return replace(side, axes=tuple(axes), frames=frames)
+
+    def _joint_motion(self, side: RobotSide) -> Array:
+        """Return the motion (4, 4) of the joint of the row at the drawn state."""
+        for axis in side.axes:
+            if plain(axis.name) == plain(self.row.joint):
+                if axis.is_angle:
+                    return spatial.pose(spatial.exp_so3(np.array([0.0, 0.0, axis.drawn])))
+                return spatial.pose(p=np.array([0.0, 0.0, axis.drawn]))
+        return np.eye(4)
+
+    def _parts(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """Return the constant motions (4, 4) of the row before and after that of its joint."""
+        parts = [np.eye(4), np.eye(4)]
+        behind = 0
+        for motion in _MOTIONS[self.row.convention]:
+            if motion == "q":
+                behind = 1
+                continue
+            kind, parameter = motion.split()
+            vector = values.get(parameter, 0.0) * np.eye(3)["xyz".index(kind[1])]
+            step = spatial.pose(p=vector)
+            if kind[0] == "R":
+                step = spatial.pose(spatial.exp_so3(vector))
+            parts[behind] = parts[behind] @ step
+        return parts[0], parts[1]
+
+
+def cells(side: RobotSide) -> list[CellStatement]:
+    """Return the parameters of the table of a side; [] if it is no table."""
+    found = []
+    for row in side.rows:
+        for parameter, value in row.values.items():
+            shown = value / row.units[parameter]
+            what = f"row '{row.joint}' {parameter}"
+            found.append(CellStatement(row.file, row.line, what, "cell", (shown,), row, parameter))
+    return found
