@@ -97,7 +97,7 @@ def score(entry: Entry, folder: Path) -> Outcome:
 
 
 def wrong(entry: Entry) -> bool:
-    """Return whether a robot of the entry is wrong, or may be: a length that nobody has decided is to be told as well."""
+    """Return whether a robot of the entry is wrong, or may be: what nobody has decided is to be told as well."""
     return entry.kind != "false alarm"
 
 
@@ -145,7 +145,7 @@ def _findings(path: Path) -> list[tuple[str, str]]:
 
 
 def _owners(entry: Entry) -> list[set[str]]:
-    """Return for each joint, body or row with a wrong number its names: a joint's own, and that of the link it places."""
+    """Return for each joint, body or row with a wrong number its names; a joint has that of the link it places too."""
     joints = {joint["name"]: joint for joint in entry.data.get("joint", [])}
     owners = [number.owner for number in entry.numbers if _shows(number)]
     owners += [name for name, before in zip(joints, entry.data.get("order_before", ()), strict=False) if name != before]
@@ -250,9 +250,13 @@ def _rights(edit: NumberEdit, number: WrongNumber, owner: Table) -> bool:
     matched = _WHAT.match(edit.what)
     if matched is None or _plain(matched["owner"]) not in (_plain(number.owner), _plain(owner.get("child", ""))):
         return False
-    if _key(matched["rest"]) != number.key:
-        return False
+    key = _key(matched["rest"])
     new = [float(word) for word in edit.new.split()]
+    if key == "origin" and number.key in ("xyz", "rpy"):
+        key = number.key
+        new = new[:3] if key == "xyz" else new[3:]
+    if key != number.key:
+        return False
     if matched["component"] is None and number.component is not None:
         right = np.asarray(owner[number.key], float)
         if number.key == "rpy":

@@ -13,7 +13,7 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
-    from twin.comparison.side import RobotSide
+    from twin.comparison.side import RobotSide, TableRow
     from twin.exchange.read.source import DhOptions
     from twin.exchange.xacro import XacroSettings
 
@@ -141,7 +141,26 @@ def _side(
         notes=notes,
         efforts=imported.efforts,
     )
+    if _is_table(path):
+        return replace(side, rows=_rows(path, table, [joint.name for joint in imported.mechanism.tree]))
     return replace(side, text=text, places=places)
+
+
+def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableRow, ...]:
+    """Return the rows of a table; `names` are those of its joints, whose bodies are link1, link2, ..."""
+    from twin.comparison.side import TableRow
+    from twin.exchange.formats.dh.table import read_table, unit_size
+
+    table = read_table(path, options)
+    links = [f"link{i + 1}" for i in range(len(names))]
+    rows = []
+    for i, (row, name) in enumerate(zip(table.rows, names, strict=True)):
+        values = {parameter: quantity.value for parameter, quantity in row.values.items()}
+        units = {parameter: unit_size(quantity.unit) for parameter, quantity in row.values.items()}
+        below = frozenset(names[i + 1 :])
+        frames = frozenset([*links[i:], "tool"])
+        rows.append(TableRow(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
+    return tuple(rows)
 
 
 def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:

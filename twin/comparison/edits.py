@@ -6,7 +6,8 @@ while all other conventions and differences stay as they were found.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,11 +18,23 @@ from twin.comparison.frames import gaps
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
 from twin.comparison.side import RobotSide
-from twin.comparison.statements import NumberStatement, statements
+from twin.comparison.statements import NumberStatement, PlaceStatement, places, statements
+from twin.comparison.table import CellStatement
 from twin.core.spatial import Array
+
+Statement = NumberStatement | PlaceStatement | CellStatement
 
 _ROUNDS = 8
 """Steps of the search for one value."""
+
+_OTHER_STARTS = 2
+"""Number of other values from which a search starts, those with the least residual."""
+
+_OTHER = 0.1
+"""Change in m, rad or degrees that shows what a value moves."""
+
+_SMALL = 1e-9
+"""Residual that no step can decrease."""
 
 _STEP = 1e-6
 """Step in m, rad or degrees for derivatives by differences."""
@@ -42,12 +55,14 @@ class _Case:
         matching: which joints are the same.
         u: the solution without the change of the item.
         edited: 0 if the first side is edited, 1 for the second.
+        moved_tools: joints whose leaf frames differ by other conventions.
     """
 
     problem: Problem
     matching: Matching
     u: Unknowns
     edited: int
+    moved_tools: Sequence[int]
 
     @property
     def side(self) -> RobotSide:
@@ -61,26 +76,26 @@ class _Case:
         return Problem(sides[0], sides[1], self.matching, self.problem.tolerance)
 
     def residual(self, side: RobotSide) -> Array:
-        """Return what remains of lines and leaf frames, in m and rad."""
+        """Return what remains of lines, and of leaf frames except those on the joints `moved_tools`, in m and rad."""
         problem = self.with_side(side)
         lines = problem.residuals(self.u.signs, values_of(self.u)[None], self.u.deviating)[0]
         parts = [lines]
         for gap in gaps(problem, self.u):
-            if gap.leaf:
+            if gap.leaf and gap.joint not in self.moved_tools:
                 parts.append((gap.T - np.eye(4))[:3].ravel())
         return np.concatenate(parts)
 
-    def agrees(self, side: RobotSide, moved_tools: Sequence[int]) -> bool:
+    def agrees(self, side: RobotSide) -> bool:
         """Return whether all lines coincide, and all leaf frames except those on the joints `moved_tools`."""
         problem = self.with_side(side)
         if not problem.holds(problem.gap(self.u)):
             return False
         for gap in gaps(problem, self.u):
-            if gap.leaf and gap.joint not in moved_tools and gap.differs(problem):
+            if gap.leaf and gap.joint not in self.moved_tools and gap.differs(problem):
                 return False
         return True
 
-    def moved_frames(self, statement: NumberStatement, values: Array) -> int:
+    def moved_frames(self, statement: Statement, values: Array) -> int:
         """Return the number of frames of inner links that still differ after an edit."""
         side = statement.applied(self.side, tuple(float(value) for value in values))
         assert side is not None
@@ -96,6 +111,7 @@ def with_edits(
     if not (known[0] or known[1]) or problem.first.looped:
         return list(items)
     moved_tools = [gap.joint for gap in gaps(problem, solution.unknowns) if gap.leaf and gap.differs(problem)]
+    common = _common_edits(problem, matching, items, known)
     out = []
     for item in items:
         edits: list[NumberEdit] = []
@@ -106,10 +122,28 @@ def with_edits(
         u = _without(problem, solution.unknowns, item)
         if u is not None:
             for edited in (0, 1):
-                case = _Case(problem, matching, u, edited)
-                edits += _edits(case, known[edited], others)
+                case = _Case(problem, matching, u, edited, others)
+                edits += common[edited]
+                edits += [edit for edit in _edits(case, known[edited]) if edit not in common[edited]]
         out.append(item.with_edits(edits))
     return out
+
+
+def _common_edits(
+    problem: Problem,
+    matching: Matching,
+    items: Sequence[ComparedItem],
+    known: Sequence[Sequence[NumberStatement | CellStatement]],
+) -> list[list[NumberEdit]]:
+    """Return for each side the edits that remove all items at once: one wrong number is likelier than two."""
+    moved = [item for item in items if item.kind not in ("name", "order")]
+    if len(moved) < 2:
+        return [[], []]
+    found = []
+    for edited in (0, 1):
+        case = _Case(problem, matching, problem.start, edited, ())
+        found.append(_edits(case, known[edited], placed=False))
+    return found
 
 
 def _without(problem: Problem, u: Unknowns, item: ComparedItem) -> Unknowns | None:
@@ -134,14 +168,17 @@ def _without(problem: Problem, u: Unknowns, item: ComparedItem) -> Unknowns | No
     return replace(u, deviating=tuple(u.deviating[k] for k in kept), deviations=u.deviations[kept])
 
 
-def _edits(case: _Case, known: Sequence[NumberStatement], moved_tools: Sequence[int]) -> list[NumberEdit]:
-    """Return the edits of one side that make it agree: of one number or, if there is none, of one attribute."""
+def _edits(case: _Case, known: Sequence[NumberStatement | CellStatement], *, placed: bool = True) -> list[NumberEdit]:
+    """Return the edits of one side that make it agree: of one number, else of one attribute, else of one place.
+
+    Without `placed`, places are not tried.
+    """
     side = case.side
     before = case.residual(side)
     found: list[tuple[int, NumberEdit]] = []
     for statement in known:
         for k in range(len(statement.values)):
-            values = _solved(case, statement, [k], before, moved_tools)
+            values = _solved(case, statement, [k], before)
             if values is not None:
                 found.append((case.moved_frames(statement, values), _edit(side, statement, k, values)))
     named = {(edit.file, edit.line, edit.what.partition("[")[0]) for _, edit in found}
@@ -149,10 +186,11 @@ def _edits(case: _Case, known: Sequence[NumberStatement], moved_tools: Sequence[
         # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
         if (found and statement.role != "axis") or (statement.file, statement.line, statement.what) in named:
             continue
-        columns = list(range(len(statement.values)))
-        values = _solved(case, statement, columns, before, moved_tools)
-        if values is not None:
-            found.append((case.moved_frames(statement, values), _edit(side, statement, None, values)))
+        if len(statement.values) > 1:
+            found += _whole(case, statement, before)
+    if not found and placed:
+        for place in places(known):
+            found += _whole(case, place, before)
     # frames of inner links that agree as well, and a round number, make an edit likelier
     found.sort(key=lambda pair: (pair[0], len(pair[1].new)))
     # a value that changes less than its text shows is no edit
@@ -160,23 +198,122 @@ def _edits(case: _Case, known: Sequence[NumberStatement], moved_tools: Sequence[
     return changes[:_MOST]
 
 
-def _solved(
-    case: _Case, statement: NumberStatement, columns: Sequence[int], before: Array, moved_tools: Sequence[int]
-) -> Array | None:
+def _whole(case: _Case, statement: Statement, before: Array) -> list[tuple[int, NumberEdit]]:
+    """Return the edit of all numbers of a statement, with the number of frames that still differ; [] without one."""
+    values = _solved(case, statement, list(range(len(statement.values))), before)
+    if values is None:
+        return []
+    return [(case.moved_frames(statement, values), _edit(case.side, statement, None, values))]
+
+
+def _solved(case: _Case, statement: Statement, columns: Sequence[int], before: Array) -> Array | None:
     """Return the values of a statement with which the sides agree, where only `columns` change; None if none do."""
+    if not _reaches(case, statement, columns, before):
+        return None
+    for start, r in _starts(case, statement, columns, before):
+        values = _improved(case, statement, columns, start, r)
+        if values is not None and _holds(case, statement, values):
+            return _rounded(case, statement, _wrapped(statement, columns, values), columns)
+    return None
+
+
+def _reaches(case: _Case, statement: Statement, columns: Sequence[int], before: Array) -> bool:
+    """Return whether all that remains depends on these numbers: what another value does not move, it cannot remove."""
     values = np.array(statement.values)
-    if statement.role == "axis":
+    values[columns] += _OTHER * np.arange(1, len(columns) + 1)
+    side = statement.applied(case.side, values)
+    if side is None:
+        return False
+    still = np.abs(case.residual(side) - before) < _SMALL * _OTHER
+    return not np.any(still & (np.abs(before) > case.problem.tolerance))
+
+
+def _starts(case: _Case, statement: Statement, columns: Sequence[int], before: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield values to start from, with their residuals: the stated ones, then the best of the usual other ones.
+
+    From a rotation by 180 degrees no small step leads to the right one; lost signs and quarter turns are usual errors.
+    """
+    values = np.array(statement.values)
+    yield values, before
+    found = []
+    for candidate in _candidates(statement, columns):
+        side = statement.applied(case.side, candidate)
+        if side is not None:
+            r = case.residual(side)
+            if np.linalg.norm(r) < np.linalg.norm(before):
+                found.append((float(np.linalg.norm(r)), candidate, r))
+    found.sort(key=lambda one: one[0])
+    for _, candidate, r in found[:_OTHER_STARTS]:
+        yield candidate, r
+
+
+def _candidates(statement: Statement, columns: Sequence[int]) -> list[Array]:
+    """Return the usual other values: opposite signs, directions along x, y and z, and quarter turns."""
+    values = np.array(statement.values)
+    found = []
+    if statement.role == "shift":
+        return found
+    if statement.role != "place":
         opposite = values.copy()
         opposite[columns] *= -1.0
-        if np.any(opposite != values) and _holds(case, statement, opposite, moved_tools):
-            return opposite
+        found.append(opposite)
+    if statement.role == "axis":
         if len(columns) == 3:
-            # a wrong axis is mostly one of the others, too far away for small steps
-            for unit in (*np.eye(3), *-np.eye(3)):
-                if _holds(case, statement, unit, moved_tools):
-                    return unit + 0.0
-    r = before
+            found += [*np.eye(3), *-np.eye(3)]
+        return found
+    angles = _angles(statement, columns)
+    if not angles:
+        return found
+    quarter = np.pi / 2 / _unit(statement)
+    if len(angles) == 1:
+        for turns in (1, -1, 2):
+            turned = values.copy()
+            turned[angles] += turns * quarter
+            found.append(turned)
+        return found
+    for turns in itertools.product((0, 1, 2, -1), (0, 1, -1), (0, 1, 2, -1)):
+        if turns[1] and turns[0]:
+            continue  # at a pitch of 90 degrees, roll and yaw are turns about one line
+        turned = values.copy()
+        turned[angles] = np.array(turns) * quarter
+        found.append(turned)
+    return found
+
+
+def _angles(statement: Statement, columns: Sequence[int]) -> list[int]:
+    """Return which of some values are angles."""
+    if isinstance(statement, CellStatement):
+        return list(columns) if statement.is_angle else []
+    if isinstance(statement, PlaceStatement):
+        return [] if statement.turn.kind == "quat" else [3, 4, 5]
+    if statement.role == "turn" and statement.kind != "quat":
+        return list(columns)
+    return []
+
+
+def _unit(statement: Statement) -> float:
+    """Return the unit of the angles of a statement in rad."""
+    if isinstance(statement, PlaceStatement):
+        return statement.turn.unit
+    return statement.unit
+
+
+def _wrapped(statement: Statement, columns: Sequence[int], values: Array) -> Array:
+    """Return values whose changed angles are at most half a turn."""
+    out = values.copy()
+    turn = 2 * np.pi / _unit(statement)
+    for k in _angles(statement, columns):
+        if abs(out[k]) > turn / 2 * (1 + 1e-6):
+            out[k] -= turn * np.round(out[k] / turn)
+    return out
+
+
+def _improved(case: _Case, statement: Statement, columns: Sequence[int], start: Array, r: Array) -> Array | None:
+    """Return the values to which Newton steps lead, or None if the residual does not decrease."""
+    values = start
     for _ in range(_ROUNDS):
+        if np.linalg.norm(r) < _SMALL:
+            break
         J = _derivatives(case, statement, values, columns, r)
         if J is None or not np.abs(J).max() > 1e-9:
             return None
@@ -187,20 +324,18 @@ def _solved(
         if side is None:
             return None
         r_tried = case.residual(side)
-        if np.linalg.norm(r_tried) > 0.9 * np.linalg.norm(r) and np.linalg.norm(r) > 1e-9:
-            return None
+        if np.linalg.norm(r_tried) > 0.9 * np.linalg.norm(r):
+            if np.linalg.norm(r) > case.problem.tolerance:
+                return None
+            break
         values = tried
         r = r_tried
         if np.abs(step).max() < 1e-10:
             break
-    if not _holds(case, statement, values, moved_tools):
-        return None
-    return _rounded(case, statement, values, columns, moved_tools)
+    return values
 
 
-def _derivatives(
-    case: _Case, statement: NumberStatement, values: Array, columns: Sequence[int], r: Array
-) -> Array | None:
+def _derivatives(case: _Case, statement: Statement, values: Array, columns: Sequence[int], r: Array) -> Array | None:
     """Return the derivatives (rows, columns) of the residual by the values."""
     derivatives = []
     for k in columns:
@@ -213,30 +348,28 @@ def _derivatives(
     return np.array(derivatives).T
 
 
-def _holds(case: _Case, statement: NumberStatement, values: Array, moved_tools: Sequence[int]) -> bool:
+def _holds(case: _Case, statement: Statement, values: Array) -> bool:
     side = statement.applied(case.side, tuple(float(value) for value in values))
-    return side is not None and case.agrees(side, moved_tools)
+    return side is not None and case.agrees(side)
 
 
-def _rounded(
-    case: _Case, statement: NumberStatement, values: Array, columns: Sequence[int], moved_tools: Sequence[int]
-) -> Array:
+def _rounded(case: _Case, statement: Statement, values: Array, columns: Sequence[int]) -> Array:
     """Return the values with as few decimals as are needed for agreement."""
     for digits in _DIGITS:
         rounded = values.copy()
         rounded[columns] = np.round(values[columns], digits)
         # half of the tolerance would be a coincidence: one more digit must not matter
-        if np.abs(rounded - values).max() < 0.05 * case.problem.tolerance and _holds(
-            case, statement, rounded, moved_tools
-        ):
+        if np.abs(rounded - values).max() < 0.05 * case.problem.tolerance and _holds(case, statement, rounded):
             return rounded + 0.0
     return values
 
 
-def _edit(side: RobotSide, statement: NumberStatement, column: int | None, values: Array) -> NumberEdit:
+def _edit(side: RobotSide, statement: Statement, column: int | None, values: Array) -> NumberEdit:
     what = statement.what
     old = " ".join(f"{value:.12g}" for value in statement.values)
     new = " ".join(f"{value:.12g}" for value in values)
+    if column is not None and len(statement.values) == 1:
+        column = None
     if column is not None:
         what = f"{statement.what}[{column}]"
         old = f"{statement.values[column]:.12g}"

@@ -111,8 +111,12 @@ class Problem:
         target_drawn = np.array([axis.drawn for axis in second.axes])
         self.drawn = drawn
         self.target_drawn = target_drawn
-        self.frames = np.array([spatial.frame_from_axes(axis.direction, _across(axis.direction)) for axis in self.axes])
         self.below = self._joints_below()
+
+    @cached_property
+    def frames(self) -> Array:
+        """(joints, 3, 3) frames of the joints of the first side, z along the axis; only deviations need them."""
+        return np.array([spatial.frame_from_axes(axis.direction, _across(axis.direction)) for axis in self.axes])
 
     def _joints_below(self) -> list[list[int]]:
         """Return for each joint the joints that start at its child, without those that close a loop."""

@@ -67,6 +67,30 @@ class JointGroup:
 
 
 @dataclass(frozen=True)
+class TableRow:
+    """A row of a table of Denavit-Hartenberg parameters.
+
+    Attributes:
+        file, line: where it stands.
+        joint, link: names of its joint and of the body behind it.
+        convention: "standard", "modified", "khalil" or "hayati".
+        values: {parameter: its value in m or rad}.
+        units: {parameter: unit of the file in m or rad}.
+        joints_below, frames_below: names of the joints behind its body, and of the frames of its body and behind it.
+    """
+
+    file: str
+    line: int
+    joint: str
+    link: str
+    convention: str
+    values: Mapping[str, float]
+    units: Mapping[str, float]
+    joints_below: frozenset[str] = frozenset()
+    frames_below: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
 class RobotSide:
     """One description of a robot.
 
@@ -83,6 +107,7 @@ class RobotSide:
         path: the file; None if there is none.
         text: the URDF that the file describes, if the file is a xacro; else None.
         places: {"joint/NAME/origin", ...: (file, line)} of that URDF in the xacro files.
+        rows: the rows, if the file is a table of Denavit-Hartenberg parameters.
         notes: texts on data that the reader left out.
         efforts: {joint: maximum effort in N or N m}.
         mechanism: the mechanism, for pictures; None if the side is only equations.
@@ -100,6 +125,7 @@ class RobotSide:
     path: Path | None = None
     text: bytes | None = None
     places: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    rows: tuple[TableRow, ...] = ()
     notes: tuple[str, ...] = ()
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None

@@ -1,10 +1,11 @@
-"""The numbers of a URDF or MJCF that place joints, with file and line, and what another value would move.
+"""The numbers of a URDF, MJCF or table that place joints, with file and line, and what another value would move.
 
 The file is read here by itself, without the reader that made the side.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,7 @@ from xml.parsers import expat
 import numpy as np
 
 from twin.comparison.side import Axis, RobotSide, plain
+from twin.comparison.table import CellStatement, cells
 from twin.core import spatial
 from twin.core.foreign.budget import MJCF_SUFFIXES
 from twin.core.spatial import Array
@@ -103,8 +105,8 @@ class NumberStatement:
     def _step(self, values: Sequence[float] | Array) -> Array | None:
         """Return the motion (4, 4) of the link in its own frame if the numbers change to `values`."""
         if self.role == "turn":
-            old = self._rotation(self.values)
-            new = self._rotation(values)
+            old = self.rotation(self.values)
+            new = self.rotation(values)
             if old is None or new is None:
                 return None
             return spatial.pose(old.T @ new)
@@ -115,9 +117,10 @@ class NumberStatement:
 
     def own_rotation(self) -> Array | None:
         """Return the rotation (3, 3) that a "turn" states; None if its numbers are no rotation."""
-        return self._rotation(self.values)
+        return self.rotation(self.values)
 
-    def _rotation(self, values: Sequence[float] | Array) -> Array | None:
+    def rotation(self, values: Sequence[float] | Array) -> Array | None:
+        """Return the rotation (3, 3) that a "turn" would state with other numbers; None if they are no rotation."""
         if self.kind == "quat":
             if not np.linalg.norm(values) > 1e-9:
                 return None
@@ -126,6 +129,59 @@ class NumberStatement:
         if self.kind == "rpy":
             return _product(angles[::-1], "zyx")
         return _product(angles, self.kind.removeprefix("euler:"))
+
+
+@dataclass(frozen=True)
+class PlaceStatement:
+    """Position and rotation of one element, together.
+
+    Attributes:
+        shift, turn: the two.
+        role: "place".
+    """
+
+    shift: NumberStatement
+    turn: NumberStatement
+    role: Literal["place"] = "place"
+
+    @property
+    def file(self) -> str:
+        """Where it stands."""
+        return self.shift.file
+
+    @property
+    def line(self) -> int:
+        """The first of the lines."""
+        return min(self.shift.line, self.turn.line)
+
+    @property
+    def what(self) -> str:
+        """The element, such as "joint 'a' origin"."""
+        return self.shift.what.rsplit(" ", 1)[0]
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Its numbers, those of the position first."""
+        return (*self.shift.values, *self.turn.values)
+
+    def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
+        """Return the side with another place here; None without this link in the side, or if it is no place."""
+        turned = self.turn.applied(side, values[3:])
+        R_parent_link = self.turn.rotation(values[3:])
+        if turned is None or R_parent_link is None:
+            return None
+        return replace(self.shift, R_parent_link=R_parent_link).applied(turned, values[:3])
+
+
+def places(known: Sequence[NumberStatement | CellStatement]) -> list[PlaceStatement]:
+    """Return the elements that state position and rotation."""
+    found = []
+    for shift, turn in itertools.pairwise(known):
+        if isinstance(shift, NumberStatement) and isinstance(turn, NumberStatement):
+            same = shift.what.rsplit(" ", 1)[0] == turn.what.rsplit(" ", 1)[0]
+            if same and (shift.role, turn.role) == ("shift", "turn"):
+                found.append(PlaceStatement(shift, turn))
+    return found
 
 
 def _product(angles: Array, sequence: str) -> Array:
@@ -149,11 +205,13 @@ def _frame(side: RobotSide, link: str) -> Array | None:
     return None
 
 
-def statements(side: RobotSide) -> list[NumberStatement]:
-    """Return the statements of a URDF, xacro or MJCF; [] for other files, and for files that cannot be read here."""
+def statements(side: RobotSide) -> Sequence[NumberStatement | CellStatement]:
+    """Return the statements of a URDF, xacro, MJCF or table; [] for other files, and for files that cannot be read."""
     path = side.path
     if path is None:
         return []
+    if side.rows:
+        return cells(side)
     if side.text is not None:
         expanded = _parsed(path, side.text)
         if expanded is None:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from twin.comparison.side import RobotSide, TableRow, plain
+from twin.comparison.side import Axis, RobotSide, TableRow
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -30,50 +31,59 @@ class CellStatement:
     Attributes:
         file, line: where it stands.
         what: "row 'q1' d".
-        role: "cell".
         values: its value, in the unit of the table.
         row, parameter: where it belongs.
+        role: "cell".
     """
 
     file: str
     line: int
     what: str
-    role: str
     values: tuple[float, ...]
     row: TableRow
     parameter: str
+    role: Literal["cell"] = "cell"
+
+    @property
+    def unit(self) -> float:
+        """Unit of the value in m or rad."""
+        return self.row.units[self.parameter]
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the value is an angle."""
+        return self.parameter in ("alpha", "theta", "beta", "gamma")
 
     def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
         """Return the side with another value here; None if the side has no such row."""
         entry = side.frames.get(self.row.link)
         if entry is None:
             return None
-        unit = self.row.units[self.parameter]
-        changed = {**self.row.values, self.parameter: float(values[0]) * unit}
-        before, after = self._parts(self.row.values)
-        new_before, new_after = self._parts(changed)
+        changed = {**self.row.values, self.parameter: float(values[0]) * self.unit}
+        before, behind = self._parts(self.row.values)
+        new_before, new_behind = self._parts(changed)
         T_base_link = entry[1]
-        # the motion of the joint stands between both parts, and commutes with neither of a general row
         T_joint = self._joint_motion(side)
-        T_base_parent = T_base_link @ spatial.inverse(before @ T_joint @ after)
-        carried = T_base_parent @ new_before @ T_joint @ new_after @ spatial.inverse(T_base_link)
-        placed = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
+        T_base_parent = T_base_link @ spatial.inverse(before @ T_joint @ behind)
+        # the joint itself is moved by what stands before it, all that is behind it by the whole row
+        W_joint = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
+        W_link = T_base_parent @ new_before @ T_joint @ new_behind @ spatial.inverse(T_base_link)
         axes = []
         for axis in side.axes:
-            if plain(axis.name) in self.row.joints_below:
-                axis = axis.moved(carried)
-            elif plain(axis.name) == plain(self.row.joint):
-                axis = axis.moved(placed)
+            if axis.name in self.row.joints_below:
+                axis = _moved(axis, W_link)
+            elif axis.name == self.row.joint:
+                axis = _moved(axis, W_joint)
             axes.append(axis)
         frames = {}
         for name, (group, T) in side.frames.items():
-            frames[name] = (group, carried @ T if name in self.row.frames_below else T)
+            frames[name] = (group, W_link @ T if name in self.row.frames_below else T)
         return replace(side, axes=tuple(axes), frames=frames)
 
     def _joint_motion(self, side: RobotSide) -> Array:
         """Return the motion (4, 4) of the joint of the row at the drawn state."""
         for axis in side.axes:
-            if plain(axis.name) == plain(self.row.joint):
+            if axis.name == self.row.joint:
                 if axis.is_angle:
                     return spatial.pose(spatial.exp_so3(np.array([0.0, 0.0, axis.drawn])))
                 return spatial.pose(p=np.array([0.0, 0.0, axis.drawn]))
@@ -96,6 +106,11 @@ class CellStatement:
         return parts[0], parts[1]
 
 
+def _moved(axis: Axis, W: Array) -> Axis:
+    point = W[:3, :3] @ axis.point + W[:3, 3]
+    return replace(axis, point=point, direction=W[:3, :3] @ axis.direction)
+
+
 def cells(side: RobotSide) -> list[CellStatement]:
     """Return the parameters of the table of a side; [] if it is no table."""
     found = []
@@ -103,5 +118,5 @@ def cells(side: RobotSide) -> list[CellStatement]:
         for parameter, value in row.values.items():
             shown = value / row.units[parameter]
             what = f"row '{row.joint}' {parameter}"
-            found.append(CellStatement(row.file, row.line, what, "cell", (shown,), row, parameter))
+            found.append(CellStatement(row.file, row.line, what, (shown,), row, parameter))
     return found

@@ -153,6 +153,11 @@ class DhTable:
     guessed: list[str]
 
 
+def unit_size(unit: str) -> float:
+    """Return the size of the unit of a `CellQuantity` in m or rad."""
+    return _SIZE[unit]
+
+
 def read_table(path: Path, given: DhOptions) -> DhTable:
     """Return the table of a file.
 
