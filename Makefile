@@ -12,7 +12,8 @@ export UV_PYTHON_DOWNLOADS ?= never
 # Where it is set, every process compiles all that it imports anew, and the suites start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-slow test-nightly test-pages test-alone test-long witnesses check cad-check usd-check bench bench-check lock-check clean
+.PHONY: demo test test-slow test-nightly test-pages test-alone test-long witnesses check cad-check usd-check bench bench-check \
+	kinerrata lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -81,6 +82,9 @@ bench: .venv/.synced-dev
 
 bench-check: .venv/.synced-dev  ## the short form: has a ratio fallen far below its record?
 	$(RUN) python tests/benchmarks/run.py --short --check
+
+kinerrata: .venv/.synced-dev  ## published errors: detected, located, edit named, nobody accused (docs/kinerrata.md)
+	$(RUN) python tests/kinerrata/score.py
 
 lock-check: | $(UV)
 	$(UV) lock --check

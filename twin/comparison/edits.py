@@ -208,7 +208,8 @@ def _whole(case: _Case, statement: Statement, before: Array) -> list[tuple[int, 
 
 def _solved(case: _Case, statement: Statement, columns: Sequence[int], before: Array) -> Array | None:
     """Return the values of a statement with which the sides agree, where only `columns` change; None if none do."""
-    if not _reaches(case, statement, columns, before):
+    # an axis along x, y or z only changes with its other components, or its sign
+    if statement.role != "axis" and not _reaches(case, statement, columns, before):
         return None
     for start, r in _starts(case, statement, columns, before):
         values = _improved(case, statement, columns, start, r)
