@@ -181,10 +181,11 @@ def _edits(case: _Case, known: Sequence[NumberStatement | CellStatement], *, pla
             values = _solved(case, statement, [k], before)
             if values is not None:
                 found.append((case.moved_frames(statement, values), _edit(side, statement, k, values)))
+    of_one_number = bool(found)
     named = {(edit.file, edit.line, edit.what.partition("[")[0]) for _, edit in found}
     for statement in known:
         # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
-        if (found and statement.role != "axis") or (statement.file, statement.line, statement.what) in named:
+        if (of_one_number and statement.role != "axis") or (statement.file, statement.line, statement.what) in named:
             continue
         if len(statement.values) > 1:
             found += _whole(case, statement, before)
