@@ -404,7 +404,7 @@ def missed(total: Totals) -> list[str]:
 def markdown(outcomes: Sequence[Outcome]) -> str:
     """Return the table, kind by kind and in total."""
     heads = ("kind", "wrong", "detected", "as a convention", "located", "edit at rank 1", "or tied")
-    lines = ["| " + " | ".join((*heads, "alarms after", "accused")) + " |", "|---" + "|---:" * 8 + "|"]
+    lines = ["| " + " | ".join((*heads, "alarms after", "false alarms")) + " |", "|---" + "|---:" * 8 + "|"]
     kinds = sorted({outcome.kind for outcome in outcomes} - {"false alarm"})
     for kind in (*kinds, "false alarm", ""):
         chosen = [outcome for outcome in outcomes if kind in ("", outcome.kind)]
