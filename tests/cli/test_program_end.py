@@ -246,15 +246,29 @@ def commanded(path: Path, code: str) -> list[str]:
     return [sys.executable, "-c", program]
 
 
+@pytest.fixture(scope="module")
+def interrupted(tmp_path_factory):
+    """Start a program for each interrupt, all at once because each waits; return {code: (file, process)}."""
+    started = {}
+    for code in INTERRUPTS:
+        path = tmp_path_factory.mktemp("interrupted") / "author.py"
+        line = commanded(path, code)
+        pipe = subprocess.PIPE
+        started[code] = path, subprocess.Popen(line, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+    yield started
+    for _, process in started.values():
+        process.kill()
+        process.communicate()
+
+
 @pytest.mark.parametrize(("code", "here"), INTERRUPTS.items())
-def test_an_interrupt_by_code_is_no_ctrl_c(tmp_path, code, here):
-    path = tmp_path / "author.py"
-    line = commanded(path, code)
-    done = subprocess.run(line, capture_output=True, text=True, timeout=120, check=False, start_new_session=True)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "the code ends the program by KeyboardInterrupt, so nothing can be checked" in done.stderr
+def test_an_interrupt_by_code_is_no_ctrl_c(interrupted, code, here):
+    path, process = interrupted[code]
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, out) == (2, "")
+    assert "the code ends the program by KeyboardInterrupt, so nothing can be checked" in err
     if here:
-        assert f"twin: {path}:1: the code" in done.stderr
+        assert f"twin: {path}:1: the code" in err
 
 
 @pytest.mark.parametrize("group", [False, True])
