@@ -466,13 +466,13 @@ def _usd(robot: Robot, folder: Path) -> Path:
     if robot.stand != "floating":
         anchor = UsdPhysics.FixedJoint.Define(stage, "/drawn/stand")
         anchor.CreateBody1Rel().SetTargets([f"/drawn/{robot.links[0].name}"])
-        _frame(anchor, 0, spatial.pose(R) @ robot.T_world_root, robot.meters)
+        frame(anchor, 0, spatial.pose(R) @ robot.T_world_root, robot.meters)
     for link in robot.links[1:]:
         joint = schemas[link.kind].Define(stage, f"/drawn/{link.joint}")
         joint.CreateBody0Rel().SetTargets([f"/drawn/{robot.links[link.parent].name}"])
         joint.CreateBody1Rel().SetTargets([f"/drawn/{link.name}"])
-        _frame(joint, 0, link.T @ spatial.pose(p=link.pivot), robot.meters)
-        _frame(joint, 1, spatial.pose(p=link.pivot), robot.meters)
+        frame(joint, 0, link.T @ spatial.pose(p=link.pivot), robot.meters)
+        frame(joint, 1, spatial.pose(p=link.pivot), robot.meters)
         if link.kind == "fixed":
             continue
         joint.CreateAxisAttr("XYZ"[int(np.argmax(np.abs(link.axis)))])
@@ -490,7 +490,7 @@ def _usd(robot: Robot, folder: Path) -> Path:
     return path
 
 
-def _frame(joint, side: int, T: np.ndarray, meters: float) -> None:
+def frame(joint, side: int, T: np.ndarray, meters: float) -> None:
     """Set the frame of one side of a joint; UsdPhysics has it in single precision."""
     position, rotation = (joint.CreateLocalPos0Attr, joint.CreateLocalRot0Attr)
     if side:

@@ -281,8 +281,16 @@ class _Sdf:
         pose = element.find("pose")
         if pose is None or not (pose.text or "").strip():
             return np.eye(4)
-        if pose.get("rotation_format", "euler_rpy") != "euler_rpy":
-            self.xml.fail(where, "pose: only rotation_format euler_rpy is supported")
+        notation = pose.get("rotation_format", "euler_rpy")
+        if notation == "quat_xyzw":
+            values = self.xml.numbers(where, "pose", pose.text, 7, None)
+            x, y, z, w = values[3:]
+            length = float(np.linalg.norm(values[3:]))
+            if not length > 1e-9:
+                self.xml.fail(where, f"pose: the quaternion {x:g} {y:g} {z:g} {w:g} has length 0")
+            return spatial.pose(spatial.matrix_from_quat_wxyz(np.array([w, x, y, z]) / length), values[:3])
+        if notation != "euler_rpy":
+            self.xml.fail(where, f"pose: rotation_format '{notation}' is unknown: use euler_rpy or quat_xyzw")
         values = self.xml.numbers(where, "pose", pose.text, 6, None)
         angles = values[3:]
         if pose.get("degrees") in ("true", "1"):

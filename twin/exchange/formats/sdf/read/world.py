@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from pathlib import Path
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 from twin.core.errors import SourceError, unknown
 from twin.core.foreign.budget import INCLUDES, over
@@ -36,6 +36,7 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
         SourceError: several models have joints and `root` is None, the model does not exist, or a part of the model
             is missing.
     """
+    _express_axes(xml.root)
     known: dict[str, Element] = {}
     taken: list[Path] = []
     missing: list[str] = []
@@ -83,6 +84,29 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
     return known[own]
 
 
+def _express_axes(root: Element) -> None:
+    """State the axes of SDF before 1.7 as those of SDF 1.7: `use_parent_model_frame` becomes `expressed_in`.
+
+    Until SDF 1.4, all axes are in the frame of the model. The same is done by the files 1_4.convert and 1_6.convert of
+    sdformat.
+    """
+    before_choice = root.get("version", "").strip() in ("1.0", "1.2", "1.3", "1.4")
+    for joint in root.iter("joint"):
+        for axis in joint.findall("axis"):
+            choice = axis.find("use_parent_model_frame")
+            in_model = before_choice
+            if choice is not None:
+                in_model = (choice.text or "").strip().lower() in ("true", "1")
+                axis.remove(choice)
+            if not in_model:
+                continue
+            xyz = axis.find("xyz")
+            if xyz is None:  # the default direction is in the frame of the model too
+                xyz = SubElement(axis, "xyz")
+                xyz.text = "0 0 1"
+            xyz.set("expressed_in", ORIGIN)
+
+
 def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
     """Replace each include in a model by the included model; `taken` contains the files included so far."""
     if depth > _DEEPEST:
@@ -120,6 +144,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
     if len(taken) > INCLUDES:
         over(file, "SDF", "number of included files so far", len(taken), INCLUDES)
     other = Xml(file, "sdf")
+    _express_axes(other.root)
     models = other.root.findall("model")
     if len(models) != 1:
         raise SourceError(f"{file}: included by {xml.path.name}: expected one model, found {len(models)}")
