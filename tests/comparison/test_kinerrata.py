@@ -30,7 +30,7 @@ def test_an_entry_says_what_was_wrong_where_and_who_says_so(path):
     entry = read(path)
     must = {"robot", "kind", "accused", "by", "confirmed", "truth", "source"}
     may = {"note", "number", "chain", "convention", "format", "joint", "body", "dh"}
-    may |= {"order_before", "absent_before", "convention_before"}
+    may |= {"order_before", "absent_before", "convention_before", "equation"}
     assert must <= set(entry) <= must | may
     assert entry["kind"] in KINDS
     assert entry["by"] in BY

@@ -65,6 +65,16 @@ def test_no_right_robot_is_accused(name: str, tmp_path: Path) -> None:
     assert outcome.alarms == []
 
 
+def test_a_published_wrong_equation_is_explained(tmp_path: Path) -> None:
+    entry = errata.entry("marlin_scara_sine")
+    outcome = score.score(entry, tmp_path / entry.name)
+    assert outcome.detected == "difference"
+    assert outcome.located
+    assert outcome.edit == "rank 1"
+    assert outcome.alarms == []
+    assert not score._same_statement("S2 = np.sqrt(1 + C2**2)", entry.data["equation"]["after"])
+
+
 @pytest.mark.slow
 def test_the_score_reaches_what_is_required() -> None:
     outcomes = score.score_all()

@@ -25,6 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from made import errata
 from made.errata import Entry, EntryFiles, Table, WrongNumber
 from twin.api.comparison import compare
+from twin.api.judge import explain
+from twin.api.robot import load
 from twin.comparison.items import NumberEdit
 from twin.comparison.pair import SidePair
 from twin.core.errors import TwinError
@@ -92,8 +94,12 @@ class Outcome:
 def score(entry: Entry, folder: Path) -> Outcome:
     """Return the outcome of an entry; its files are written into a new folder."""
     start = time.process_time()
-    files = errata.write(entry, folder)
     outcome = Outcome(entry.name, entry.kind, entry.data["by"], entry.accused)
+    if entry.equation:
+        _formula(entry, folder, outcome)
+        outcome.seconds = round(time.process_time() - start, 2)
+        return outcome
+    files = errata.write(entry, folder)
     if wrong(entry):
         _detect(entry, files, outcome)
     elif entry.kind == "false alarm":
@@ -292,6 +298,46 @@ def _key(rest: str) -> str:
     return {"pos": "xyz", "quat": "rpy", "euler": "rpy"}.get(words[-1], words[-1])
 
 
+# -- formulas -----------------------------------------------------------------------------------------
+
+
+def _formula(entry: Entry, folder: Path, outcome: Outcome) -> None:
+    """Explain the wrong and the corrected formula: their robot is right."""
+    before = explain(load(errata.write_formula(entry, folder / "before", corrected=False)))
+    after = explain(load(errata.write_formula(entry, folder / "after", corrected=True)))
+    outcome.alarms = [row.text for row in after.rows]
+    if after.verdict != "agree":
+        outcome.alarms.append(after.verdict)
+    outcome.told = [row.text for row in before.rows]
+    if before.verdict == "disagree":
+        outcome.detected = "difference"
+    equation = entry.data["equation"]
+    for repair in before.repairs[:1]:
+        readings = [reading for cure in repair.cures for reading in cure]
+        for i, reading in enumerate(readings):
+            for change in reading.changes:
+                outcome.told.append(f"{change.before}: {change.after}")
+                outcome.located |= change.before == equation["before"]
+                if len(reading.changes) == 1 and _same_statement(change.after, equation["after"]):
+                    outcome.edit = outcome.edit or ("tie" if i else "rank 1")
+
+
+def _same_statement(first: str, second: str) -> bool:
+    """Return whether two assignments of a formula give one variable the same value, for some values of the others."""
+    name, expression = first.split(" = ")
+    other_name, other = second.split(" = ")
+    if name != other_name:
+        return False
+    rng = np.random.default_rng(1)
+    names = set(re.findall(r"\b[A-Za-z]\w*\b", f"{expression} {other}")) - {"np", "sqrt"}
+    for _ in range(8):
+        values = {free: float(rng.uniform(-0.9, 0.9)) for free in sorted(names)}
+        results = [eval(text, {"np": np}, values) for text in (expression, other)]
+        if not abs(results[0] - results[1]) < 1e-9:
+            return False
+    return True
+
+
 # -- right robots -------------------------------------------------------------------------------------
 
 
@@ -439,7 +485,7 @@ def score_all(names: Sequence[str] = ()) -> list[Outcome]:
 
 
 def left_out() -> list[dict[str, str]]:
-    """Return the entries without files, each with the reason."""
+    """Return the entries that are not scored, each with the reason."""
     found = []
     for entry in errata.entries():
         if entry.left_out:
@@ -455,7 +501,7 @@ def write(folder: Path) -> None:
     """
     index = []
     for entry in errata.entries():
-        if entry.left_out:
+        if entry.left_out or entry.equation:
             continue
         written = errata.write(entry, folder / entry.name)
         files = {}
@@ -471,7 +517,11 @@ def write(folder: Path) -> None:
                 "files": files,
             }
         )
-    text = json.dumps({"entries": index, "left_out": left_out()}, indent=1, ensure_ascii=False)
+    without = left_out()
+    for entry in errata.entries():
+        if entry.equation:
+            without.append({"entry": entry.name, "kind": entry.kind, "reason": "its error stands in a formula"})
+    text = json.dumps({"entries": index, "left_out": without}, indent=1, ensure_ascii=False)
     (folder / "index.json").write_text(text + "\n", encoding="utf-8")
 
 
@@ -494,7 +544,7 @@ def main() -> int:
         return int(bool(short))
     print(markdown(outcomes))
     print(f"\n{total.confirmed} of {total.wrong} errors are confirmed by maintainer, vendor or datasheet.")
-    print(f"{len(left_out())} entries have no files.")
+    print(f"{len(left_out())} further entries state no robot, or no wrong number.")
     for text in short:
         print(text)
     return int(bool(short))

@@ -1,6 +1,7 @@
 """The entries of tests/kinerrata as files: the robot with the wrong numbers, corrected, and in another format.
 
-Plain code writes URDF, xacro, MJCF and tables of Denavit-Hartenberg parameters; nothing of twin takes part.
+Plain code writes URDF, xacro, MJCF and tables of Denavit-Hartenberg parameters; nothing of twin takes part, except that
+it makes the folder around a formula.
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+from twin.exchange.read import read
+from twin.exchange.read.folder import write_folder
 
 FOLDER = Path(__file__).parents[1] / "kinerrata"
 
@@ -103,10 +107,17 @@ class Entry:
         return not ("joint" in self.data and "dh" in self.data)
 
     @property
+    def equation(self) -> bool:
+        """Whether the error stands in a formula: `write_formula` writes it, and `write` does not."""
+        return "equation" in self.data
+
+    @property
     def left_out(self) -> str:
         """Why no file can be written, or ""."""
         if "chain" not in self.data:
             return "it has no chain: an equation, a name, or a number whose robot is not known"
+        if self.equation:
+            return ""
         if self.alone and self.accused and not self.data.get("body"):
             return "its wrong numbers are not given"
         return ""
@@ -195,6 +206,20 @@ def write(entry: Entry, folder: Path) -> EntryFiles:
         other = "mjcf" if _format(entry, robot) == "urdf" else "urdf"
         second = _write_as(other, robot, folder / "second")
     return EntryFiles(before, after, second)
+
+
+def write_formula(entry: Entry, folder: Path, corrected: bool) -> Path:
+    """Write the robot of an entry as a folder with its wrong or its corrected formula; return the folder."""
+    folder.mkdir(parents=True)
+    table = folder / f"{entry.name}.csv"
+    table.write_text(table_text(entry.after()), encoding="utf-8")
+    robot = folder / entry.name
+    write_folder(read(table), entry.name, robot, table)
+    equation = entry.data["equation"]
+    statement = equation["after" if corrected else "before"]
+    text = equation["formula"].lstrip().replace("{statement}", statement)
+    (robot / "formula.py").write_text(text, encoding="utf-8")
+    return robot
 
 
 def _format(entry: Entry, robot: EntryRobot) -> str:
@@ -470,9 +495,12 @@ def _mjcf_joint(joint: Table) -> str:
 
 def table_text(robot: EntryRobot) -> str:
     """Return the table of a robot as CSV, with its convention and units."""
-    lines = [f"# convention: {robot.convention}", "# units: m, rad", "joint,type,a,alpha,d,theta,offset"]
+    limits = ("lower", "upper") if all("lower" in row for row in robot.rows) else ()
+    headings = ("joint", "type", "a", "alpha", "d", "theta", "offset", *limits)
+    lines = [f"# convention: {robot.convention}", "# units: m, rad", ",".join(headings)]
     for row in robot.rows:
         values = [row[key] for key in ("a", "alpha", "d", "theta")]
         cells = [row["name"], row.get("type", "revolute"), *values, row.get("offset", 0)]
+        cells += [row[key] for key in limits]
         lines.append(",".join(str(cell) for cell in cells))
     return "\n".join(lines) + "\n"
