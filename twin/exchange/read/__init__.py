@@ -24,7 +24,11 @@ from twin.exchange.xacro import XacroSettings
 
 def suffixes() -> dict[str, Format]:
     """Return the formats that can be read, by file name suffix."""
-    return {suffix: format for format in imported() for suffix in format.sources}
+    known: dict[str, Format] = {}
+    for format in imported():
+        for suffix in format.sources:
+            known[suffix] = format
+    return known
 
 
 def format_of(path: Path) -> Format:

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from twin.cad.meeting import locked_error
-from twin.core.findings import Finding, finding
+from twin.core.findings import Finding, Severity, finding
 from twin.core.quantity import Quantity, deg, mm
+from twin.core.spatial import Array
 from twin.exchange.read.drives import with_drives
 from twin.exchange.read.proposals import MEETING
 from twin.exchange.read.source import Findings, Imported, note, warning
 from twin.exchange.read.start import inside, shown, started
+from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.assembling import CLOSED, assemble, closes_alone, is_closed, settle
@@ -51,15 +55,43 @@ def close(imported: Imported) -> Imported:
     for name, (offset, tilt) in home.gap.items():
         if _open(offset, tilt):
             findings.append(_gap(mechanism, name, offset, tilt, unread))
-    moved = []
+    _report_moved(mechanism, home, findings)
+    _report_outside(mechanism, home, findings)
+    freedom = model.mobility(home.x).freedom
+    if len(mechanism.active) > freedom:
+        text = (
+            f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: remove "
+            "`active = true` from the passive joints, and list the driven joints first."
+        )
+        findings.warn("driven", text, mechanism.name)
+    home_values: dict[str, float] = {}
+    for joint, q in zip(mechanism.active, home.q, strict=True):
+        home_values[joint.name] = float(q)
+    postures: dict[str, Mapping[str, float]] = {"home": home_values}  # home must be the first posture
+    for name, values in mechanism.postures.items():
+        if name != "home":
+            postures[name] = values
+    mechanism = replace(mechanism, rest=home.link_poses, postures=postures)
+    return with_drives(replace(imported, mechanism=mechanism, findings=findings))
+
+
+def _report_moved(mechanism: Mechanism, home: Assembly, findings: Findings) -> None:
+    """Add a finding that names the driven joints whose values at home differ from those of the rest pose."""
+    moved: list[Joint] = []
+    values: list[str] = []
     for joint in mechanism.active:
         drawn = joint.coordinate(mechanism.rest[joint.parent], mechanism.rest[joint.child])
+        # 1e-9 rad or m is more than the rounding of a coordinate that is computed from two body poses.
         if abs(home.q_full.get(joint.name, 0.0) - drawn) > 1e-9:
             moved.append(joint)
+            values.append(f"'{joint.name}' at {shown(joint, home.q_full[joint.name])}")
     if moved:
-        names = ", ".join(f"'{j.name}' at {shown(j, home.q_full[j.name])}" for j in moved)
-        text = f"Driven joints were moved to close the loops; their values at home: {names}."
+        text = f"Driven joints were moved to close the loops; their values at home: {', '.join(values)}."
         findings.note("moved", text, moved[0].name)
+
+
+def _report_outside(mechanism: Mechanism, home: Assembly, findings: Findings) -> None:
+    """Add a finding for each joint that is outside its limits at home."""
     for joint in mechanism.joints:
         q = home.q_full.get(joint.name)
         if q is None or not joint.limits:
@@ -71,40 +103,27 @@ def close(imported: Imported) -> Imported:
                 f"{shown(joint, high)}."
             )
             findings.warn("rest", text, joint.name)
-    freedom = model.mobility(home.x).freedom
-    if len(mechanism.active) > freedom:
-        text = (
-            f"{len(mechanism.active)} joints are driven, but the mechanism has {freedom} degrees of freedom: remove "
-            "`active = true` from the passive joints, and list the driven joints first."
-        )
-        findings.warn("driven", text, mechanism.name)
-    q = {j.name: float(v) for j, v in zip(mechanism.active, home.q, strict=True)}
-    others = {n: v for n, v in mechanism.postures.items() if n != "home"}  # home must be the first posture
-    mechanism = replace(mechanism, rest=home.link_poses, postures={"home": q, **others})
-    return with_drives(replace(imported, mechanism=mechanism, findings=findings))
 
 
 def _authored_open(imported: Imported) -> Iterator[Finding]:
     """Yield a finding for each joint whose two frames do not coincide at the body poses of the file."""
     m = imported.mechanism
+    if imported.posed:
+        severity: Severity = "warning"
+        poses = "the body poses of the file"
+    else:
+        # A URDF states no pose: nobody claimed that its loops close at zero.
+        severity = "info"
+        poses = "the body poses of the file (all coordinates zero)"
     for joint in m.joints:
         T = joint.relative(m.rest[joint.parent], m.rest[joint.child])
         offset, tilt = locked_error(T, joint.type)
         if offset > MEETING[0] or tilt > MEETING[1]:
             text = (
-                f"joint '{joint.name}' is open by {mm(offset)} and {deg(tilt)} at the body poses of the file"
-                f"{'' if imported.posed else ' (all coordinates zero)'}; home is the nearest state in which this joint "
-                "is closed"
+                f"joint '{joint.name}' is open by {mm(offset)} and {deg(tilt)} at {poses}; home is the nearest state "
+                "in which this joint is closed"
             )
-            yield finding(
-                "warning" if imported.posed else "info",
-                "import.open",
-                joint.name,
-                text,
-                Quantity(offset, "m"),
-                MEETING[0],
-                word="",
-            )
+            yield finding(severity, "import.open", joint.name, text, Quantity(offset, "m"), MEETING[0], word="")
 
 
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
@@ -112,33 +131,55 @@ def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tup
     drawn = assemble(model)
     if is_closed(drawn):
         drawn = inside(model, drawn) or drawn
-    name = model.mechanism.name
-    there = regularity(model, [drawn.x])[0] if is_closed(drawn) else None
-    if there is not None and not there.singular:
+    drawn_regularity: Regularity | None = None
+    if is_closed(drawn):
+        drawn_regularity = regularity(model, [drawn.x])[0]
+    if drawn_regularity is None:
+        reason = "the loops do not close at the rest pose of the file"
+    elif drawn_regularity.singular:
+        reason = (
+            f"at the rest pose the mechanism is singular (rank of the loop equations {drawn_regularity.rank}; at "
+            f"nearby states {drawn_regularity.usual})"
+        )
+    else:
         return drawn, []
-    why = "the loops do not close at the rest pose of the file" if there is None else f"at the rest pose {_lost(there)}"
     for key, values in keys.items():
-        found = settle(model, values)
-        if found is not None and breach(model.tree, found.x) < _IN and not regularity(model, [found.x])[0].singular:
-            return found, [note("home", f"{why}: home is key frame '{key}', with its loops closed.", key)]
-    if there is None:
+        state = settle(model, values)
+        if state is None or breach(model.tree, state.x) >= _IN:
+            continue
+        if not regularity(model, [state.x])[0].singular:
+            return state, [note("home", f"{reason}: home is key frame '{key}', with its loops closed.", key)]
+    if drawn_regularity is None:
         return drawn, []
-    best, margin = drawn.x, there.margin
+    name = model.mechanism.name
+    best, margin = _less_singular(model, drawn, drawn_regularity.margin)
+    if margin < SINGULAR:
+        text = f"{reason}, and no nearby state was found that is less singular: small moves from home may fail."
+        return drawn, [warning("singular", text, name)]
+    return model.state(best), [warning("home", f"{reason}: home is a nearby state that is less singular.", name)]
+
+
+def _less_singular(model: ReferenceModel, drawn: Assembly, margin: float) -> tuple[Array, float]:
+    """Return the least singular state (nq,) found near `drawn` within the joint limits, and its margin.
+
+    `margin` is that of `drawn`, which is returned if no better state is found.
+    """
+    best = drawn.x
     for _ in range(_ROUNDS):
         within = [x for x in closed_beside(model, best) if breach(model.tree, x) < _IN]
+        # `best` comes first, because all ranks are compared with the ranks near the first state.
         graded = regularity(model, [best, *within])[1:]
-        better = max(zip(graded, within, strict=True), key=lambda pair: pair[0].margin, default=None)
-        if better is None or better[0].margin <= margin:
+        nearby_best: Array | None = None
+        nearby_margin = -np.inf
+        for grade, x in zip(graded, within, strict=True):
+            if nearby_best is None or grade.margin > nearby_margin:
+                nearby_best = x
+                nearby_margin = grade.margin
+        if nearby_best is None or nearby_margin <= margin:
             break
-        best, margin = better[1], better[0].margin
-    if margin < SINGULAR:
-        text = f"{why}, and no nearby state was found that is less singular: small moves from home may fail."
-        return drawn, [warning("singular", text, name)]
-    return model.state(best), [warning("home", f"{why}: home is a nearby state that is less singular.", name)]
-
-
-def _lost(r: Regularity) -> str:
-    return f"the mechanism is singular (rank of the loop equations {r.rank}; at nearby states {r.usual})"
+        best = nearby_best
+        margin = nearby_margin
+    return best, margin
 
 
 def _open(offset: float, tilt: float) -> bool:
@@ -146,17 +187,19 @@ def _open(offset: float, tilt: float) -> bool:
 
 
 def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
-    if name in {c.name for c in mechanism.couplings}:
+    if any(coupling.name == name for coupling in mechanism.couplings):
         text = (
             f"the sum of coupling '{name}' differs from its constant by {deg(tilt)} or {mm(offset)} at the state with "
             "the smallest gaps"
         )
         return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
-    alone = closes_alone(mechanism, name)
-    if _open(*alone):
-        why = f"With all other loops cut, a gap of {mm(alone[0])} and {deg(alone[1])} remains. "
-        left = f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}" if unread else ""
-        why += left or "The gap is a defect of the model."
+    alone_offset, alone_tilt = closes_alone(mechanism, name)
+    if _open(alone_offset, alone_tilt):
+        why = f"With all other loops cut, a gap of {mm(alone_offset)} and {deg(alone_tilt)} remains. "
+        if unread:
+            why += f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}"
+        else:
+            why += "The gap is a defect of the model."
     else:
         why = "With all other loops cut, this loop closes: the loops contradict each other, or need another start pose."
     text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"

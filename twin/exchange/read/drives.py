@@ -32,12 +32,19 @@ def with_drives(imported: Imported) -> Imported:
     m = imported.mechanism
     findings = Findings(imported.findings)
     assumed = set(imported.assumed)
-    stated = {joint.name: joint.drive.max_effort for joint in m.joints if joint.drive} | imported.efforts
+    stated: dict[str, float | None] = {}
+    for joint in m.joints:
+        if joint.drive:
+            stated[joint.name] = joint.drive.max_effort
+    stated |= imported.efforts
     for name, effort in stated.items():
         if effort is not None and not effort > 0:
             text = f"joint '{name}': maximum effort {effort:g} is not imported: it must be positive."
             findings.warn("effort", text, name)
-    efforts = {name: effort for name, effort in imported.efforts.items() if effort > 0}
+    efforts: dict[str, float] = {}
+    for name, effort in imported.efforts.items():
+        if effort > 0:
+            efforts[name] = effort
     m = replace(m, actuators=_motors(m, efforts, assumed, findings))
     joints = []
     for joint in m.joints:
@@ -45,7 +52,9 @@ def with_drives(imported: Imported) -> Imported:
             joint = replace(joint, drive=replace(joint.drive, max_effort=None))
         if joint.active and joint.drive is None and m.transmission_of(joint.name) is None:
             carried = _carried(m, joint) or _NOTHING[joint.type]
-            joint = replace(joint, drive=Drive(carried * _RATE**2, 2 * carried * _RATE, efforts.get(joint.name)))
+            # A mass m on a spring and a damper: stiffness m w^2 gives the frequency w, and damping 2 m w is critical.
+            drive = Drive(carried * _RATE**2, 2 * carried * _RATE, efforts.get(joint.name))
+            joint = replace(joint, drive=drive)
             assumed.add(joint.name)
             text = (
                 f"joint '{joint.name}' is driven, but the file states no gains: they are ASSUMED, with a natural "
@@ -63,7 +72,9 @@ def with_drives(imported: Imported) -> Imported:
 
 def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: Findings) -> tuple[Actuator, ...]:
     """Return the actuators, each with a drive. Missing gains are ASSUMED, from the inertia that the motor moves."""
-    motors = {actuator.name: actuator for actuator in m.actuators}
+    motors: dict[str, Actuator] = {}
+    for actuator in m.actuators:
+        motors[actuator.name] = actuator
     for t in m.transmissions:
         carried_by_joints: list[float] = []
         for name in t.joints:
@@ -92,21 +103,23 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
                 findings.warn("effort", text, joint)
                 continue
             name, ratio = single
-            known = motors[name].max_effort
-            motors[name] = replace(motors[name], max_effort=known or effort * abs(ratio))
+            # An effort that the file states for the motor itself is kept.
+            motor_effort = motors[name].max_effort or effort * abs(ratio)
+            motors[name] = replace(motors[name], max_effort=motor_effort)
     return tuple(motors.values())
 
 
 def _carried(m: Mechanism, joint: Joint) -> float:
     """Return the inertia in kg m2 of the bodies moved by a joint, about its axis; for a slide, their mass in kg."""
-    beyond = {next(j.child for j in m.tree if j.name == joint.name)}
+    # The tree is sorted from the base outwards: a joint comes after the joint that carries its parent.
+    moved: set[str] = set()
     for j in m.tree:
-        if j.parent in beyond and j.name != joint.name:
-            beyond.add(j.child)
+        if j.name == joint.name or j.parent in moved:
+            moved.add(j.child)
     T = spatial.inverse(m.rest[joint.parent] @ joint.T_parent_joint)
     total = 0.0
     for body in m.bodies:
-        if body.name not in beyond or body.inertia is None:
+        if body.name not in moved or body.inertia is None:
             continue
         if not joint.is_angle:
             total += body.inertia.mass

@@ -103,20 +103,29 @@ class Pair:
     @property
     def confidence(self) -> Literal["high", "medium", "low"]:
         """Confidence that the faces fit: high for a `miss` up to 5 %, medium up to 20 %, else low."""
-        return "high" if self.miss <= 0.05 else "medium" if self.miss <= 0.2 else "low"
+        if self.miss <= 0.05:
+            return "high"
+        if self.miss <= 0.2:
+            return "medium"
+        return "low"
 
     @property
     def radii(self) -> str:
         """Text with the radii and part names of both faces."""
-        return (
-            f"radii {self.a.face.radius / MM:.4g} mm on '{self.a.part.name}' and {self.b.face.radius / MM:.4g} mm on "
-            f"'{self.b.part.name}'"
-        )
+        radius_a = self.a.face.radius / MM
+        radius_b = self.b.face.radius / MM
+        return f"radii {radius_a:.4g} mm on '{self.a.part.name}' and {radius_b:.4g} mm on '{self.b.part.name}'"
 
     def movable(self) -> bool:
         """Return whether one face is a pin or ball, and the other a bore or cup in which it can move."""
-        shaft, bore = (self.a, self.b) if self.a.face.radius < self.b.face.radius else (self.b, self.a)
-        return _PLAY[0] < self.clearance < _PLAY[1] and shaft.outward() > 0 > bore.outward()
+        smallest, largest = _PLAY
+        if not smallest < self.clearance < largest:
+            return False
+        shaft = self.a
+        bore = self.b
+        if shaft.face.radius >= bore.face.radius:
+            shaft, bore = bore, shaft
+        return shaft.outward() > 0 > bore.outward()
 
 
 def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
@@ -126,17 +135,35 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
     returned: coincident axes are preferred, then the minimum clearance. `parts` maps body names to the parts of the
     bodies, in the coordinates of the STEP.
     """
-    found = [*_coaxial(list(_rounds(parts, "cylinder"))), *_concentric(list(_rounds(parts, "sphere")))]
-    out: dict[tuple[str, str], list[Pair]] = {}
-    for pair in sorted(found, key=lambda p: (p.near, p.clearance, -p.overlap)):
-        others = out.setdefault((pair.a.body, pair.b.body), [])
-        if any(o.kind == pair.kind and same_axis(o.a, pair.a) and same_axis(o.b, pair.b) for o in others):
+    cylinders = _rounds(parts, "cylinder")
+    spheres = _rounds(parts, "sphere")
+    candidates = [*_coaxial(cylinders), *_concentric(spheres)]
+    # The best of several fits on one axis comes first, and the others are then left out.
+    candidates.sort(key=lambda p: (p.near, p.clearance, -p.overlap))
+    by_bodies: dict[tuple[str, str], list[Pair]] = {}
+    for pair in candidates:
+        fits = by_bodies.setdefault((pair.a.body, pair.b.body), [])
+        if _on_axis_of_one(pair, fits):
             continue
         # Faces that do not coincide count only if one is a pin (or ball) and the other a bore (or cup).
         if not pair.near or (pair.miss < 1 and pair.a.outward() * pair.b.outward() < 0):
-            others.append(pair)
-    order = {b: i for i, b in enumerate(parts)}
-    return sorted((p for own in out.values() for p in own), key=lambda p: (order[p.a.body], order[p.b.body]))
+            fits.append(pair)
+    pairs: list[Pair] = []
+    for fits in by_bodies.values():
+        pairs += fits
+    order = list(parts)
+    pairs.sort(key=lambda p: (order.index(p.a.body), order.index(p.b.body)))
+    return pairs
+
+
+def _on_axis_of_one(pair: Pair, fits: Sequence[Pair]) -> bool:
+    """Return whether one of the fits of the same two bodies has the axes or centres of `pair`."""
+    for fit in fits:
+        if fit.kind != pair.kind:
+            continue
+        if same_axis(fit.a, pair.a) and same_axis(fit.b, pair.b):
+            return True
+    return False
 
 
 def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bool:
@@ -151,12 +178,18 @@ def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bo
     return tilt < within[1] and apart < within[0]
 
 
-def _rounds(parts: Mapping[str, Sequence[Part]], kind: str) -> Iterator[Round]:
-    for body, own in parts.items():
-        for part in own:
+def _rounds(parts: Mapping[str, Sequence[Part]], kind: Literal["cylinder", "sphere"]) -> list[Round]:
+    rounds = []
+    for body, body_parts in parts.items():
+        for part in body_parts:
             for face in part.faces:
-                if face.kind == kind:
-                    yield Round(body, part, face, _reach(part, face) if kind == "cylinder" else (0.0, 0.0))
+                if face.kind != kind:
+                    continue
+                reach = (0.0, 0.0)
+                if kind == "cylinder":
+                    reach = _reach(part, face)
+                rounds.append(Round(body, part, face, reach))
+    return rounds
 
 
 def _reach(part: Part, face: Face) -> tuple[float, float]:
@@ -164,34 +197,44 @@ def _reach(part: Part, face: Face) -> tuple[float, float]:
     offset = part.vertices - face.point
     along = offset @ face.direction
     radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)
-    on = along[np.abs(radius - face.radius) < _APART]
-    return (float(on.min()), float(on.max())) if len(on) else (0.0, 0.0)
+    on_face = along[np.abs(radius - face.radius) < _APART]
+    if not len(on_face):
+        return 0.0, 0.0
+    return float(on_face.min()), float(on_face.max())
 
 
 def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
+    """Yield the coaxial fits of cylinders: each cylinder is compared with all later ones at once."""
     if not rounds:
         return
-    P = np.array([r.face.point for r in rounds])
-    D = np.array([r.face.direction for r in rounds])
-    radius = np.array([r.face.radius for r in rounds])
-    half = 0.5 * np.array([r.length for r in rounds])
-    body = np.array([r.body for r in rounds])
+    max_distance, max_tilt = GROSS
+    max_clearance, max_fraction = _CLEARANCE
+    points = np.array([r.face.point for r in rounds])
+    directions = np.array([r.face.direction for r in rounds])
+    radii = np.array([r.face.radius for r in rounds])
+    half_lengths = 0.5 * np.array([r.length for r in rounds])
+    bodies = np.array([r.body for r in rounds])
     for i, a in enumerate(rounds):
-        offset = P[i + 1 :] - P[i]
-        along = offset @ D[i]
-        apart = np.linalg.norm(offset - along[:, None] * D[i], axis=1)
-        tilt = np.linalg.norm(np.cross(D[i + 1 :], D[i]), axis=1)
-        loose = np.maximum(_CLEARANCE[0], _CLEARANCE[1] * np.minimum(radius[i + 1 :], radius[i]))
-        fits = (body[i + 1 :] != a.body) & (tilt < GROSS[1]) & (apart < GROSS[0] + tilt * (half[i + 1 :] + half[i]))
-        fits &= np.abs(radius[i + 1 :] - radius[i]) <= loose
+        later = slice(i + 1, None)
+        offset = points[later] - points[i]
+        along = offset @ directions[i]
+        distance = np.linalg.norm(offset - along[:, None] * directions[i], axis=1)
+        tilt = np.linalg.norm(np.cross(directions[later], directions[i]), axis=1)
+        # A point of a face is somewhere along it: up to there, a tilted axis departs from the other one.
+        departure = tilt * (half_lengths[later] + half_lengths[i])
+        clearance = np.abs(radii[later] - radii[i])
+        fits = bodies[later] != a.body
+        fits &= tilt < max_tilt
+        fits &= distance < max_distance + departure
+        fits &= clearance <= np.maximum(max_clearance, max_fraction * np.minimum(radii[later], radii[i]))
         for k in np.flatnonzero(fits):
             b = rounds[i + 1 + k]
             low, high = shared(a, b)
             if high - low < _APART:
                 continue
-            amid = a.face.point + 0.5 * (low + high) * a.face.direction
-            off = float(spatial.point_to_line(amid, b.face.point, b.face.direction))
-            if off < GROSS[0]:
+            middle = a.face.point + 0.5 * (low + high) * a.face.direction
+            off = float(spatial.point_to_line(middle, b.face.point, b.face.direction))
+            if off < max_distance:
                 yield Pair("coaxial", a, b, high - low, off, float(tilt[k]))
 
 
@@ -202,20 +245,32 @@ def shared(a: Round, b: Round) -> tuple[float, float]:
     """
     d = a.face.direction
     offset = float((b.face.point - a.face.point) @ d)
-    reach = b.reach if b.face.direction @ d > 0 else (-b.reach[1], -b.reach[0])
-    return max(a.reach[0], offset + reach[0]), min(a.reach[1], offset + reach[1])
+    start, end = b.reach
+    if not b.face.direction @ d > 0:
+        start, end = -end, -start
+    return max(a.reach[0], offset + start), min(a.reach[1], offset + end)
 
 
 def _concentric(rounds: list[Round]) -> Iterator[Pair]:
+    """Yield the concentric fits of spheres."""
+    max_distance, _ = GROSS
+    max_clearance, max_fraction = _CLEARANCE
     for i, a in enumerate(rounds):
         for b in rounds[i + 1 :]:
-            off = float(np.linalg.norm(a.face.point - b.face.point))
-            loose = max(_CLEARANCE[0], _CLEARANCE[1] * min(a.face.radius, b.face.radius))
-            if a.body != b.body and off < GROSS[0] and abs(a.face.radius - b.face.radius) <= loose:
-                yield Pair("concentric", a, b, 2 * min(a.face.radius, b.face.radius), off, 0.0)
+            if a.body == b.body:
+                continue
+            distance = float(np.linalg.norm(a.face.point - b.face.point))
+            smaller = min(a.face.radius, b.face.radius)
+            clearance = abs(a.face.radius - b.face.radius)
+            if distance < max_distance and clearance <= max(max_clearance, max_fraction * smaller):
+                yield Pair("concentric", a, b, 2 * smaller, distance, 0.0)
 
 
 def perpendicular(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
     """Return (part, face) for each plane face of a body that is perpendicular to an axis."""
-    planes = ((part, face) for part in parts for face in part.faces if face.kind == "plane")
-    return [(part, face) for part, face in planes if np.linalg.norm(np.cross(face.direction, axis)) < _TILT]
+    planes = []
+    for part in parts:
+        for face in part.faces:
+            if face.kind == "plane" and np.linalg.norm(np.cross(face.direction, axis)) < _TILT:
+                planes.append((part, face))
+    return planes

@@ -17,6 +17,7 @@ from twin.core import assets
 from twin.core.errors import OutputError
 from twin.core.findings import Finding, by_severity
 from twin.core.foreign.budget import BUDGETS, over
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.core.version import __version__
@@ -44,8 +45,7 @@ def require_free(target: Path, force: bool = False) -> None:
     if target.is_dir() and any(target.iterdir()):
         if not force:
             raise OutputError(f"{target}: the folder is not empty; choose another folder with --out, or use --force")
-        others = [p.name for p in (target / "cad").glob("*.toml")]
-        if any(target.iterdir()) and not others:
+        if not any((target / "cad").glob("*.toml")):
             raise OutputError(f"{target}: the folder is not a robot folder, so --force does not overwrite it")
 
 
@@ -101,13 +101,19 @@ def write_robot(
             (work / "trajectories/first.toml").write_text(protocol(mechanism), "utf-8")
         (work / NOTES).write_text(notes(name, findings, source), "utf-8")
         written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
-    first = Path("cad") / f"{name}.toml"
-    return [target / first, *(target / p for p in written if p != first)]
+    description = Path("cad") / f"{name}.toml"
+    paths = [target / description]
+    for path in written:
+        if path != description:
+            paths.append(target / path)
+    return paths
 
 
 def notes(name: str, findings: list[Finding], source: Path) -> str:
     """Return the text of IMPORT.md: the findings of the import, the most severe first."""
-    digest = hashlib.sha256(source.read_bytes()).hexdigest() if source.is_file() else "-"
+    digest = "-"
+    if source.is_file():
+        digest = hashlib.sha256(source.read_bytes()).hexdigest()
     lines = [
         f"# How {one_line(name)} was imported",
         "",
@@ -116,21 +122,30 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
     ]
     titles = {"warning": "Changes from the file", "info": "Changed without loss"}
     for severity, title in titles.items():
-        own = [f"- {one_line(f.message)} ({f.code})" for f in by_severity(findings) if f.severity == severity]
-        lines += [f"## {title}", "", *(own or ["- nothing"]), ""]
+        items = []
+        for f in by_severity(findings):
+            if f.severity == severity:
+                items.append(f"- {one_line(f.message)} ({f.code})")
+        lines += [f"## {title}", "", *(items or ["- nothing"]), ""]
     return "\n".join(lines)
 
 
 def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
     """Return a mechanism's description in TOML; `assumed` names the joints and actuators whose drives are ASSUMED."""
     cited = {"provenance": "CITED", "note": source}
+    head: JsonObject = {"name": m.name, "title": m.name, "source": source, "default_protocol": "first", "base": m.base}
+    head["tool"] = m.tool
+    # A description has one key for one trocar, and another one for several.
+    if len(m.trocars) == 1:
+        head["trocar"] = m.trocars[0]
+    elif m.trocars:
+        head["trocars"] = m.trocars
+    if m.gravity != EARTH:
+        head["gravity_m_s2"] = m.gravity
     lines = [
         f"# {m.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in ../{NOTES}.",
         "# All frames are in the base frame at the rest pose, with loops closed.",
-        *rows({"name": m.name, "title": m.name, "source": source, "default_protocol": "first", "base": m.base}),
-        *rows({"tool": m.tool, "trocar": m.trocars[0] if len(m.trocars) == 1 else None}),
-        *rows({"trocars": m.trocars if len(m.trocars) > 1 else None}),
-        *rows({"gravity_m_s2": m.gravity if m.gravity != EARTH else None}),
+        *rows(head),
         *TOLERANCE,
     ]
     for body in m.bodies:
@@ -148,27 +163,32 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
         )
     for joint in m.joints:
         lines += _limit(joint, cited)
-        if (d := joint.drive) is not None:
-            gains = {"stiffness": d.stiffness, "damping": d.damping, "max_effort": d.max_effort}
-            lines += table("[[drive]]", joints=[joint.name], **gains, **(_GUESSED if joint.name in assumed else cited))
+        drive = joint.drive
+        if drive is not None:
+            gains = {"stiffness": drive.stiffness, "damping": drive.damping, "max_effort": drive.max_effort}
+            provenance = _GUESSED if joint.name in assumed else cited
+            lines += table("[[drive]]", joints=[joint.name], **gains, **provenance)
     for c in m.couplings:
-        total = {"sum_deg": c.total / DEG} if m.joint(c.joints[0]).is_angle else {"sum_mm": c.total / MM}
+        unit, scale = display_unit(m.joint(c.joints[0]).is_angle)
+        total = {f"sum_{unit}": c.total / scale}
         lines += table("[[coupling]]", name=c.name, joints=c.joints, ratios=c.ratios, **total, **cited)
     for a in m.actuators:
-        lines += _actuator(a, _GUESSED if a.name in assumed else cited)
+        provenance = _GUESSED if a.name in assumed else cited
+        lines += _actuator(a, provenance)
     for t in m.transmissions:
         parts = {"joints": t.joints, "actuators": t.actuators, "matrix": t.matrix}
         lines += table("[[transmission]]", name=t.name, **parts, **cited)
     for f in m.frames:
         lines += table(f"[frame.{f.name}]", body=f.body, at=frame(m.rest[f.body] @ f.T_body_frame))
     for p in m.points:
-        at = m.rest[p.body][:3, :3] @ p.p_body + m.rest[p.body][:3, 3]
-        lines += table(f"[point.{p.name}]", body=p.body, position_mm=at / MM)
+        T = m.rest[p.body]
+        position = T[:3, :3] @ p.p_body + T[:3, 3]
+        lines += table(f"[point.{p.name}]", body=p.body, position_mm=position / MM)
     for posture, values in m.postures.items():
         shown = {}
         for joint, q in values.items():
-            angle = m.joint(joint).is_angle
-            shown[f"{joint}_{'deg' if angle else 'mm'}"] = q / (DEG if angle else MM)
+            unit, scale = display_unit(m.joint(joint).is_angle)
+            shown[f"{joint}_{unit}"] = q / scale
         lines += table(f"[posture.{posture}]", **shown)
     return "\n".join(lines) + "\n"
 
@@ -180,7 +200,9 @@ _GUESSED = {"provenance": "ASSUMED", "note": NOTE}
 
 
 def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
-    lines = table(f"[body.{body.name}]", whole=None if body.whole else False)
+    # True is the default of a description, so the key is written only for meshes that show a part of the body.
+    whole = None if body.whole else False
+    lines = table(f"[body.{body.name}]", whole=whole)
     if body.inertia is not None:
         T = m.rest[body.name]
         com = T[:3, :3] @ body.inertia.p_body_com + T[:3, 3]
@@ -193,13 +215,16 @@ def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
             *rows(cited),
         ]
     for mesh in body.meshes:
-        color = mesh.color_rgba if mesh.color_rgba[3] != 1 else mesh.color_rgba[:3]
+        color = mesh.color_rgba[:3]
+        if mesh.color_rgba[3] != 1:
+            color = mesh.color_rgba
         lines += table(f"[[body.{body.name}.meshes]]", file=f"meshes/{_mesh_file(mesh)}", unit="m", color=color)
     return lines
 
 
 def _limit(joint: Joint, cited: Mapping[str, str]) -> list[str]:
     unit, scale = display_unit(joint.is_angle)
+    # Without a limit, `and` leaves None, and the key is not written.
     values = {
         f"limits_{unit}": joint.limits and np.divide(joint.limits, scale),
         f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
@@ -208,7 +233,9 @@ def _limit(joint: Joint, cited: Mapping[str, str]) -> list[str]:
         f"max_jerk_{unit}_s3": joint.max_jerk and joint.max_jerk / scale,
         "cone_deg": joint.cone and joint.cone / DEG,
     }
-    return table("[[limit]]", joints=[joint.name], **values, **cited) if rows(values) else []
+    if not rows(values):
+        return []
+    return table("[[limit]]", joints=[joint.name], **values, **cited)
 
 
 def _actuator(a: Actuator, provenance: Mapping[str, str]) -> list[str]:
@@ -235,7 +262,9 @@ def _mesh_file(mesh: Mesh) -> str:
     """Return the name of the file of a mesh: an OBJ, or a binary STL if the OBJ could be too large to be read back."""
     vertex, triangle = _OBJ_BYTES
     size = vertex * len(mesh.vertices) + triangle * len(mesh.triangles)
-    return f"{mesh.name}.obj" if size <= BUDGETS["OBJ"].bytes else f"{mesh.name}.stl"
+    if size <= BUDGETS["OBJ"].bytes:
+        return f"{mesh.name}.obj"
+    return f"{mesh.name}.stl"
 
 
 def _write_mesh(path: Path, mesh: Mesh, T: Array) -> None:
@@ -246,13 +275,18 @@ def _write_mesh(path: Path, mesh: Mesh, T: Array) -> None:
     """
     points = mesh.vertices @ T[:3, :3].T + T[:3, 3]
     if path.suffix == ".stl":
-        size = _STL_BYTES[0] + _STL_BYTES[1] * len(mesh.triangles)
+        head, triangle = _STL_BYTES
+        size = head + triangle * len(mesh.triangles)
         if size > BUDGETS["STL"].bytes:
             over(Path(path.name), "STL", "bytes", size, BUDGETS["STL"].bytes)
         solid = np.zeros(len(mesh.triangles), np.dtype([("numbers", "<f4", (4, 3)), ("rest", "<u2")]))
         solid["numbers"][:, 1:] = points[mesh.triangles]  # the first row, the normal, is computed by readers
+        # A binary STL has 80 bytes of any text, the number of triangles, and the triangles.
         path.write_bytes(bytes(80) + len(solid).to_bytes(4, "little") + solid.tobytes())
         return
-    rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points.tolist()]
-    rows += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
-    path.write_text("\n".join(rows) + "\n", "ascii")
+    lines = []
+    for x, y, z in points.tolist():
+        lines.append(f"v {x:.9g} {y:.9g} {z:.9g}")
+    for a, b, c in (mesh.triangles + 1).tolist():  # an OBJ counts vertices from 1
+        lines.append(f"f {a} {b} {c}")
+    path.write_text("\n".join(lines) + "\n", "ascii")

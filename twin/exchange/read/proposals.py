@@ -128,11 +128,16 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
     The fit determines the position of the joint. The type of a single coaxial fit is None, because it depends on stops
     along the axis.
     """
-    balls = [pair for pair in pairs if pair.kind == "concentric"]
-    axes = [pair for pair in pairs if pair.kind == "coaxial"]
+    joints: list[tuple[JointType | None, Pair, str]] = []
+    axes: list[Pair] = []
+    for pair in pairs:
+        if pair.kind == "concentric":
+            joints.append(("spherical", pair, f"A ball fits a socket: {pair.radii}."))
+        else:
+            axes.append(pair)
     axes.sort(key=lambda p: (p.near, p.clearance, -p.overlap))
-    if balls:
-        return [("spherical", pair, f"A ball fits a socket: {pair.radii}.") for pair in balls], axes
+    if joints:
+        return joints, axes
     first, *others = axes
     repeated = []
     doubtful = []
@@ -151,12 +156,21 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
             f"{len(kept)} pins fit bores, and their axes are not parallel: the parts are bolted, or one axis is a "
             f"hinge. The closest fit: {first.radii}."
         )
-        return [("fixed", first, text)], unused + [pair for pair in kept[1:] if pair.near]
+        return [("fixed", first, text)], unused + _near_fits(kept, first)
     if len(kept) > 1:
         longest = max(kept, key=lambda p: (not p.near, p.overlap))
         text = f"{len(kept)} fits have parallel axes: a slide on rails, or bolted parts. The longest: {longest.radii}."
-        return [("prismatic", longest, text)], unused + [pair for pair in kept if pair.near and pair is not longest]
+        return [("prismatic", longest, text)], unused + _near_fits(kept, longest)
     return [(None, first, f"One coaxial fit: {first.radii}.")], unused
+
+
+def _near_fits(pairs: Sequence[Pair], used: Pair) -> list[Pair]:
+    """Return the fits whose axes do not coincide, except the one that is used for a joint."""
+    near = []
+    for pair in pairs:
+        if pair.near and pair is not used:
+            near.append(pair)
+    return near
 
 
 def _parallel(first: Pair, pairs: Sequence[Pair]) -> bool:
@@ -183,12 +197,13 @@ def _joint(
     if p.body != parent:
         p, c = c, p
     if pair.kind == "concentric":
-        frames = [_Frame(r.body, f"{name}_ball", r.part, r.face, np.eye(3)) for r in (p, c)]
+        on_parent = _Frame(p.body, f"{name}_ball", p.part, p.face, np.eye(3))
+        on_child = _Frame(c.body, f"{name}_ball", c.part, c.face, np.eye(3))
     else:
         kind, frames, more = _along_axis(name, kind, pair, p, c, parts)
+        on_parent, on_child = frames
         why += more
     assert kind is not None
-    on_parent, on_child = frames
     try:
         T_parent = on_parent.measured(parts[on_parent.body])
         T_child = on_child.measured(parts[on_child.body])
@@ -214,14 +229,23 @@ class _Frame:
 
         If the direction of the face points against `towards`, the feature has the opposite direction.
         """
-        sign = 1.0 if face.direction @ towards >= 0 else -1.0
-        x, y, z = np.round(sign * face.direction, 9).tolist()
+        along = face.direction
+        if face.direction @ towards < 0:
+            along = -face.direction
+        # Rounded, because a feature is only searched for at its place; the measured face has all digits.
+        x, y, z = np.round(along, 9).tolist()
         near_x, near_y, near_z = np.round(face.point / MM, 4).tolist()
+        direction: tuple[float, float, float] | None = None
+        if any((x, y, z)):  # a sphere has no direction
+            direction = (x, y, z)
+        radius: float | None = None
+        if face.radius:
+            radius = round(face.radius / MM, 6)
         self.features[name] = Feature(
             kind=face.kind,  # pyright: ignore[reportArgumentType] - a face's kind is one of these
             near_mm=(near_x, near_y, near_z),
-            direction=(x, y, z) if any((x, y, z)) else None,
-            radius_mm=round(face.radius / MM, 6) if face.radius else None,
+            direction=direction,
+            radius_mm=radius,
             part=part.name,
         )
         return name
@@ -242,7 +266,9 @@ class _Frame:
 
     def side(self) -> Side:
         """Return the frame and its features."""
-        features = {name: feature.model_dump(exclude_none=True) for name, feature in self.features.items()}
+        features: dict[str, JsonObject] = {}
+        for name, feature in self.features.items():
+            features[name] = feature.model_dump(exclude_none=True)
         return Side(self._spec(), features)
 
 
@@ -257,17 +283,18 @@ def _along_axis(
     """
     low, high = shared(p, c)
     middle = p.face.point + 0.5 * (low + high) * p.face.direction
+    z_parent = p.face.direction
     # The axis of the child's frame points in the direction of that of the parent's.
-    sign = 1.0 if c.face.direction @ p.face.direction > 0 else -1.0
-    zs = [p.face.direction, c.face.direction * sign]
-    on_parent, on_child = (_stops(parts[r.body], z, middle) for r, z in zip((p, c), zs, strict=True))
-    reach = MEETING[0]
+    z_child = c.face.direction * (1.0 if c.face.direction @ z_parent > 0 else -1.0)
+    on_parent = _stops(parts[p.body], z_parent, middle)
+    on_child = _stops(parts[c.body], z_child, middle)
+    reach, _ = MEETING
     if pair.near:
         reach += pair.offset + pair.tilt * pair.overlap
-    stops = _touching(on_parent, on_child, reach)
-    touching = stops is not None
+    touching = _touching(on_parent, on_child, reach)
     more = ""
-    if stops is not None:
+    if touching is not None:
+        stops = touching
         if kind is None:
             kind = "revolute"
             more = " Faces stop the motion along the axis: assumed to be a pin; could also be cylindrical or a slide."
@@ -275,32 +302,43 @@ def _along_axis(
         stops = (_nearest(on_parent), _nearest(on_child))
         more = " No face stops the motion along the axis."
         if kind is None:
-            rail = max(p.length, c.length) > _RAIL * min(p.length, c.length)
-            kind = "prismatic" if rail else "revolute"
-            more = " No face stops the motion along the axis: "
-            if rail:
-                more += "assumed to be a slide, because the shaft is long; it could also be a pin or cylindrical."
-            else:
-                more += "assumed to be a pin, because the shaft is short; it could also be a slide or cylindrical."
-    flats = _flats([parts[r.body] for r in (p, c)], zs, MEETING[1] if kind == "revolute" else GROSS[1])
-    x = flats[0][1].direction if flats else np.eye(3)[int(np.argmin(np.abs(zs[0])))]
+            kind, assumption = _assumed_kind(p, c)
+            more = f" No face stops the motion along the axis: {assumption}"
+    # For a pin, whose rotation is free, only flats that are parallel within rounding count.
+    _, tilt = MEETING if kind == "revolute" else GROSS
+    flats = _flats((parts[p.body], parts[c.body]), (z_parent, z_child), tilt)
+    x = np.eye(3)[int(np.argmin(np.abs(z_parent)))]  # the axis of the CAD that is farthest from z
+    if flats:
+        _, flat = flats[0]
+        x = flat.direction
     frames = []
     origins = []
-    for i, (r, z, stop) in enumerate(zip((p, c), zs, stops, strict=True)):
+    for i, (r, z, stop) in enumerate(zip((p, c), (z_parent, z_child), stops, strict=True)):
         made = _Frame(r.body, f"{name}_axis", r.part, r.face, spatial.frame_from_axes(z, x))
         made.keys["z"] = f"{name}_axis"
+        origin = float((r.face.point - middle) @ z)
         if stop is not None:
-            made.keys["at"] = made.name(f"{name}_face", stop[0], stop[1], z)
+            part, face, origin = stop
+            made.keys["at"] = made.name(f"{name}_face", part, face, z)
         if flats:
             made.keys["x_along"] = made.name(f"{name}_flat", *flats[i], x)
-        at = stop[2] if stop is not None else float((r.face.point - middle) @ z)
-        if i and not touching:
-            made.keys["offset_mm"] = round((origins[0] - at) / MM, 6)
-        origins.append(at)
+        if i and touching is None:  # the child's frame moves to the origin of the parent's
+            made.keys["offset_mm"] = round((origins[0] - origin) / MM, 6)
+        origins.append(origin)
         frames.append(made)
     if not flats and kind != "revolute":
         more += " The rotation about the axis is given as a number, because no two flat faces match."
     return kind, frames, more
+
+
+def _assumed_kind(a: Round, b: Round) -> tuple[JointType, str]:
+    """Return (type, evidence) of a joint of two cylinders that no faces stop along their axis."""
+    longer = max(a.length, b.length)
+    shorter = min(a.length, b.length)
+    if longer > _RAIL * shorter:
+        text = "assumed to be a slide, because the shaft is long; it could also be a pin or cylindrical."
+        return "prismatic", text
+    return "revolute", "assumed to be a pin, because the shaft is short; it could also be a slide or cylindrical."
 
 
 _Stop = tuple[Part, Face, float]
@@ -340,10 +378,10 @@ def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) 
 
     Return None if a body has no such face, or if the angle is at least `within` rad.
     """
-    planes = [_along(own, z) for own, z in zip(parts, zs, strict=True)]
-    if not all(planes):
+    on_parent = _along(parts[0], zs[0])
+    on_child = _along(parts[1], zs[1])
+    if not on_parent or not on_child:
         return None
-    on_parent, on_child = planes
     a = np.array([face.direction for _, face in on_parent])
     b = np.array([face.direction for _, face in on_child])
     sines = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)

@@ -62,7 +62,7 @@ def sized(
     size = []
     for key in SIZES[kind]:
         count = 3 if key == "size" else 1
-        size += [float(s) for s in xml.numbers(where, f"{kind} {key}", text(key), count, None)]
+        size += xml.numbers(where, f"{kind} {key}", text(key), count, None).tolist()
     if min(size) < 0:
         xml.fail(where, f"a size of the {kind} is {min(size):g}, but must not be negative")
     if min(size) == 0:
@@ -86,8 +86,10 @@ def stated_color(text: str | None, where: str, findings: Findings) -> Color:
         shown = " ".join(text.split())[:80]
         findings.warn("color", f"{where}: the colour '{shown}' is not three or four numbers; grey is used.", where)
         return GREY
-    alpha = values[3] if len(values) == 4 else 1.0
-    return (values[0], values[1], values[2], alpha)
+    if len(values) == 3:
+        values.append(1.0)
+    red, green, blue, alpha = values
+    return red, green, blue, alpha
 
 
 def shows_all(link: Element, read: int) -> bool:
@@ -104,13 +106,16 @@ def shows_all(link: Element, read: int) -> bool:
     if read != len(visuals) or not colliders:
         return False
     shown = {_shape_text(visual) for visual in visuals}
-    return shown.issuperset(map(_shape_text, colliders))
+    return all(_shape_text(collider) in shown for collider in colliders)
 
 
 def _shape_text(element: Element) -> str:
     """Return the geometry and the place of a <visual> or <collision> as text without white space."""
-    parts = [tostring(e, "unicode") for e in element if e.tag in ("geometry", "origin", "pose")]
-    return "".join("".join(parts).split())
+    text = ""
+    for child in element:
+        if child.tag in ("geometry", "origin", "pose"):
+            text += tostring(child, "unicode")
+    return "".join(text.split())
 
 
 def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
@@ -151,17 +156,26 @@ def find(uri: str, beside: Path) -> Path | None:
 
     The search for a package includes `beside` and up to four of its parent folders; environment variables are not used.
     """
-    scheme, mark, rest = uri.partition("://")
-    rest = rest if mark else scheme
-    names = [rest.lstrip("/")]
-    if mark and scheme != "file" and "/" in names[0]:
-        names.append(names[0].partition("/")[2])
-    places = [beside, *list(beside.resolve().parents)[:4]]
-    # The whole name in all places first: without the name of the package, a file of another package may be found.
-    candidates = [p / n for n in names if n for p in places]
+    scheme, mark, address = uri.partition("://")
+    if not mark:
+        address = uri
+    name = address.lstrip("/")
+    names = [name]
+    if mark and scheme != "file":
+        _, _, in_package = name.partition("/")
+        names.append(in_package)
+    candidates = []
     if scheme == "file" or not mark:
-        candidates.insert(0, Path(rest))
-    return next((c for c in candidates if c.is_file()), None)
+        candidates.append(Path(address))
+    folders = [beside, *list(beside.resolve().parents)[:4]]
+    # The whole name in all folders first: without the name of the package, a file of another package may be found.
+    for name in names:
+        if name:
+            candidates += [folder / name for folder in folders]
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    return None
 
 
 def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Findings) -> tuple[Array, np.ndarray] | None:
@@ -177,17 +191,21 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
     """
     path = find(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
-        why = "was not found" if path is None else f"is not a file of type {', '.join(SUFFIXES)}"
-        findings.warn("mesh", f"link '{link}': mesh {uri} {why}: the link is shown without this mesh.", uri)
+        reason = f"is not a file of type {', '.join(SUFFIXES)}"
+        if path is None:
+            reason = "was not found"
+        findings.warn("mesh", f"link '{link}': mesh {uri} {reason}: the link is shown without this mesh.", uri)
         return None
     try:
         mesh, found = load_mesh(path, "m", None, apply_up_axis=False)
     except CadError as error:
         findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None
-    told = any(f.code == "import.up_axis" for f in findings)
+    reported = any(f.code == "import.up_axis" for f in findings)  # once a robot: its files are from one program
     for finding in found:
-        if finding.code == "cad.up_axis" and not told:
+        if finding.code == "cad.up_axis" and not reported:
             findings.warn("up_axis", f"link '{link}': {finding.message}; {finding.suggestion}.", uri)
-    triangles = mesh.triangles[:, ::-1] if np.prod(scale) < 0 else mesh.triangles
+    triangles = mesh.triangles
+    if np.prod(scale) < 0:  # a mirrored mesh: its triangles must turn the other way to show their outer side
+        triangles = triangles[:, ::-1]
     return mesh.vertices * scale, triangles

@@ -119,7 +119,7 @@ class Names:
     """
 
     def __init__(self, kind: str, names: Iterable[str], findings: Findings, reserved: Iterable[str] = ()) -> None:
-        self._known = unique(((n, n) for n in names), reserved)
+        self._known = unique(((name, name) for name in names), reserved)
         for old, new in self._known.items():
             if old != new:
                 findings.note("renamed", f"{kind} '{old}' is renamed to '{new}'.", old)
@@ -149,12 +149,14 @@ def named_apart(
     """
     out: dict[Any, str] = {}
     for key, name in wanted:
-        first = free = identifier(name)
-        free = f"{free}_{kind}" if free in taken else free
+        wanted_name = identifier(name)
+        free = wanted_name
+        if free in taken:
+            free = f"{wanted_name}_{kind}"
         i = 1
         while free in taken or free in out.values():
             i += 1
-            free = f"{first}_{i}"
+            free = f"{wanted_name}_{i}"
         if free != name:
             findings.note("renamed", f"{kind} '{name}' is renamed to '{free}'.", name)
         out[key] = free
@@ -191,17 +193,20 @@ def along(axis: Array) -> Array:
 
 def possible(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:
     """Return the inertia; if it is physically impossible, add a warning and return None."""
-    finite = np.all(np.isfinite(inertia.I_com))
-    bad = inertia.violations() if finite else ["the inertia has numbers that are not finite"]
-    if not bad:
+    if np.all(np.isfinite(inertia.I_com)):
+        violations = inertia.violations()
+    else:
+        violations = ["the inertia has numbers that are not finite"]
+    if not violations:
         return inertia
-    findings.warn("inertia", f"link '{link}': {'; '.join(bad)}: mass and inertia of the link are left out.", link)
+    reasons = "; ".join(violations)
+    findings.warn("inertia", f"link '{link}': {reasons}: mass and inertia of the link are left out.", link)
     return None
 
 
 def stated_gravity(gravity: Array, findings: Findings) -> tuple[float, float, float]:
     """Return a gravitational acceleration (3,) in m/s2, world z up; a note states one that is not the earth's."""
-    x, y, z = (float(g) + 0.0 for g in gravity)
+    x, y, z = (gravity + 0.0).tolist()  # turns -0.0 into 0.0
     if (x, y, z) != EARTH:
         text = f"gravity is ({x:g}, {y:g}, {z:g}) m/s2."
         if (x, y) != (0.0, 0.0) or z > 0.0:
@@ -220,13 +225,16 @@ def limits(
     """
     if lower is None and upper is None:
         return None
-    low, high = -math.inf if lower is None else lower, math.inf if upper is None else upper
-    if low == high == 0.0:
+    low = -math.inf if lower is None else lower
+    high = math.inf if upper is None else upper
+    if low == high == 0.0:  # a template that was not filled in: a joint that cannot move would be fixed
         findings.warn("limits", f"joint '{joint}': limits 0 .. 0 are read as missing: the joint is unlimited.", joint)
         return None
     if low >= high:
         raise SourceError(f"{path}: joint '{joint}': the lower limit {low:g} is not below the upper limit {high:g}")
-    return None if (low, high) == (-math.inf, math.inf) else (low, high)
+    if low == -math.inf and high == math.inf:
+        return None
+    return low, high
 
 
 def assemble(
@@ -267,9 +275,16 @@ def rest_poses(mechanism: Mechanism, values: Mapping[str, float] | None = None) 
     rest = {mechanism.base: np.eye(4)}
     for joint in mechanism.tree:
         q = (values or {}).get(joint.name, 0.0)
-        motion = spatial.pose(spatial.rotation_z(q)) if joint.is_angle else spatial.pose(p=[0, 0, q])
-        rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ motion @ spatial.inverse(joint.T_child_joint)
+        T_joint_child = spatial.inverse(joint.T_child_joint)
+        rest[joint.child] = rest[joint.parent] @ joint.T_parent_joint @ motion(joint, q) @ T_joint_child
     return rest
+
+
+def motion(joint: Joint, q: float) -> Array:
+    """Return the pose (4, 4) of the joint's frame on the child in that on the parent, at q in rad or m."""
+    if joint.is_angle:
+        return spatial.pose(spatial.rotation_z(q))
+    return spatial.pose(p=[0, 0, q])
 
 
 def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING
-from twin.exchange.read.source import Imported, note, warning
+from twin.exchange.read.source import Imported, motion, note, warning
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -39,9 +39,18 @@ def started(imported: Imported) -> tuple[Mechanism, list[Finding]]:
     loops may then be open.
     """
     m = imported.mechanism
-    single = [j for j in m.tree if j.limits is not None and len(j.free_axes) == 1]
-    drawn = {j.name: float(j.coordinate(m.rest[j.parent], m.rest[j.child])) for j in single}
-    outside = [j for j in single if not _within(j, drawn[j.name])]
+    limited: list[Joint] = []
+    outside: list[Joint] = []
+    drawn: dict[str, float] = {}
+    for joint in m.tree:
+        # A ball joint has a cone and no single coordinate.
+        if joint.limits is None or len(joint.free_axes) != 1:
+            continue
+        q = float(joint.coordinate(m.rest[joint.parent], m.rest[joint.child]))
+        limited.append(joint)
+        drawn[joint.name] = q
+        if not _within(joint, q):
+            outside.append(joint)
     if not outside:
         return m, []
     first = outside[0]
@@ -49,10 +58,13 @@ def started(imported: Imported) -> tuple[Mechanism, list[Finding]]:
     if len(outside) > 1:
         where += f", and {len(outside) - 1} others outside theirs"
     for key, values in imported.keys.items():
-        if all(_within(j, values.get(j.name, drawn[j.name])) for j in single):
+        if _all_within(limited, {**drawn, **values}):
             text = f"home is key frame '{key}': in the rest pose of the file {where}."
             return replace(m, rest=moved(m, values)), [note("home", text, key)]
-    clipped = {j.name: float(np.clip(drawn[j.name], *_limits(j))) for j in outside}
+    clipped: dict[str, float] = {}
+    for joint in outside:
+        low, high = _limits(joint)
+        clipped[joint.name] = float(np.clip(drawn[joint.name], low, high))
     rest = moved(m, clipped)
     if imported.posed:
         text = f"home has each joint at its nearest limit: in the rest pose of the file {where}."
@@ -69,11 +81,13 @@ def inside(model: ReferenceModel, state: Assembly) -> Assembly | None:
     """
     if breach(model.tree, state.x) <= _INSIDE:
         return state
-    for columns in (model.tree.passive, np.arange(model.tree.model.nv)):
+    all_columns = np.arange(model.tree.model.nv)
+    for columns in (model.tree.passive, all_columns):
         x = state.x
         for _ in range(_ROUNDS):
-            x = minimise(model.tree, _clipped(model, x)[None], model.loops_only, columns)[0][0]
-            if not np.isfinite(x).all():
+            states, _ = minimise(model.tree, _clipped(model, x)[None], model.loops_only, columns)
+            x = states[0]
+            if not np.isfinite(x).all():  # Newton's method diverged
                 break
             if breach(model.tree, x) <= _INSIDE:
                 found = model.state(x)
@@ -85,12 +99,18 @@ def inside(model: ReferenceModel, state: Assembly) -> Assembly | None:
 
 def shown(joint: Joint, q: float) -> str:
     """Return a joint value `q` (rad or m) as text in degrees or mm."""
-    return f"{q / DEG:.4g}°" if joint.is_angle else f"{q / MM:.4g} mm"
+    if joint.is_angle:
+        return f"{q / DEG:.4g}°"
+    return f"{q / MM:.4g} mm"
 
 
 def _within(joint: Joint, q: float) -> bool:
     low, high = _limits(joint)
     return low - ROUNDING <= q <= high + ROUNDING
+
+
+def _all_within(joints: Sequence[Joint], values: Mapping[str, float]) -> bool:
+    return all(_within(joint, values[joint.name]) for joint in joints)
 
 
 def _limits(joint: Joint) -> tuple[float, float]:
@@ -113,8 +133,7 @@ def moved(m: Mechanism, values: Mapping[str, float]) -> dict[str, Array]:
         between = spatial.inverse(m.rest[joint.parent]) @ m.rest[joint.child]
         if joint.name in values:
             q = values[joint.name]
-            motion = spatial.pose(spatial.rotation_z(q)) if joint.is_angle else spatial.pose(p=[0, 0, q])
-            between = joint.T_parent_joint @ motion @ spatial.inverse(joint.T_child_joint)
+            between = joint.T_parent_joint @ motion(joint, q) @ spatial.inverse(joint.T_child_joint)
         rest[joint.child] = rest[joint.parent] @ between
     return rest
 

@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.assets import NO_EQUATIONS
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import DEG, MM, display_unit
 from twin.exchange.read.text import one_line, toml
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -30,8 +30,13 @@ _STEP = {"revolute": 5 * DEG, "prismatic": 10 * MM}
 
 def formula(mechanism: Mechanism) -> str:
     """Return the text of a formula.py that lists the driven joints of the mechanism, but has no equations yet."""
-    names = [j.name for j in mechanism.active]
-    units = ", ".join(f"{j.name} ({'rad' if j.is_angle else 'm'})" for j in mechanism.active) or "none yet"
+    names = []
+    names_with_units = []
+    for joint in mechanism.active:
+        unit = "rad" if joint.is_angle else "m"
+        names.append(joint.name)
+        names_with_units.append(f"{joint.name} ({unit})")
+    units = ", ".join(names_with_units) or "none yet"
     returned = ", ".join(names) or "..."
     return f'''"""Equations of {one_line(mechanism.name)}: write them here.
 
@@ -65,9 +70,14 @@ def protocol(mechanism: Mechanism) -> str:
     """
     model = ReferenceModel(mechanism)
     start = _start(model)
-    home, near, how = _near(model, start or model.home())
-    place = "a pose beside home, where the mechanism is singular," if start else "home"
-    note = "Beside the home position, which is singular" if start else "The home position of the mechanism"
+    if start is None:
+        start = model.home()
+        place = "home"
+        note = "The home position of the mechanism"
+    else:
+        place = "a pose beside home, where the mechanism is singular,"
+        note = "Beside the home position, which is singular"
+    home, near, how = _near(model, start)
     return f"""# A first motion: the driven joints move from {place} to nearby values and back. {how}
 # Try it: twin plan, twin validate. To move the tool to a pose, use a phase of type "positioning" and a waypoint with
 # position_mm and angles_deg; see docs/your-own-robot.md.
@@ -109,10 +119,11 @@ def _start(model: ReferenceModel) -> Assembly | None:
     rng = np.random.default_rng(0)
     active = model.mechanism.active
     low, high = model.mechanism.limits.T
-    unit = np.array([1.0 if j.is_angle else 0.1 for j in active])
+    is_angle = np.array([joint.is_angle for joint in active])
+    scale = np.where(is_angle, 1.0, 0.1)  # a slide moves by a tenth of the number for an angle
     for spread in _SPREADS:
         for _ in range(_DRAWS):
-            q = np.clip(home.q + spread * unit * rng.uniform(-1.0, 1.0, len(active)), low, high)
+            q = np.clip(home.q + spread * scale * rng.uniform(-1.0, 1.0, len(active)), low, high)
             try:
                 state = model.solve(q, home)
             except TwinError:
@@ -130,7 +141,9 @@ def _regularity(model: ReferenceModel, state: Assembly) -> float:
     if not model.mechanism.active:
         return np.inf
     found = conditioning(model, state.x[None], LENGTH_SCALE)
-    return float(min(np.nan_to_num(found.stands[0]), found.moves[0]))
+    moves = found.moves[0]
+    stands = np.nan_to_num(found.stands[0])  # NaN where no joint moves the tool
+    return float(min(stands, moves))
 
 
 def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict[str, float], str]:
@@ -140,7 +153,8 @@ def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict
     that can move the tool within the joint limits. If no joint can, the first joint that can be moved at all differs.
     """
     mechanism = model.mechanism
-    values, found = _values(mechanism, home.q), None
+    values = _values(mechanism, home.q)
+    without_tool: tuple[dict[str, float], str] | None = None
     for i, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)
         for step in (_STEP[joint.type], -_STEP[joint.type]):
@@ -152,22 +166,26 @@ def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict
                 moved = model.solve(q, home)
             except TwinError:
                 continue
-            by = f"{step / DEG:g} degrees" if joint.is_angle else f"{step / MM:g} mm"
-            how = f"Driven joint {joint.name} moves by {by}"
+            distance = f"{step / DEG:g} degrees" if joint.is_angle else f"{step / MM:g} mm"
+            how = f"Driven joint {joint.name} moves by {distance}"
             if np.abs(moved.T_base_tool - home.T_base_tool).max() > 1e-6:
                 return values, _values(mechanism, q), f"{how}."
-            found = found or (values, _values(mechanism, q), f"{how}; the tool does not move.")
-    if found is not None:
-        return found
-    why = "No driven joint can be moved from home" if mechanism.active else "No joint is driven yet"
-    return values, values, f"{why}: give `near` other values, as in joints = {{ NAME_deg = 5 }} or {{ NAME_mm = 10 }}."
+            if without_tool is None:
+                without_tool = (_values(mechanism, q), f"{how}; the tool does not move.")
+    if without_tool is not None:
+        near, how = without_tool
+        return values, near, how
+    reason = "No driven joint can be moved from home" if mechanism.active else "No joint is driven yet"
+    how = f"{reason}: give `near` other values, as in joints = {{ NAME_deg = 5 }} or {{ NAME_mm = 10 }}."
+    return values, values, how
 
 
 def _values(mechanism: Mechanism, q: Array) -> dict[str, float]:
-    return {
-        f"{j.name}_{'deg' if j.is_angle else 'mm'}": float(v / (DEG if j.is_angle else MM))
-        for j, v in zip(mechanism.active, q, strict=True)
-    }
+    values = {}
+    for joint, value in zip(mechanism.active, q, strict=True):
+        unit, scale = display_unit(joint.is_angle)
+        values[f"{joint.name}_{unit}"] = float(value / scale)
+    return values
 
 
 def _limits(phase: str) -> str:

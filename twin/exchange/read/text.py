@@ -6,8 +6,6 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-
 from twin.core import spatial
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
@@ -28,13 +26,16 @@ def toml(value: Any) -> str:
         return f"{{ {', '.join(rows(value))} }}"
     if isinstance(value, Iterable):
         return f"[{', '.join(map(toml, value))}]"
-    text = repr(float(value) + 0.0)  # turns -0.0 into 0.0
-    return text if np.isfinite(value) else ("inf" if value > 0 else "-inf")
+    return repr(float(value) + 0.0)  # turns -0.0 into 0.0
 
 
 def rows(values: JsonMapping) -> list[str]:
     """Return a line "key = value" for each value that is not None."""
-    return [f"{key} = {toml(value)}" for key, value in values.items() if value is not None]
+    lines = []
+    for key, value in values.items():
+        if value is not None:
+            lines.append(f"{key} = {toml(value)}")
+    return lines
 
 
 def table(header: str, **values: Any) -> list[str]:

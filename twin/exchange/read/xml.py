@@ -92,22 +92,26 @@ class Xml:
             if default is None:
                 self.fail(where, f"{what} is missing")
             return np.array(default, float)
-        given = text.rstrip(_LEFT_OVER)
+        shown = text[:80]
+        stated = text.rstrip(_LEFT_OVER)
         try:
-            values = np.array([float(t) for t in given.split()])
+            values = np.array([float(word) for word in stated.split()])
         except ValueError:
             wanted = "a number" if count == 1 else f"{count} numbers"
-            self.fail(where, f"{what} = '{text[:80]}' is not {wanted}")
-        if given != text.rstrip():
-            self.repaired.append(f"{where}: {what} = '{text[:80]}': the characters after the numbers are ignored.")
+            self.fail(where, f"{what} = '{shown}' is not {wanted}")
+        if stated != text.rstrip():
+            self.repaired.append(f"{where}: {what} = '{shown}': the characters after the numbers are ignored.")
         if len(values) != count or not np.all(np.isfinite(values)):
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-            self.fail(where, f"{what} = '{text[:80]}' is not {wanted}")
+            self.fail(where, f"{what} = '{shown}' is not {wanted}")
         return values
 
     def number(self, where: str, what: str, text: str | None, default: float | None = None) -> float:
         """Return one finite number parsed from a text; the default if the text is None."""
-        return float(self.numbers(where, what, text, 1, None if default is None else (default,))[0])
+        if text is None and default is not None:
+            return float(default)
+        (value,) = self.numbers(where, what, text, 1, None)
+        return float(value)
 
     def axis(self, where: str, what: str, text: str | None, default: Sequence[float]) -> Array:
         """Return a direction (3,) parsed from a text; raise `SourceError` if the direction is a zero vector."""
@@ -125,7 +129,9 @@ class Xml:
         out = np.zeros((3, 3))
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
             key = f"i{'xyz'[i]}{'xyz'[j]}"
-            missing = None if default is None else default[i, j]
+            missing: float | None = None
+            if default is not None:
+                missing = default[i, j]
             value = self.number(where, key, text(key), missing)
             out[i, j] = value
             out[j, i] = value
@@ -146,14 +152,20 @@ def _repaired(data: bytes) -> tuple[bytes, list[str]]:
     if start > 0 and not data[:start].lstrip(b"\xef\xbb\xbf").startswith(b"<"):
         data = data[start:]
         found.append(f"the file has {start} bytes before its XML declaration; they are ignored.")
+    # Comments, CDATA and values of attributes may contain colons that are not prefixes.
     markup = re.sub(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>|\"[^\"]*\"|'[^']*'", b"", data, flags=re.DOTALL)
     tags = b" ".join(re.findall(rb"<[^>]*>", markup))
-    prefixes = {p for p in _PREFIX.findall(tags) if not p.startswith(b"xml")}
-    missing = sorted(p for p in prefixes if b"xmlns:" + p not in data)
-    first = _ROOT.search(data)
-    if missing and first:
-        declared = b"".join(b' xmlns:%s="undeclared:%s"' % (p, p) for p in missing)
-        data = data[: first.end()] + declared + data[first.end() :]
-        names = ", ".join(p.decode() for p in missing)
+    undeclared: list[bytes] = []
+    for prefix in sorted(set(_PREFIX.findall(tags))):
+        # Prefixes that begin with "xml" are reserved by XML, and need no declaration.
+        if not prefix.startswith(b"xml") and b"xmlns:" + prefix not in data:
+            undeclared.append(prefix)
+    root = _ROOT.search(data)
+    if undeclared and root:
+        declarations = b""
+        for prefix in undeclared:
+            declarations += b' xmlns:%s="undeclared:%s"' % (prefix, prefix)
+        data = data[: root.end()] + declarations + data[root.end() :]
+        names = b", ".join(undeclared).decode()
         found.append(f"the namespaces of these prefixes are not declared: {names}; elements with them are not read.")
     return data, found
