@@ -19,6 +19,7 @@ from twin.core.findings import Finding, Kind, by_severity, error, verdict
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
+from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
 from twin.exchange.format import Holds
@@ -67,28 +68,34 @@ class Bundle(Result):
     @property
     def size(self) -> int:
         """Total size of the files in bytes."""
-        return sum((self.folder / f).stat().st_size for f in self.files)
+        total = 0
+        for file in self.files:
+            total += (self.folder / file).stat().st_size
+        return total
 
     def content(self) -> JsonObject:
         """Return the result as plain data for JSON."""
         return {
             "folder": str(self.folder),
-            "files": [f.as_posix() for f in self.files],
+            "files": list(map(Path.as_posix, self.files)),
             "bytes": self.size,
-            "clips": [_entry(clip) for clip in self.order.clips],
+            "clips": list(map(_entry, self.order.clips)),
             "checks": list(self.checks),
         }
 
     def text(self) -> Iterator[Part]:
         """Yield lines of text: verdict, findings, motions with their errors, and files."""
         yield f"{self.order.mechanism.name} · {', '.join(self.formats)}\n\n  {_VERDICTS[self.verdict]}\n"
-        shown = [finding for finding in by_severity(self.findings) if finding.severity != "info"]
-        if shown:
-            yield from shown
+        reported = False
+        for finding in by_severity(self.findings):
+            if finding.severity != "info":
+                reported = True
+                yield finding
+        if reported:
             yield ""
         if self.order.clips:
             header = ("motion", "duration s", "keys per second", "error µm", "error deg", "joint gap µm")
-            yield TextTable(header, [_row(clip) for clip in self.order.clips])
+            yield TextTable(header, list(map(_row, self.order.clips)))
             yield ""
         yield TextTable((), self._sizes())
         yield f"\n  {self.size / 1e6:.1f} MB in {len(self.files)} files; {len(self.checks)} checks in proof.json"
@@ -106,7 +113,10 @@ class Bundle(Result):
             if len(file.parts) > 1:
                 top += "/"
             sizes[top] = sizes.get(top, 0) + (self.folder / file).stat().st_size
-        return [(top, f"{size / 1e3:.0f} kB") for top, size in sizes.items()]
+        rows = []
+        for top, size in sizes.items():
+            rows.append((top, f"{size / 1e3:.0f} kB"))
+        return rows
 
 
 _VERDICTS = {
@@ -149,7 +159,7 @@ def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
             raise TwinError(unknown("format", name, known))
     if not asked:
         raise TwinError(f"no format is given. Known formats: {', '.join(known)}.")
-    return tuple(name for name in known if name in asked)
+    return tuple(sorted(set(asked), key=known.index))
 
 
 def write_bundle(
@@ -177,19 +187,24 @@ def write_bundle(
         _require_more_than_motions(order, formats)
     with assets.atomic_folder(folder, replacing=_written_before(folder)) as work:
         findings = list(order.findings)
-        written: dict[str, set[str]] = {}  # files by format, except schemas, which do not depend on the robot
+        written: dict[str, set[str]] = {}
         for i, name in enumerate(formats):
             progress(f"write {name}", i / len(formats))
             before = _tree(work)
             findings += write_format(name, order, work)
-            written[name] = {f for f in _tree(work) - before if not f.endswith(".schema.json")}
+            written[name] = _tree(work) - before
+        # The README states the findings of the writers; those of the audit, which reads it, come after it.
         (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
         progress("audit", 0.0)
-        truth = {scene.clip.name: (scene.clip.times, scene.judged) for scene in order.scenes}
+        truth: dict[str, tuple[Array, Mapping[str, Array]]] = {}
+        for scene in order.scenes:
+            truth[scene.clip.name] = (scene.clip.times, scene.judged)
         judged = audit(work, truth=truth, mechanism=order.mechanism)
         checks, missed = _budgets(order)
-        checks += [check.as_dict() for check in judged.checks]
-        read = {check.file for check in judged.checks}
+        read: set[str] = set()
+        for check in judged.checks:
+            checks.append(check.as_dict())
+            read.add(check.file)
         findings += [*missed, *judged.findings, *_unjudged(written, read)]
         files = sorted(map(Path, _tree(work)))
         proof = _proof(order, work, files, checks, findings)
@@ -200,11 +215,17 @@ def write_bundle(
 
 def _require_more_than_motions(order: Order, formats: Sequence[str]) -> None:
     """Raise an error if all chosen formats contain only motions: without a motion, there would be no files."""
-    chosen = [format for format in exported() if format.name in formats]
-    if chosen and all(Holds.COORDINATES in format.holds for format in chosen):
-        titles = ", ".join(format.title for format in chosen)
-        text = f"{titles} contain only motions: choose another format as well, such as glb,{','.join(formats)}"
-        raise TwinError(f"{order.mechanism.name} has no motion to export, and {text}")
+    titles = []
+    for format in exported():
+        if format.name not in formats:
+            continue
+        if Holds.COORDINATES not in format.holds:
+            return
+        titles.append(format.title)
+    if titles:
+        only = f"{', '.join(titles)} contain only motions"
+        advice = f"choose another format as well, such as glb,{','.join(formats)}"
+        raise TwinError(f"{order.mechanism.name} has no motion to export, and {only}: {advice}")
 
 
 def write_format(name: str, order: Order, folder: Path) -> list[Finding]:
@@ -213,6 +234,7 @@ def write_format(name: str, order: Order, folder: Path) -> list[Finding]:
 
 
 def _tree(folder: Path) -> set[str]:
+    """Return the paths of all files in a folder and below, relative to the folder."""
     return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
 
 
@@ -220,20 +242,23 @@ def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding
     """Return an error for each format whose files the audit did not read; such an error makes the export fail."""
     findings = []
     for name, files in written.items():
-        if files and not _reads_one(files, judged):
+        # A schema does not depend on the robot, and is not read by the audit.
+        of_robot = {file for file in files if not file.endswith(".schema.json")}
+        if of_robot and not _reads_one(of_robot, judged):
             text = f"the audit read none of the files of format '{name}', so these files are unchecked"
             advice = "add a reader for the format: audit.py in its folder"
-            findings.append(error("export.unjudged", min(files), text, suggestion=advice))
+            findings.append(error("export.unjudged", min(of_robot), text, suggestion=advice))
     return findings
 
 
 def _reads_one(files: set[str], judged: set[str]) -> bool:
     """Return whether the audit read one of the files, or a folder with one of them."""
     for file in files:
-        path = Path(file)
-        places = {file, *(parent.as_posix() for parent in path.parents)}
-        if places & judged:
+        if file in judged:
             return True
+        for folder in Path(file).parents:
+            if folder.as_posix() in judged:
+                return True
     return False
 
 
@@ -258,6 +283,9 @@ def _budgets(order: Order) -> tuple[list[JsonObject], list[Finding]]:
         ):
             time = f"t = {when:.3f} s"
             kept = limit is None or worst <= limit
+            tolerance: float | None = None
+            if limit is not None:
+                tolerance = _short(limit)
             row = {
                 "check": name,
                 "file": f"clip {clip.name}",
@@ -265,7 +293,7 @@ def _budgets(order: Order) -> tuple[list[JsonObject], list[Finding]]:
                 "version": __version__,
                 "worst": _short(worst),
                 "unit": unit,
-                "tolerance": None if limit is None else _short(limit),
+                "tolerance": tolerance,
                 "verdict": "agree" if kept else "disagree",
                 "where": where,
                 "when": time if where else "",
@@ -281,24 +309,27 @@ def _proof(
     order: Order, work: Path, files: Sequence[Path], checks: Sequence[JsonObject], findings: Sequence[Finding]
 ) -> JsonObject:
     """Return the content of proof.json, which does not depend on the date: sources and results of all checks."""
+    inputs = []
+    for name, sha in order.inputs:
+        inputs.append({"file": name, "sha256": sha})
+    file_entries = []
+    for file in files:
+        data = (work / file).read_bytes()
+        sha = hashlib.sha256(data).hexdigest()
+        file_entries.append({"file": file.as_posix(), "sha256": sha, "bytes": len(data)})
     return {
         "schema": "twin-proof",
         "version": 1,
         "robot": order.mechanism.name,
         "model_hash": model_hash(order.mechanism),
         "made_by": f"twin {__version__}",
-        "inputs": [{"file": name, "sha256": sha} for name, sha in order.inputs],
-        "files": [_proof_of_file(work, file) for file in files],
-        "clips": [_proof_of_clip(clip) for clip in order.clips],
-        "checks": [_shortened(check) for check in checks],
-        "findings": [finding.as_dict() for finding in findings],
+        "inputs": inputs,
+        "files": file_entries,
+        "clips": list(map(_proof_of_clip, order.clips)),
+        "checks": list(map(_shortened, checks)),
+        "findings": list(map(Finding.as_dict, findings)),
         "verdict": verdict(findings),
     }
-
-
-def _proof_of_file(work: Path, file: Path) -> JsonObject:
-    path = work / file
-    return {"file": file.as_posix(), "sha256": _sha256(path), "bytes": path.stat().st_size}
 
 
 def _proof_of_clip(clip: Clip) -> JsonObject:
@@ -352,19 +383,15 @@ def _short(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def _written_before(folder: Path) -> list[str]:
     """Return the files of an earlier export that are unchanged: their hashes are equal to the hashes in proof.json."""
     unchanged = []
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         proof = json.loads((folder / PROOF).read_text(encoding="utf-8"))
         if proof["schema"] == "twin-proof":
-            rows = [(str(row["file"]), str(row["sha256"])) for row in proof["files"]]
-            for name, sha in rows:
-                if _is_unchanged(folder, name, sha):
+            for row in proof["files"]:
+                name = str(row["file"])
+                if _is_unchanged(folder, name, str(row["sha256"])):
                     unchanged.append(name)
             return unchanged
     return []  # also if one of the files cannot be read: then no file is removed
@@ -375,4 +402,7 @@ def _is_unchanged(folder: Path, name: str, sha: str) -> bool:
     if relative.is_absolute() or ".." in relative.parts:
         return False
     path = folder / name
-    return path.resolve().is_relative_to(folder.resolve()) and path.is_file() and _sha256(path) == sha
+    # A link in the folder may lead out of it; such a file is not one of the export.
+    if not path.resolve().is_relative_to(folder.resolve()) or not path.is_file():
+        return False
+    return hashlib.sha256(path.read_bytes()).hexdigest() == sha

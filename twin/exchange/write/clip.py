@@ -69,8 +69,11 @@ class Between:
 
     def numbers(self) -> dict[str, float]:
         """Return {name in exported files: error in m or rad}, rounded to six significant digits."""
-        named = {"between_position": self.position, "between_rotation": self.rotation, "joint_gap": self.joint_gap}
-        return {name: float(f"{value:.6g}") for name, value in named.items()}
+        return {
+            "between_position": float(f"{self.position:.6g}"),
+            "between_rotation": float(f"{self.rotation:.6g}"),
+            "joint_gap": float(f"{self.joint_gap:.6g}"),
+        }
 
     def keeps(self, budget: ClipAccuracy) -> bool:
         """Return whether no error exceeds the budget."""
@@ -148,7 +151,7 @@ def make_clip(
     """
     moved = moved or _by_plan(mechanism, trajectory)
     budget = budget or ClipAccuracy()
-    reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
+    reaches = extreme_points(mechanism)
     worst = ""  # link with the largest error at the previous rate; tested first, as it usually exceeds the budget
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
@@ -165,6 +168,13 @@ def make_clip(
                     continue
             between = measure_between(mechanism, times, links, keys, reaches)
             if between.keeps(budget) or last:
+                phases = []
+                rcms = []
+                enforced = []
+                for phase in trajectory.phases:
+                    phases.append((phase.name, float(phase.t0), float(phase.t1)))
+                    rcms.append(_position(phase.rcm))
+                    enforced.append(phase.rcm_mode == "enforced")
                 return Clip(
                     trajectory.protocol,
                     title or trajectory.protocol,
@@ -172,14 +182,14 @@ def make_clip(
                     _at_keys(links, keys),
                     rounded(_at_keys(motion.joints, keys)),
                     tuple(trajectory.joint_names),
-                    tuple((phase.name, float(phase.t0), float(phase.t1)) for phase in trajectory.phases),
+                    tuple(phases),
                     float(rate),
                     between,
                     budget,
                     trajectory.frame,
                     np.asarray(trajectory.shaft_axis, float),
-                    tuple(_position(phase.rcm) for phase in trajectory.phases),
-                    tuple(phase.rcm_mode == "enforced" for phase in trajectory.phases),
+                    tuple(rcms),
+                    tuple(enforced),
                     assumed,
                     mechanism.trocar_places,
                 )
@@ -192,7 +202,9 @@ def _at_keys(arrays: Mapping[str, Array], keys: Index) -> dict[str, Array]:
 
 
 def _position(rcm: Array | None) -> Array | None:
-    return None if rcm is None else np.asarray(rcm, float)
+    if rcm is None:
+        return None
+    return np.asarray(rcm, float)
 
 
 def _by_plan(mechanism: Mechanism, trajectory: Trajectory) -> Callable[[Array], LinkMotion]:
@@ -215,10 +227,17 @@ def key_rows(count: int, stride: int) -> Index:
     """Return the indices of the keys among `count` samples: every stride-th, and the last."""
     rows = np.arange(0, count, stride)
     last = count - 1
-    return rows if rows[-1] == last else np.append(rows, last)
+    if rows[-1] == last:
+        return rows
+    return np.append(rows, last)
 
 
-def extremes(mechanism: Mechanism, body: Body) -> Array:
+def extreme_points(mechanism: Mechanism) -> dict[str, Array]:
+    """Return {body: points (n, 3) in m, in the body's frame, whose convex hull contains the body}."""
+    return {body.name: _extremes(mechanism, body) for body in mechanism.bodies}
+
+
+def _extremes(mechanism: Mechanism, body: Body) -> Array:
     """Return points (n, 3) in m, in a body's frame, such that the convex hull of the points contains the body.
 
     The points are the corners of the meshes' bounding box, named frames, named points, and the origin. The position
@@ -253,10 +272,12 @@ def measure_between(
         times: times (k,) of the samples in s.
         links: {body: exact T_world_body (k, 4, 4)}.
         keys: indices of the keys among the samples.
-        reaches: {body: points (n, 3) in m from `extremes`}; position errors are measured at these points.
+        reaches: {body: points (n, 3) in m from `extreme_points`}; position errors are measured at these points.
     """
     moving = [name for name, Ts in links.items() if np.any(Ts != Ts[0])]
-    gaps = {joint.name: _gaps(joint, links) for joint in mechanism.joints}
+    gaps: dict[str, Array] = {}
+    for joint in mechanism.joints:
+        gaps[joint.name] = _gaps(joint, links)
     zero = (0.0, ("", 0.0))
     worst = {"position": zero, "rotation": zero, "joint_gap": zero}
 
@@ -379,7 +400,9 @@ def model_hash(mechanism: Mechanism) -> str:
             digest.update(np.ascontiguousarray(np.round(mesh.vertices, 9) + 0.0, "<f8").tobytes())
             digest.update(np.ascontiguousarray(mesh.triangles, "<i4").tobytes())
     for joint in mechanism.joints:
-        limits = None if joint.limits is None else numbers(joint.limits)
+        limits: list[float] | None = None
+        if joint.limits is not None:
+            limits = numbers(joint.limits)
         add([joint.name, joint.type, joint.parent, joint.child, joint.active, limits])
         add([numbers(joint.T_parent_joint), numbers(joint.T_child_joint)])
     for frame in mechanism.frames:

@@ -45,4 +45,8 @@ def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[F
 
 def _having(parts: Iterable[Joint] | Iterable[Actuator], field: str) -> str:
     """Return the names of the joints or actuators in which a field is set."""
-    return ", ".join(part.name for part in parts if getattr(part, field) is not None)
+    names = []
+    for part in parts:
+        if getattr(part, field) is not None:
+            names.append(part.name)
+    return ", ".join(names)

@@ -28,6 +28,7 @@ def inertia_of(body: Body) -> Inertia:
         vertices = np.concatenate([mesh.vertices for mesh in body.meshes])
         low = vertices.min(axis=0)
         high = vertices.max(axis=0)
+    # At least 1 cm: a flat or missing shape would have no volume, and so no mass.
     sides = np.maximum(high - low, 0.01)
     mass = max(DENSITY * float(np.prod(sides)), LEAST)
     # A box with sides a, b, c has the moments m / 12 (b2 + c2), m / 12 (a2 + c2), m / 12 (a2 + b2).
@@ -37,7 +38,11 @@ def inertia_of(body: Body) -> Inertia:
 
 def partly_shown(mechanism: Mechanism, file: str) -> Iterator[Finding]:
     """Yield a finding on bodies whose meshes do not show the whole body, so that its mass cannot be judged by them."""
-    names = ", ".join(b.name for b in mechanism.bodies if b.meshes and not b.whole)
+    partial = []
+    for body in mechanism.bodies:
+        if body.meshes and not body.whole:
+            partial.append(body.name)
+    names = ", ".join(partial)
     if names:
         text = (
             f"{file}: the shapes of {names} are for display, or lack shapes that the import left out; masses are not "
@@ -52,8 +57,10 @@ def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
     without_shape = []
     for body in mechanism.bodies:
         if body.inertia is None and body.name != mechanism.base:
-            names = with_shape if body.meshes else without_shape
-            names.append(body.name)
+            if body.meshes:
+                with_shape.append(body.name)
+            else:
+                without_shape.append(body.name)
     for names, assumed in (
         (", ".join(with_shape), "its bounding box filled with water"),
         (", ".join(without_shape), f"{LEAST * 1000:g} g, because it has no shape"),

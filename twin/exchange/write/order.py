@@ -86,7 +86,7 @@ class Order:
     @property
     def elsewhere(self) -> tuple[ExportedScene, ...]:
         """Scenes whose trocar positions differ from the CAD; each of these scenes needs a separate file."""
-        return tuple(scene for scene in self.scenes if self._is_elsewhere(scene))
+        return tuple(filter(self._is_elsewhere, self.scenes))
 
     def _is_elsewhere(self, scene: ExportedScene) -> bool:
         for name, position in self.mechanism.trocar_places.items():
@@ -136,11 +136,14 @@ def order(
     sources = _sources(files, cad.description, chosen, loaded)  # hash the files first: planning takes time
     # A protocol that the user did not ask for may be one that an imported robot cannot follow.
     optional = protocols is None and robot.unwritten
-    scenes = []
+    scenes: list[ExportedScene] = []
+    planned_names: list[str] = []
     for i, protocol in enumerate(loaded):
         progress(f"plan {protocol.name}", i / len(loaded))
         try:
-            planned = trajectory if trajectory is not None else plan(robot, protocol)
+            planned = trajectory
+            if planned is None:
+                planned = plan(robot, protocol)
         except ProtocolError as error:
             if not optional:
                 raise
@@ -148,15 +151,16 @@ def order(
             findings.append(warning("export.not_planned", protocol.name, text))
             continue
         progress(f"keys of {protocol.name}", (i + 0.5) / len(loaded))
-        scenes.append(_scene(robot.bound(protocol), protocol, planned, budget))
+        scene = _scene(robot.bound(protocol), protocol, planned, budget)
+        scenes.append(scene)
+        planned_names.append(scene.clip.name)
     numbers = [*cad.mechanism.parameters, *cad.dimensions]
     if files.has_equations:
         numbers += robot.kinematics().formula.parameters
-    clips = [scene.clip.name for scene in scenes]
     return Order(
         cad.mechanism,
         tuple(scenes),
-        _quick_looks(cad.description.default_protocol, clips, protocols is not None),
+        _quick_looks(cad.description.default_protocol, planned_names, protocols is not None),
         sources,
         _assumed(numbers),
         cad.description.title,
@@ -199,13 +203,19 @@ def _sources(
     for path in (files.cad / "dimensions.toml", files.formula):
         if path.is_file():
             made_from.append(path)
-    shown = {_shown(path, files.cad): path for path in made_from}
+    shown: dict[str, Path] = {}
+    for path in made_from:
+        shown[_shown(path, files.cad)] = path
     for name, protocol in zip(chosen, loaded, strict=True):
-        given = Path(name)
-        path = given if given.suffix == ".toml" else files.protocols().get(protocol.name)
+        path = Path(name)
+        if path.suffix != ".toml":
+            path = files.protocols().get(protocol.name)
         if path is not None:
             shown[f"trajectories/{path.name}"] = path
-    return tuple((name, _sha256(path, files.read)) for name, path in shown.items())
+    sources = []
+    for name, path in shown.items():
+        sources.append((name, _sha256(path, files.read)))
+    return tuple(sources)
 
 
 def _of_stage(robot: Robot, progress: Progress) -> Order:
@@ -218,7 +228,14 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
     stage = Path(mechanism.source)
     clip = sampled_clip(mechanism, stage)
     opened = Usd.Stage.Open(str(stage))  # keep a reference: layers are freed with the stage
-    layers = {Path(layer.realPath) for layer in opened.GetUsedLayers() if layer.realPath}
+    paths: set[Path] = set()
+    for layer in opened.GetUsedLayers():
+        if layer.realPath:  # empty for a layer that exists only in memory
+            paths.add(Path(layer.realPath))
+    sources = []
+    for path in sorted(paths):
+        if path.is_file():
+            sources.append((path.name, _sha256(path)))
     scenes: tuple[ExportedScene, ...] = ()
     quick_looks: tuple[str, ...] = ()
     if clip is not None:
@@ -228,7 +245,7 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
         mechanism,
         scenes,
         quick_looks,
-        tuple((path.name, _sha256(path)) for path in sorted(layers) if path.is_file()),
+        tuple(sources),
         _assumed(mechanism.parameters),
         mechanism.name,
         stage.name,
@@ -240,10 +257,13 @@ def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]
     """Return the names of clips to write as .usdz: the clip of <robot>_ar.usdz, then the clips requested by name."""
     if not names:
         return ()
-    first = default if default in names else names[0]
+    first = names[0]
+    if default in names:
+        first = default
     if not asked:
         return (first,)
-    return (first, *(name for name in names if name != first))
+    others = [name for name in names if name != first]
+    return (first, *others)
 
 
 def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
@@ -260,7 +280,7 @@ def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
             lines.append(" ".join(line.split()))
     if drawn:
         lines.append(f"{_DRAWN}*: {drawn} lengths that affect only the appearance of parts (`twin info` lists them)")
-    return tuple(dict.fromkeys(lines))
+    return tuple(dict.fromkeys(lines))  # each line once, in this order
 
 
 def _shown(path: Path, folder: Path) -> str:
@@ -273,5 +293,8 @@ def _shown(path: Path, folder: Path) -> str:
 def _sha256(path: Path, read: Read | None = None) -> str:
     """Return the sha256 of a file. For TOML, STEP and equations, `read` returns the bytes that made the robot."""
     kind = _KINDS.get(path.suffix.lower(), "")
-    data = read(path, kind) if read is not None and kind else path.read_bytes()
+    if read is not None and kind:
+        data = read(path, kind)
+    else:
+        data = path.read_bytes()
     return hashlib.sha256(data).hexdigest()

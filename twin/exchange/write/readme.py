@@ -18,12 +18,19 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
     """Return the text of README.txt for the given formats; `findings` come from the robot and the writers."""
     head = f"{order.mechanism.name}: {order.title}"
     lines = [head, "=" * len(head), "", f"Written by twin {__version__} from: {order.source}", ""]
+    uses = []
+    for format in used():
+        if format.name in formats:
+            uses.append(format.use)
+    messages = []
+    for finding in findings:
+        messages.append(f"- {finding.message}")
     for title, body in (
         ("What is where", list(_files(order, formats))),
         ("Conventions", _CONVENTIONS),
         ("Motions", list(_motions(order))),
-        ("How to use it", [format.use for format in used() if format.name in formats]),
-        ("Findings of the export", [f"- {f.message}" for f in findings] or ["- nothing"]),
+        ("How to use it", uses),
+        ("Findings of the export", messages or ["- nothing"]),
         ("What has not been tested", _UNTRIED),
         ("Assumed: numbers that are not published", list(_assumed(order))),
     ):
@@ -56,8 +63,8 @@ def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
         shown += named(name).module("write").files(order)
     shown.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))
     width = max(len(file) for file, _ in shown)
-    for file, what in shown:
-        yield f"{file.ljust(width)}  {what}"
+    for file, content in shown:
+        yield f"{file.ljust(width)}  {content}"
 
 
 def _motions(order: Order) -> Iterator[str]:
@@ -70,12 +77,13 @@ def _motions(order: Order) -> Iterator[str]:
             measured = (
                 f"budget: {budget.position / UM:g} um, {budget.rotation / DEG:g} degrees, {budget.joint_gap / UM:g} um"
             )
+        position = clip.between.position / UM
+        rotation = clip.between.rotation / DEG
+        gap = clip.between.joint_gap / UM
         yield (
             f"- {clip.name}: {clip.title}; {clip.times[-1]:.3f} s, {len(clip.times)} keys at {clip.rate:g} Hz. A "
-            "player that interpolates linearly between keys is at most "
-            f"{clip.between.position / UM:.1f} um off at any point of a link and "
-            f"{clip.between.rotation / DEG:.4f} degrees; joints open by at most {clip.between.joint_gap / UM:.1f} um "
-            f"({measured})."
+            f"player that interpolates linearly between keys is at most {position:.1f} um off at any point of a link "
+            f"and {rotation:.4f} degrees; joints open by at most {gap:.1f} um ({measured})."
         )
 
 

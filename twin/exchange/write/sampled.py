@@ -10,7 +10,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import Array
-from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between, rounded
+from twin.exchange.write.clip import Clip, extreme_points, key_rows, measure_between, rounded
 from twin.model.mechanism import Mechanism
 
 
@@ -38,8 +38,8 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
             Ts = T_base_world @ poses[body.name]
         links[body.name] = np.broadcast_to(Ts, (len(times), 4, 4))
     links = rounded(links)
-    reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
-    between = measure_between(mechanism, times, links, key_rows(len(times), 2), reaches)
+    # Every second sample is left out, and the motion at these is compared with what a player would show.
+    between = measure_between(mechanism, times, links, key_rows(len(times), 2), extreme_points(mechanism))
     name = stage.stem.removeprefix(f"{mechanism.name}_")
     if name == mechanism.name:
         name = "motion"

@@ -23,7 +23,11 @@ def numbers(values: Iterable[float]) -> str:
 
 def gains(values: Iterable[float]) -> str:
     """Return numbers that may be small, such as gains and efforts, as text with `DECIMALS` significant digits."""
-    return " ".join(f"{float(v) + 0.0:.{DECIMALS}g}" for v in values)
+    words = []
+    for value in values:
+        number = float(value) + 0.0
+        words.append(f"{number:.{DECIMALS}g}")
+    return " ".join(words)
 
 
 def srgb(color_rgba: tuple[float, float, float, float]) -> str:
