@@ -180,12 +180,15 @@ class Dragger:
         """Compile the loops; raise `AssemblyError` if the loops do not close in the rest poses."""
         self.solver = LoopSolver(mechanism)
         self.bounds = tuple(bounds)
-        angle = np.array([j.is_angle for j in mechanism.active], bool)
-        self._scale = np.where(angle, 1 / LENGTH_SCALE, 1.0)  # joint units per m of a step
+        self._scale = np.ones(len(mechanism.active))  # joint units per m of a step
+        for i, joint in enumerate(mechanism.active):
+            if joint.is_angle:
+                self._scale[i] = 1 / LENGTH_SCALE
 
         # Each gradient is divided by its largest entry, so that slacks are distances of joints.
-        gradients = np.array([b.weights * self._scale for b in self.bounds])
-        gradients = gradients.reshape(-1, len(angle))  # without bounds, the array has no columns
+        gradients = np.zeros((len(self.bounds), len(self._scale)))
+        for i, bound in enumerate(self.bounds):
+            gradients[i] = bound.weights * self._scale
         size = np.abs(gradients).max(axis=1, initial=0.0, keepdims=True)
         self._G = gradients / np.where(size > 0, size, 1.0)
         self._size = size[:, 0]
@@ -244,7 +247,9 @@ class Dragger:
                 return Dragged(now.q, now.u, more=True)
             ahead = min(s + step, part)
             # q + motion can differ from the target by a rounding error.
-            goal = target if ahead == 1 else q + ahead * motion
+            goal = target
+            if ahead < 1:
+                goal = q + ahead * motion
             further, cause = self._moved(now, goal - now.q, held, tool=False)
             passed: tuple[PassiveLimit, ...] = ()
             if further is not None:
@@ -270,8 +275,15 @@ class Dragger:
             # An end within rounding of the bound does not violate the bound.
             if change < 0 and slack + change < -1e-12:
                 fractions.append((max(0.0, slack) / -change, bound))
-        part = min((fraction for fraction, _ in fractions), default=1.0)
-        return part, [bound for fraction, bound in fractions if fraction <= part + 1e-9]
+        part = 1.0
+        for fraction, _ in fractions:
+            part = min(part, fraction)
+        # bounds that the motion meets together
+        first = []
+        for fraction, bound in fractions:
+            if fraction <= part + 1e-9:
+                first.append(bound)
+        return part, first
 
     # -- limits ---------------------------------------------------------------------------------------
 
@@ -297,7 +309,10 @@ class Dragger:
     def passed(self, before: LinearizedState, look: LinearizedState) -> tuple[PassiveLimit, ...]:
         """Return the limits of passive joints that a step passes; beyond a limit, a joint may only move back."""
         beyond = look.slacks < _floor(before)
-        return tuple(self.look.limits[i] for i in np.flatnonzero(beyond))
+        limits = []
+        for i in np.flatnonzero(beyond):
+            limits.append(self.look.limits[i])
+        return tuple(limits)
 
     def brought_back(
         self, before: LinearizedState, look: LinearizedState, held: tuple[str, Array]
@@ -403,7 +418,9 @@ class Dragger:
         for kind in self._kinds:
             has_quat = kind in ("spherical", "free")
             end = i + STATES[kind]
-            lengths = STATES[kind] - 4 if has_quat else STATES[kind]
+            lengths = STATES[kind]
+            if has_quat:
+                lengths -= 4
             out[i : i + lengths] += du[j : j + lengths]
             if has_quat:
                 turn = du[j + lengths : j + STEPS[kind]] / 2
@@ -505,7 +522,9 @@ class _Walk:
 
     def result(self, more: bool) -> Dragged:
         """Return the state and the bounds that block the point."""
-        singular = self.dragger.nearest(self.look) if self.open else self.singular
+        singular = self.singular
+        if self.open:
+            singular = self.dragger.nearest(self.look)
         return Dragged(self.look.q, self.look.u, self.stops(), singular, more)
 
     def _step(self, first: LinearizedState, total: Array, goal: Array) -> Array | None:
@@ -616,7 +635,10 @@ class _Walk:
             if not blocks:
                 continue
             # Pins of a parallelogram reach their limits together with the joint that moves them: name that joint only.
-            if not any(np.abs(gradient - other).max() < _ALIKE for other in gradients):
+            for other in gradients:
+                if np.abs(gradient - other).max() < _ALIKE:
+                    break
+            else:
                 stops.append(stop)
                 gradients.append(gradient)
         return tuple(stops)

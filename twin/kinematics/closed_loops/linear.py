@@ -45,7 +45,10 @@ def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.S
         columns.remove(j)
         inverse = 1 / a[i, j]
         determinant *= a[i, j]
-        others = [c for c in columns if (i, c) in a]
+        others = []
+        for c in columns:
+            if (i, c) in a:
+                others.append(c)
         for r in rows:
             if (r, j) not in a:
                 continue
@@ -76,8 +79,12 @@ def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple
             large = abs(values[i, j]) >= _PIVOT * largest_entry
             if (i, j) not in a or not large:
                 continue
-            in_row = sum((i, c) in a for c in columns)
-            in_column = sum((r, j) in a for r in rows)
+            in_row = 0
+            for c in columns:
+                in_row += (i, c) in a
+            in_column = 0
+            for r in rows:
+                in_column += (r, j) in a
             fill_ins = (in_row - 1) * (in_column - 1)
             # Of pivots with equal fill-ins, the relatively largest is the most stable.
             candidate = (fill_ins, -abs(values[i, j]) / largest_entry)
@@ -107,7 +114,10 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
     reciprocals: list[ca.SX] = []
     for j in range(n):
         reciprocals.append(1 / a[j, j])
-        below = [i for i in range(j + 1, n) if (i, j) in a]
+        below = []
+        for i in range(j + 1, n):
+            if (i, j) in a:
+                below.append(i)
         for i in below:
             lower[i, j] = a[i, j] * reciprocals[j]
             y[i] = y[i] - lower[i, j] * y[j]
@@ -151,6 +161,9 @@ def _least_filling(linked: np.ndarray) -> list[int]:
         left.remove(least)
         order.append(least)
         # The elimination of an unknown links all its neighbours.
-        neighbours = [i for i in left if linked[least, i]]
+        neighbours = []
+        for i in left:
+            if linked[least, i]:
+                neighbours.append(i)
         linked[np.ix_(neighbours, neighbours)] = True
     return order

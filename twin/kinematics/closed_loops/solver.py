@@ -84,7 +84,9 @@ class LoopSolver:
         self.equations = LoopEquations(mechanism)
         self.blocks = blocks(self.equations)
         self.q, start = self.equations.rest()
-        self._newton = [self._stage(number, block, start) for number, block in enumerate(self.blocks)]
+        self._newton: list[Stage] = []
+        for number, block in enumerate(self.blocks):
+            self._newton.append(self._stage(number, block, start))
 
         known = {"q": self.q}
         for passive, state in zip(self.equations.passive, start, strict=True):
@@ -131,7 +133,9 @@ class LoopSolver:
         single = self._single
         if np.shape(q) != (len(self.q),):
             raise MechanismError(f"q has shape {np.shape(q)}; expected ({len(self.q)},)")
-        out = single(q, self._start if seed is None else seed)
+        if seed is None:
+            seed = self._start
+        out = single(q, seed)
         if out[12] <= self._gap and out[13] <= self._tilt and out[14] > 0:
             T = np.eye(4)
             T[:3] = out[:12].reshape(3, 4)
@@ -155,8 +159,9 @@ class LoopSolver:
         converge.
         """
         out = self._single(q, seed)
-        closed = out[12] <= self._gap and out[13] <= self._tilt
-        return out[15:] if closed else None
+        if out[12] <= self._gap and out[13] <= self._tilt:
+            return out[15:]
+        return None
 
     def pose(self, q: Array, states: Array) -> Array:
         """Return T_base_tool (4, 4) at q (n,) and loop unknowns (m,) that close the loops."""
@@ -214,7 +219,10 @@ class LoopSolver:
         Ts = np.zeros((*shape, 4, 4))
         Ts[..., 3, 3] = 1
         Ts[..., :3, :] = rows.reshape(*shape, 3, 4)
-        return {body.name: Ts[:, i] for i, body in enumerate(self.mechanism.bodies)}
+        poses = {}
+        for i, body in enumerate(self.mechanism.bodies):
+            poses[body.name] = Ts[:, i]
+        return poses
 
     @cached_property
     def links_at(self) -> Callable[..., Array]:
@@ -227,7 +235,9 @@ class LoopSolver:
 
     def _links_kernel(self, single: bool = False) -> Kernel:
         e = self.equations
-        rows = [ca.vec(T.T) for T in e.links().values()]
+        rows = []
+        for T in e.links().values():
+            rows.append(ca.vec(T.T))  # CasADi stacks columns
         stacked = ca.densify(ca.vertcat(*rows))
         function = ca.Function("links", [e.q, e.states], [stacked], {"cse": True})
         inputs = {"q": len(self.q), "states": len(self._start)}
@@ -286,7 +296,10 @@ class LoopSolver:
     @property
     def _arguments(self) -> list[ca.SX]:
         """Symbols of q and of the state of each passive joint, named "q" and as in `_keys` in kernels."""
-        return [self.equations.q, *[passive.state for passive in self.equations.passive]]
+        symbols = [self.equations.q]
+        for passive in self.equations.passive:
+            symbols.append(passive.state)
+        return symbols
 
     @property
     def _split(self) -> Stage:
@@ -316,6 +329,6 @@ class LoopSolver:
         states = stepped(unknowns, step * ca.fmin(1, _STRIDE / size))
 
         results = {**states, "error": size, **determinant}
-        outputs = [ca.densify(result) for result in results.values()]
+        outputs = list(map(ca.densify, results.values()))
         function = ca.Function(f"block{number}", self._arguments, outputs, {"cse": True})
         return Stage(function, ("q", *self._keys), tuple(results), _STEPS, _LAST, reciprocals=True)

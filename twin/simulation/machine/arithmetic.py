@@ -50,11 +50,16 @@ class Arithmetic:
         """Compile the functions, or load them from the cache."""
         share = float(1 - np.exp(-2 * np.pi * settings.number.velocity_cutoff.value * TICK))
         turn = settings.number.counts_per_turn.value / (2 * np.pi)  # counts per rad
-        angle = 1 / (int(turn) if settings.released.whole_counts else turn)
+        if settings.released.whole_counts:
+            turn = int(turn)
+        angle = 1 / turn
         motors = settings.of_motors(mechanism)
-        counts = np.array([m.counts_per_amp / m.torque_per_amp for m in motors])
-        gains = np.array([[m.kp / m.gear, m.ki / m.gear, m.kd / m.gear] for m in motors]).T
         n = len(motors)
+        counts = np.zeros(n)
+        gains = np.zeros((3, n))
+        for i, motor in enumerate(motors):
+            counts[i] = motor.counts_per_amp / motor.torque_per_amp
+            gains[:, i] = motor.kp / motor.gear, motor.ki / motor.gear, motor.kd / motor.gear
         sense = _sense(n, angle, share)
         aim = _aim(n, share)
         drive = _drive(mechanism.motor_matrix, gains, counts)

@@ -64,21 +64,27 @@ def motion(mechanism: Mechanism) -> MotionEquations:
         raise MechanismError(f"{mechanism.name} has loops: a machine needs a mechanism without loops")
     n = len(mechanism.active)
     joints = mechanism.tree
-    q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
+    q = ca.SX.sym("q", n)
+    qd = ca.SX.sym("qd", n)
+    qdd = ca.SX.sym("qdd", n)
     factors = ca.SX.sym("factors", len(joints))
     fall = ca.SX.sym("fall", 3)
     x0, S = _coordinates(mechanism)
     x = ca.DM(x0) + ca.DM(S) @ q
     xd = ca.DM(S) @ qd
     xdd = ca.DM(S) @ qdd
-    inertias: dict[str, Inertia | None] = {b.name: b.inertia for b in mechanism.bodies}
     # The base accelerates upwards instead of a weight on each body (Featherstone, section 5.3).
     base = _BodyMotion(ca.DM.eye(3), ca.DM.zeros(3), ca.DM.zeros(3), ca.DM.zeros(3), -fall)
     motions = {mechanism.base: base}
     axes = {}
     # Forces and moments that accelerate the bodies, about the origin of base.
-    forces = {name: ca.SX.zeros(3) for name in inertias}
-    moments = {name: ca.SX.zeros(3) for name in inertias}
+    inertias: dict[str, Inertia | None] = {}
+    forces = {}
+    moments = {}
+    for body in mechanism.bodies:
+        inertias[body.name] = body.inertia
+        forces[body.name] = ca.SX.zeros(3)
+        moments[body.name] = ca.SX.zeros(3)
     for i, joint in enumerate(joints):
         z, p, body = _across(joint, motions[joint.parent], x[i], xd[i], xdd[i])
         axes[joint.name] = z, p

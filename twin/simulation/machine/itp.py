@@ -77,7 +77,7 @@ def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
     quaternions[3, 1 - arm] = 1.0  # w of the other arm: no rotation
     jaws = [0, 0]
     jaws[arm] = int(grasp)
-    steps = [int(v) for v in increments.ravel()]
+    steps = map(int, increments.ravel())
     numbers = (sequence, 0, version, *steps, *quaternions.ravel().tolist(), 0, 0, *jaws, int(pedal))
     return PACKET.pack(*numbers, checksum(numbers))
 
@@ -97,7 +97,9 @@ def ahead(sequence: int, last: int) -> int:
 
 def sequence_of(data: bytes) -> int:
     """Return the sequence number of a packet without checking the packet; 0 if the packet is too short to have one."""
-    return _FIRST.unpack_from(data)[0] if len(data) >= _FIRST.size else 0
+    if len(data) < _FIRST.size:
+        return 0
+    return _FIRST.unpack_from(data)[0]
 
 
 def renumbered(data: bytes, sequence: int) -> bytes:

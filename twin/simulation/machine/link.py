@@ -190,7 +190,9 @@ class MachineLink:
     @property
     def state(self) -> State | None:
         """The newest state; None: the machine does not answer."""
-        return self.reader.newest if self.reader.answers else None
+        if not self.reader.answers:
+            return None
+        return self.reader.newest
 
     @property
     def problem(self) -> str:

@@ -180,7 +180,11 @@ class Server:
             except OSError:
                 received = b""
             *lines, rest = (text + received).split(b"\n")
-            refused = not all(self._press(line.strip()) for line in lines)
+            refused = False
+            for line in lines:
+                if not self._press(line.strip()):
+                    refused = True
+                    break
             ended = not received
             if refused or ended or len(rest) > _LINE:
                 self._drop(reader)

@@ -58,15 +58,17 @@ class Physics:
         """Return the parameters in the robot's files; `coulomb`: Coulomb friction (n,) in N m or N."""
         mechanism = arm.mechanism
         n = len(arm.friction)
-        rotor_inertias = {a.name: a.rotor_inertia or 0.0 for a in mechanism.actuators}
-        limits = [j.limits or (-np.inf, np.inf) for j in mechanism.active]
+        rotors = np.zeros(n)
+        for actuator in mechanism.actuators:
+            if actuator.name in mechanism.motor_names and actuator.rotor_inertia is not None:
+                rotors[mechanism.motor_names.index(actuator.name)] = actuator.rotor_inertia
         return cls(
             factors=np.ones(len(mechanism.tree)),
-            rotors=np.array([rotor_inertias.get(name, 0.0) for name in mechanism.motor_names]),
+            rotors=rotors,
             viscous=arm.friction.copy(),
             coulomb=np.broadcast_to(np.asarray(coulomb, float), n).copy(),
             fall=np.array(mechanism.gravity, float),
-            stops=np.array(limits, float).T,
+            stops=mechanism.limits.T.copy(),
         )
 
     def changed(self, mass: float = 1.0, friction: float = 1.0, tilt: float = 0.0) -> Physics:
@@ -166,7 +168,11 @@ def _kernel(arm: Arm) -> Kernel:
     e = motion(arm.mechanism)
     h = TICK
     n = len(arm.mechanism.active)
-    rotors, V, C, low, high = (ca.SX.sym(name, n) for name in ("rotors", "V", "C", "low", "high"))
+    rotors = ca.SX.sym("rotors", n)
+    V = ca.SX.sym("V", n)
+    C = ca.SX.sym("C", n)
+    low = ca.SX.sym("low", n)
+    high = ca.SX.sym("high", n)
     torques = ca.SX.sym("torques", n)
     T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
     # h V: the viscous friction acts on the new rates (implicit Euler method).
@@ -183,7 +189,10 @@ def _kernel(arm: Arm) -> Kernel:
     q = e.q + h * v
     # A joint that reaches a hard stop stays there at rest, without rebound.
     inside = ca.fmax(ca.fmin(q, high), low)
-    rates = [ca.if_else(ca.fabs(q[i] - inside[i]) > 0, 0, v[i]) for i in range(n)]
+    rates = []
+    for i in range(n):
+        at_stop = ca.fabs(q[i] - inside[i]) > 0
+        rates.append(ca.if_else(at_stop, 0, v[i]))
     new_state = ca.densify(ca.vertcat(inside, *rates))
     # The kernel has one vector of states and one of parameters, in the order of `Physics.checked`.
     symbols = ca.vertcat(e.q, e.qd, e.factors, rotors, V, C, e.fall, low, high)
@@ -201,11 +210,21 @@ def _inverse(M: ca.SX) -> ca.SX:
     L = ca.SX.eye(n)
     D = [ca.SX(0)] * n
     for j in range(n):
-        D[j] = M[j, j] - sum(L[j, k] ** 2 * D[k] for k in range(j))
+        known = ca.SX(0)
+        for k in range(j):
+            known = known + L[j, k] ** 2 * D[k]
+        D[j] = M[j, j] - known
         for i in range(j + 1, n):
-            L[i, j] = (M[i, j] - sum(L[i, k] * L[j, k] * D[k] for k in range(j))) / D[j]
+            known = ca.SX(0)
+            for k in range(j):
+                known = known + L[i, k] * L[j, k] * D[k]
+            L[i, j] = (M[i, j] - known) / D[j]
+    # the inverse of L, row by row
     lower = ca.SX.eye(n)
     for j in range(n):
         for i in range(j + 1, n):
-            lower[i, j] = -sum(L[i, k] * lower[k, j] for k in range(j, i))
+            known = ca.SX(0)
+            for k in range(j, i):
+                known = known + L[i, k] * lower[k, j]
+            lower[i, j] = -known
     return lower.T @ ca.diag(1 / ca.vertcat(*D)) @ lower

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from twin.core.spatial import Array
 from twin.simulation.machine.itp import number_of, pack
+from twin.simulation.machine.settings import Settings
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.world import Block, Signals
 
@@ -16,8 +17,11 @@ class Outbox(Block):
     def __init__(self, parts: Mapping[str, Parts]) -> None:
         """Create an empty queue for each robot in `parts` (compiled parts); sequence numbers begin at 1."""
         self.outputs = {}
-        self._settings = {name: part.settings for name, part in parts.items()}
-        self._packets: dict[str, list[bytes]] = {name: [] for name in parts}
+        self._settings: dict[str, Settings] = {}
+        self._packets: dict[str, list[bytes]] = {}
+        for name, part in parts.items():
+            self._settings[name] = part.settings
+            self._packets[name] = []
         self._count = 0
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:

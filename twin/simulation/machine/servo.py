@@ -120,8 +120,8 @@ def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], 
     """
     if not settings.compensation:
         return holding(mechanism)
-    frames = {f.name: f for f in mechanism.frames}
-    children = {j.name: j.child for j in mechanism.tree}
+    frames = {frame.name: frame for frame in mechanism.frames}
+    children = {joint.name: joint.child for joint in mechanism.tree}
     masses = {}
     for point in settings.compensation:
         body = children[point.joint]
@@ -131,8 +131,10 @@ def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], 
         T_body_frame = frame.T_body_frame
         p_body_com = T_body_frame[:3, :3] @ np.array(point.centre) + T_body_frame[:3, 3]
         masses[body] = Inertia(point.mass, p_body_com, np.zeros((3, 3)))
-    bodies = tuple(replace(b, inertia=masses.get(b.name)) for b in mechanism.bodies)
-    return holding(replace(mechanism, bodies=bodies))
+    bodies = []
+    for body in mechanism.bodies:
+        bodies.append(replace(body, inertia=masses.get(body.name)))
+    return holding(replace(mechanism, bodies=tuple(bodies)))
 
 
 def holding(mechanism: Mechanism) -> Callable[[Array], Array]:

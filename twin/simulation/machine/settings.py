@@ -137,17 +137,23 @@ class Settings(Table):
 
     def of_motors(self, mechanism: Mechanism) -> list[Motor]:
         """Return the motors in the order of `mechanism.motor_names`."""
-        known = {m.name: m for m in self.motor}
-        return [known[name] for name in mechanism.motor_names]
+        by_name = {motor.name: motor for motor in self.motor}
+        return list(map(by_name.__getitem__, mechanism.motor_names))
 
     def of_joints(self, mechanism: Mechanism) -> list[JointFriction]:
         """Return the friction of each joint, in the order of q."""
-        known = {j.name: j for j in self.joint}
-        return [known[j.name] for j in mechanism.active]
+        by_name = {friction.name: friction for friction in self.joint}
+        frictions = []
+        for joint in mechanism.active:
+            frictions.append(by_name[joint.name])
+        return frictions
 
     def coulomb(self, mechanism: Mechanism) -> Array:
         """Return the Coulomb friction (n,) in N m or N."""
-        return np.array([j.coulomb for j in self.of_joints(mechanism)])
+        coulomb = np.zeros(len(mechanism.active))
+        for i, friction in enumerate(self.of_joints(mechanism)):
+            coulomb[i] = friction.coulomb
+        return coulomb
 
     def parameters(self) -> list[Parameter]:
         """Return the numbers of the control software and the joints' friction with their provenance."""
@@ -201,6 +207,9 @@ def _check_names(path: Path, key: str, names: Sequence[str], known: Sequence[str
             raise error_at(path, (key, i), unknown(key, name, known))
         if name in names[:i]:
             raise error_at(path, (key, i), f"'{name}' is defined twice")
-    missing = [name for name in known if name not in names]
+    missing = []
+    for name in known:
+        if name not in names:
+            missing.append(name)
     if complete and missing:
         raise DescriptionError(f"{path}: no [[{key}]] for {', '.join(missing)}")

@@ -208,7 +208,6 @@ class Machine:
 
     def _prepare_joints(self, settings: Settings) -> None:
         """Store what the control software needs of the joints in each tick."""
-        joints = self._mechanism.active
         turn = settings.number.counts_per_turn.value / (2 * np.pi)  # counts per rad
         self._count = 1 / turn
         T = self._mechanism.motor_matrix
@@ -217,12 +216,10 @@ class Machine:
             one_way = (T != 0) & (T.T == 0)  # the motor of another joint, whose cable runs over this joint
             self._rates_of = np.where(one_way, 0.0, T)
         # Lists: for the few joints of an arm, comparing Python floats is faster than numpy.
-        limits = [j.limits or (-np.inf, np.inf) for j in joints]
-        self._low = [float(low) for low, _ in limits]
-        self._high = [float(high) for _, high in limits]
-        self._angles = np.array([j.is_angle for j in joints])
+        self._low, self._high = self._mechanism.limits.T.tolist()
+        self._angles = np.array([joint.is_angle for joint in self._mechanism.active])
         self._grasped = np.flatnonzero(self.parts.kin.auxiliary).tolist()
-        brakes = np.array([j.brake for j in settings.of_joints(self._mechanism)])
+        brakes = np.array([friction.brake for friction in settings.of_joints(self._mechanism)])
         # A brake is a Coulomb friction in addition to that of the joint.
         self._free = self.plant.physics
         self._braked = replace(self._free, coulomb=self._free.coulomb + brakes)

@@ -51,9 +51,13 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
 def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
     """Return the matrix (4 n, 4 n) by which a tick multiplies the state (q, v, w, s)."""
     motors = settings.of_motors(arm.mechanism)
-    kp = np.diag([m.kp / m.gear for m in motors])
-    kd = np.diag([m.kd / m.gear for m in motors])
-    ki = np.diag([m.ki / m.gear for m in motors])
+    kp = np.zeros((len(motors), len(motors)))
+    kd = np.zeros_like(kp)
+    ki = np.zeros_like(kp)
+    for i, motor in enumerate(motors):
+        kp[i, i] = motor.kp / motor.gear
+        kd[i, i] = motor.kd / motor.gear
+        ki[i, i] = motor.ki / motor.gear
     dynamics = arm.dynamics()
     M = dynamics.mass_matrix(q)
     V = np.diag(dynamics.friction)

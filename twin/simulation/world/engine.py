@@ -97,8 +97,8 @@ class World:
         blocks = (*devices, *controllers, *plants)
         initial = _initial_values(blocks, hazards)
         self.signals = Signals(dict(sorted(initial.items())))  # order of a row: independent of the order of blocks
-        self._devices = [self._run(b, hazards) for b in devices]
-        self._moved = [self._run(b, hazards) for b in (*controllers, *plants)]
+        self._devices = [self._run(block, hazards) for block in devices]
+        self._moved = [self._run(block, hazards) for block in (*controllers, *plants)]
         for robot in robots:
             self._need(f"{robot.name}.q", len(robot.mechanism.active), f"robot '{robot.name}'")
         for deformable in deformables:
@@ -122,7 +122,10 @@ class World:
         changes: dict[str, list[Hazard]] = {}
         memory = {}
         for name in block.outputs:
-            changing = [h for h in hazards if h.signal == name]
+            changing = []
+            for hazard in hazards:
+                if hazard.signal == name:
+                    changing.append(hazard)
             if changing:
                 changes[name] = changing
                 # The block writes beside the signal; `_change` puts the changed value into the signal.
@@ -142,10 +145,10 @@ class World:
         owner = deformable.owner
         if not owner:
             return
-        owners = {p.name: p.mechanism for p in (*self._robots, *self._props)}
+        owners = {placed.name: placed.mechanism for placed in (*self._robots, *self._props)}
         if owner not in owners:
             raise WorldError(f"'{deformable.name}': {unknown('robot or prop', owner, owners)}")
-        bodies = [b.name for b in owners[owner].bodies]
+        bodies = [body.name for body in owners[owner].bodies]
         if deformable.body not in bodies:
             raise WorldError(f"'{deformable.name}': {unknown(f'body of {owner}', deformable.body, bodies)}")
 
@@ -168,9 +171,14 @@ class World:
             tick = self.tick
             t = self.t
             # No device sees the output of another device in this tick; if one has ended, no signal has changed yet.
-            inputs = [{} if tick % every else block.step(signals, t, dt) for block, every, dt, *_ in self._devices]
-            if None in inputs:
-                self.ended = True
+            inputs: list[Mapping[str, ArrayLike]] = []
+            for block, every, dt, *_ in self._devices:
+                values = {} if tick % every else block.step(signals, t, dt)
+                if values is None:
+                    self.ended = True
+                else:
+                    inputs.append(values)
+            if self.ended:
                 return False
             for (block, _, _, memory, hazards), out in zip(self._devices, inputs, strict=True):
                 if out:
@@ -214,7 +222,7 @@ class World:
 
     def fields(self) -> dict[str, Array]:
         """Return {name of a deformable: vertices (n, 3) in m in the World}; faster than `frame`."""
-        owners = {d.owner for d in self.deformables}
+        owners = {deformable.owner for deformable in self.deformables}
         poses = {}
         for placed in (*self._robots, *self._props):
             if placed.name in owners:
@@ -233,7 +241,9 @@ class World:
 
     def link_poses(self) -> dict[str, dict[str, Array]]:
         """Return {robot, prop or object: {link: T_world_link (4, 4)}} at the current time, as part of `frame()`."""
-        poses = {p.name: self._poses(p) for p in (*self._robots, *self._props)}
+        poses = {}
+        for placed in (*self._robots, *self._props):
+            poses[placed.name] = self._poses(placed)
         for item in self._objects:
             T_world_object = self.signals[f"{item.name}.pose"].reshape(4, 4)
             poses[item.name] = {item.name: T_world_object}
@@ -245,7 +255,10 @@ class World:
             links = placed.links(self.signals[signal])
         else:
             links = self._assembly(placed, signal).link_poses
-        return {name: placed.T_world_base @ T for name, T in links.items()}
+        poses = {}
+        for name, T_base_link in links.items():
+            poses[name] = placed.T_world_base @ T_base_link
+        return poses
 
     def _assembly(self, placed: Placed, signal: str) -> Assembly:
         """Return the reference model's solution at the current joint values; loops are solved from the last one."""

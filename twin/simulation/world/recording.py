@@ -85,12 +85,15 @@ class Recording:
     def to_bytes(self) -> bytes:
         """Return the content of the file."""
         body = self.rows.astype("<f8").tobytes()
+        signals = []
+        for name, size in self.sizes.items():
+            signals.append({"name": name, "size": size})
         head = {
             "schema": "twin-world",
             "version": 1,
             "dt": self.dt,
             "ticks": len(self.rows),
-            "signals": [{"name": n, "size": s} for n, s in self.sizes.items()],
+            "signals": signals,
             "sha256": hashlib.sha256(body).hexdigest(),
         }
         return json.dumps(head).encode() + b"\n" + body
@@ -117,7 +120,7 @@ def read_recording(path: Path) -> Recording:
             line = file.readline(_LONGEST_HEAD)
             rest = os.fstat(file.fileno()).st_size - len(line)
             head = RecordingHead.model_validate_json(line)
-            sizes = {s.name: s.size for s in head.signals}
+            sizes = {signal.name: signal.size for signal in head.signals}
             width = sum(sizes.values())
             wanted = 8 * head.ticks * width  # 8 bytes per value
             if len(sizes) < len(head.signals):

@@ -53,8 +53,12 @@ class Signals:
             self.sizes[name] = len(vector)
         self.row = np.concatenate([*values, []])  # []: a World without signals has a row of no values
         self._squared = self.row.dot
-        self._views = {name: self.row[c] for name, c in columns(self.sizes).items()}
-        self.now = _Now({name: view[:] for name, view in self._views.items()})
+        self._views: dict[str, Array] = {}
+        read_only: dict[str, Array] = {}
+        for name, place in columns(self.sizes).items():
+            self._views[name] = self.row[place]
+            read_only[name] = self.row[place]
+        self.now = _Now(read_only)
 
     def __getitem__(self, name: str) -> Array:
         """Return a signal (n,) by name.
@@ -79,8 +83,9 @@ class Signals:
         """
         # The sum of squares is finite if all values are finite and below 1e150. Otherwise, test each value.
         if not math.isfinite(self._squared(self.row)) and not np.isfinite(self.row).all():
-            name = next(n for n, view in self._views.items() if not np.isfinite(view).all())
-            raise WorldError(f"signal '{name}' is not finite at t = {t:.3f} s: {self[name].tolist()}")
+            for name, view in self._views.items():
+                if not np.isfinite(view).all():
+                    raise WorldError(f"signal '{name}' is not finite at t = {t:.3f} s: {view.tolist()}")
 
 
 class _Now(dict[str, Array]):

@@ -102,14 +102,15 @@ class Feel:
         self._addresses: list[list[int]] = []  # of the links' free joints in qpos
         self.outputs: dict[str, Array] = {}
         for k, gripper in enumerate(grippers):
-            bodies = [f"{gripper.robot}/{link.name}" for link in gripper.links]
             addresses = []
-            for i, name in enumerate(bodies):
+            for i, link in enumerate(gripper.links):
+                name = f"{gripper.robot}/{link.name}"
                 addresses.append(m.joint(name).qposadr[0])
-                if i > 0:
+                if i == 0:
+                    self._hands.append(m.body(name).id)
+                else:
                     self._link_index[m.body(name).id] = i
             self._addresses.append(addresses)
-            self._hands.append(m.body(bodies[0]).id)
             # Different phases: the instruments do not compute their levers in the same step.
             self._levers.append(ToolLevers(gripper, 2 * k))
             self._proxies.append(_Proxy())
@@ -143,7 +144,10 @@ class Feel:
         self._step += 1
         place(self._at.qpos)
         # One collision test a step: at the joint values, or with one of the instruments at its proxy, in turn.
-        away = [arm for arm in range(len(self._proxies)) if self._proxies[arm].away]
+        away = []
+        for arm in range(len(self._proxies)):
+            if self._proxies[arm].away:
+                away.append(arm)
         turn = self._step % (len(away) + 1)
         if turn == 0:
             changed = self._at_joints(q)
@@ -341,8 +345,9 @@ def _deepest(d: mujoco.MjData, near: float = 0.0) -> list[_PairContact]:
     distances = contact.dist.tolist()
     indices: dict[tuple[int, int], int] = {}
     for k, (first, second) in enumerate(contact.geom.tolist()):
-        previous = indices.get((first, second))
-        limit = near if previous is None else distances[previous]
+        limit = near
+        if (first, second) in indices:
+            limit = distances[indices[first, second]]
         if distances[k] < limit:
             indices[first, second] = k
     deepest = []

@@ -188,7 +188,9 @@ class Contact(Block):
 
     def _start(self, q: Mapping[str, Array]) -> None:
         """Set links and objects to their poses at the start."""
-        q_start = {robot: np.asarray(values, float) for robot, values in q.items()}
+        q_start = {}
+        for robot, values in q.items():
+            q_start[robot] = np.asarray(values, float)
         self._links = _Links(self._grippers, self._model, self._data, q_start, self.period)
         self._q_names = [f"{gripper.robot}.q" for gripper in self._grippers]
         self._R = np.zeros(9)
@@ -222,7 +224,11 @@ class Contact(Block):
         parts: list[Mesh] = []
         for solid in solids:
             parts.extend(solid.parts)
-        return {geom for geom, part in zip(fixed, parts, strict=True) if part.name in names}
+        geoms = set()
+        for geom, part in zip(fixed, parts, strict=True):
+            if part.name in names:
+                geoms.add(geom)
+        return geoms
 
     def _require_apart(self) -> None:
         m = self._model
@@ -317,8 +323,12 @@ class Contact(Block):
                 holding[item].add(arm)
         for item, arms in enumerate(holding):
             before = self._holding[item]
-            kept = [arm for arm in before if arm in arms]
-            self._holding[item] = kept + sorted(arms.difference(before))
+            # those that still hold the object, in their order, then the new ones
+            holders_by_time = []
+            for arm in before:
+                if arm in arms:
+                    holders_by_time.append(arm)
+            self._holding[item] = holders_by_time + sorted(arms.difference(before))
             if arms:
                 holders[item] = self._holding[item][-1]
 
@@ -365,7 +375,10 @@ class _Links:
         row = 0
         for gripper in grippers:
             views = self._wanted.reshape(-1, 7)[row : row + len(gripper.links)]
-            self._rows.append([(view[:3], view[3:]) for view in views])
+            rows = []
+            for view in views:
+                rows.append((view[:3], view[3:]))
+            self._rows.append(rows)
             row += len(gripper.links)
         self._last = [b""] * len(grippers)
         self._locate([q[gripper.robot] for gripper in grippers])

@@ -117,9 +117,14 @@ class Hold:
         self._equality: list[list[int]] = []
         self._tendon: list[list[int]] = []
         for k in range(GRIPS):
-            names = [f"grip_{k}_{axis}" for axis in range(3)]
-            self._equality.append([m.equality(name).id for name in names])
-            self._tendon.append([m.tendon(name).id for name in names])
+            equalities = []
+            tendons = []
+            for axis in range(3):
+                name = f"grip_{k}_{axis}"
+                equalities.append(m.equality(name).id)
+                tendons.append(m.tendon(name).id)
+            self._equality.append(equalities)
+            self._tendon.append(tendons)
         self.reset()
 
     def reset(self) -> None:

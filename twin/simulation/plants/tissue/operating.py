@@ -179,11 +179,17 @@ class Operating(Tissues):
         self._sight = sight
         self._steps = 0
         self._organ = next(tissue for tissue in tissues if tissue.name == procedure.organ)
-        self._spared = [tissue for tissue in tissues if tissue.name in procedure.spare]
+        self._spared: list[Tissue] = []
+        for tissue in tissues:
+            if tissue.name in procedure.spare:
+                self._spared.append(tissue)
         self._energy = np.zeros(len(self._organ.held))
         self._freed = np.zeros(len(self._organ.held))
-        self._tubes = [Tube(vessel, period) for vessel in vessels]
-        self._roots = [self._root(vessel) for vessel in vessels]
+        self._tubes: list[Tube] = []
+        self._roots: list[Array | None] = []
+        for vessel in vessels:
+            self._tubes.append(Tube(vessel, period))
+            self._roots.append(self._root(vessel))
         self._states: dict[str, _State] = {}
         for instrument in instruments:
             self._states[instrument.robot] = _State(instrument.tool, instrument.T_world_tip())
@@ -204,7 +210,9 @@ class Operating(Tissues):
         super().step(signals, t, dt)
         nodes = self.organs.nodes[self._organ.name]
         for tube, root in zip(self._tubes, self._roots, strict=True):
-            first = tube.points[0] if root is None else root @ nodes
+            first = tube.points[0]
+            if root is not None:
+                first = root @ nodes
             tube.step(first)
         self._depths = dict.fromkeys(self._depths, 0.0)
         for k, instrument in enumerate(self._instruments):

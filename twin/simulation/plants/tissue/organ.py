@@ -144,9 +144,12 @@ class Organ:
         first = m.flex_nodeadr[self._index]
         nodes = m.flex_nodebodyid[first : first + m.flex_nodenum[self._index]]
         self._free = np.flatnonzero(m.body_dofnum[nodes])
-        joints = [m.joint(name) for name in self._joints]
-        self.qpos = np.array([joint.qposadr[0] for joint in joints], int)
-        self.dofs = np.array([joint.dofadr[0] for joint in joints], int)
+        self.qpos = np.zeros(len(self._joints), int)
+        self.dofs = np.zeros(len(self._joints), int)
+        for i, name in enumerate(self._joints):
+            joint = m.joint(name)
+            self.qpos[i] = joint.qposadr[0]
+            self.dofs[i] = joint.dofadr[0]
         self._equality = m.equality(f"{self.tissue.name}_volume").id
         start = m.tendon_adr[m.tendon(f"{self.tissue.name}_volume").id]
         self._wraps = slice(start, start + len(self._joints))

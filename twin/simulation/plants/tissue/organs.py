@@ -122,8 +122,12 @@ class Organs:
         for k, tissue in enumerate(tissues):
             self._organs[tissue.name] = Organ(tissue, k, tissue.name == held)
         self.operable = self._organs[held] if held else None
-        self._samples = [_samples(tool) for tool in tools]
-        self._corners = [_corners(points) for points in self._samples]
+        self._samples: list[Array] = []
+        self._corners: list[Array] = []
+        for tool in tools:
+            points = _samples(tool)
+            self._samples.append(points)
+            self._corners.append(_corners(points))
         self._model = self._compiled()
         self._data = mujoco.MjData(self._model)
         for organ in self._organs.values():
@@ -215,7 +219,9 @@ class Organs:
         """For each organ, the names of the links that are inside the organ, and therefore do not touch the organ."""
         names: dict[str, tuple[str, ...]] = {}
         for name, organ in self._organs.items():
-            links = [self.tools[k].name for k in sorted(organ.within)]
+            links = []
+            for k in sorted(organ.within):
+                links.append(self.tools[k].name)
             names[name] = tuple(links)
         return names
 
@@ -290,9 +296,10 @@ class Organs:
     def _require_finite(self) -> None:
         """Raise `WorldError` for a state that is not finite, which MuJoCo resets with only a warning."""
         warnings = mujoco.mjtWarning
-        kinds = (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC)
-        if any(self._data.warning[kind].number for kind in kinds):
-            names = ", ".join(f"'{t.name}'" for t in self.tissues)
+        for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC):
+            if not self._data.warning[kind].number:
+                continue
+            names = ", ".join(f"'{tissue.name}'" for tissue in self.tissues)
             raise WorldError(
                 f"the simulation of the organs {names} became unstable in step {self._steps} of {self.period * 1e3:g} "
                 "ms; move the instruments more slowly, or give the organs a smaller Young's modulus"
@@ -439,7 +446,10 @@ class Organs:
         """Switch off contact of a robot's links with the operable organ (`on`), or switch it on for links outside."""
         organ = self.operable
         assert organ is not None
-        links = [k for k, tool in enumerate(self.tools) if tool.robot == robot]
+        links = []
+        for k, tool in enumerate(self.tools):
+            if tool.robot == robot:
+                links.append(k)
         organ.mute(links, on)
         for k in links:
             if on:
