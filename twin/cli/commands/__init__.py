@@ -36,6 +36,7 @@ HELP = {
     "export": "export a robot with its motions for headsets, game engines and simulators, and check the files",
     "audit": "check exported files, also from other tools, with independent readers, and compare the files",
     "compare": "compare two or more descriptions of one robot, and name joint, link, file and line that differ",
+    "check": "check every robot description in a folder: meshes, masses, limits, loops; SARIF and JUnit for CI",
     "workspace": "compute the workspace: volume, conditioning, margins to limits and singularities",
     "tolerance": "compute the tool error caused by part and encoder errors, and compare it with a requirement",
     "sweep": "evaluate designs with other parameters or distances, on a grid or Latin hypercube",

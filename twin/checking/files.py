@@ -1,0 +1,279 @@
+"""The robot descriptions in a folder, and the meshes and packages that they name."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from pathlib import Path
+
+from twin.core.errors import SourceError
+from twin.core.foreign.budget import STAGE_SUFFIXES
+
+Kind = str
+"""Name of the format in `twin.exchange.formats`, or "folder" for a robot folder of twin."""
+
+_SKIPPED = (".git", ".hg", ".svn", ".venv", "node_modules", "__pycache__", ".tox", "twin-out")
+"""Names of folders that are never searched."""
+
+_HEAD = 65536
+"""Number of bytes at the beginning of a file that tell its kind."""
+
+_MOST = 200_000
+"""Maximum number of files and folders in a checked folder."""
+
+_ROOT = re.compile(rb"<(?![?!])\s*([A-Za-z_][\w.:-]*)")
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_NAMED_ROBOT = re.compile(rb"<robot\b[^>]*\sname\s*=")
+_PACKAGE_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
+_INCLUDE = re.compile(rb"<include\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
+_DH = re.compile(rb"\balpha|\\alpha|\btwist|\xce\xb1", re.IGNORECASE)
+_DH_LENGTHS = re.compile(rb"theta|\xce\xb8|\\theta|\boffset", re.IGNORECASE)
+_TABLES = (".csv", ".toml", ".md", ".tex")
+
+
+@dataclass(frozen=True)
+class Description:
+    """A file that may describe a robot.
+
+    Attributes:
+        path: the file, or the folder of a robot of twin.
+        name: its path relative to the checked folder, with /.
+        kind: see `Kind`.
+        certain: whether it is a description for certain, so that a reader's refusal is a finding.
+    """
+
+    path: Path
+    name: str
+    kind: Kind
+    certain: bool = True
+
+
+@dataclass
+class Tree:
+    """What a checked folder contains.
+
+    Attributes:
+        folder: the folder.
+        descriptions: the descriptions, by name.
+        packages: {name of a ROS package or folder: folders with this name}.
+        unreadable: {name: reason} of files and folders that cannot be read.
+        parts: MJCF files that other files include.
+    """
+
+    folder: Path
+    descriptions: list[Description] = field(default_factory=list)
+    packages: dict[str, list[Path]] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
+    parts: set[Path] = field(default_factory=set)
+
+
+def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = ()) -> Tree:
+    """Search a folder and its subfolders for descriptions.
+
+    Links to folders are not followed, so a loop of links ends. `exclude` are patterns as in a .gitignore file: a name
+    (`build`), a path (`old/arm.urdf`) or a pattern with `*`; `packages` are further folders with packages.
+
+    Raises:
+        SourceError: the folder does not exist, is not a folder, or has too many files.
+    """
+    if not folder.exists():
+        raise SourceError(f"{folder}: the folder does not exist")
+    if not folder.is_dir():
+        raise SourceError(f"{folder}: this is a file; give the folder that contains it")
+    tree = Tree(folder)
+    count = 0
+
+    def refused(error: OSError) -> None:
+        place = Path(str(error.filename or folder))
+        tree.unreadable[_relative(place, folder)] = error.strerror or str(error)
+
+    for place, folders, files in os.walk(folder, onerror=refused):
+        here = Path(place)
+        kept: list[str] = []
+        for name in sorted(folders):
+            if name not in _SKIPPED and not excluded(_relative(here / name, folder), exclude):
+                kept.append(name)
+                tree.packages.setdefault(name, []).append(here / name)
+        folders[:] = kept
+        count += len(kept) + len(files)
+        if count > _MOST:
+            raise SourceError(f"{folder}: more than {_MOST:,} files; check its folders one by one, or use --exclude")
+        if "cad" in kept and _is_robot_folder(here):
+            tree.descriptions.append(Description(here, _relative(here, folder), "folder"))
+        for name in sorted(files):
+            relative = _relative(here / name, folder)
+            if not excluded(relative, exclude):
+                _file(tree, here / name, relative)
+    for place in packages:
+        tree.packages.setdefault(place.name, []).append(place)
+        for inner in place.iterdir():
+            if inner.is_dir():
+                tree.packages.setdefault(inner.name, []).append(inner)
+    tree.descriptions.sort(key=lambda description: description.name)
+    return tree
+
+
+def _file(tree: Tree, path: Path, name: str) -> None:
+    """Add a file to the tree, if it is a description, a package or a part of a description."""
+    suffix = path.suffix.lower()
+    if suffix not in (".urdf", ".xacro", ".xml", ".mjcf", ".sdf", *STAGE_SUFFIXES, *_TABLES):
+        return
+    if not path.is_file():  # a link to nothing, or a pipe
+        if path.is_symlink():
+            tree.unreadable[name] = "the link points to no file"
+        return
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError as error:
+        tree.unreadable[name] = error.strerror or str(error)
+        return
+    if path.name == "package.xml":
+        found = _PACKAGE_NAME.search(head)
+        if found is not None:
+            tree.packages.setdefault(found[1].decode("utf-8", "replace"), []).append(path.parent)
+        return
+    if suffix in (".xml", ".mjcf"):
+        for target in _INCLUDE.findall(head):
+            tree.parts.add((path.parent / target.decode("utf-8", "replace")).resolve())
+    found_kind = _kind(path, suffix, head)
+    if found_kind is not None:
+        kind, certain = found_kind
+        tree.descriptions.append(Description(path, name, kind, certain))
+
+
+def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, bool] | None:
+    """Return the kind of a file, and whether it is a description for certain; None if it is no description."""
+    if suffix in STAGE_SUFFIXES:
+        return "usd", False
+    if suffix in _TABLES:
+        if path.parent.name == "cad" and suffix == ".toml":  # the description of a robot folder
+            return None
+        if _DH.search(head) and _DH_LENGTHS.search(head):
+            return "dh", False
+        return None
+    markup = _COMMENT.sub(b"", head)
+    root = _ROOT.search(markup)
+    name = b"" if root is None else root[1]
+    if suffix == ".xacro":
+        if _NAMED_ROBOT.search(markup) is None:
+            return None  # macros for others to include
+        return "xacro", False
+    if suffix == ".urdf":
+        return "urdf", True
+    if suffix == ".sdf":
+        return "sdf", True
+    if name == b"mujoco":
+        return "mjcf", False
+    return None
+
+
+def excluded(name: str, patterns: Sequence[str]) -> bool:
+    """Return whether a path relative to the folder matches a pattern, as in a .gitignore file without `!`."""
+    for given in patterns:
+        pattern = given.rstrip("/")
+        if "/" in pattern.strip("/"):
+            pattern = pattern.lstrip("/")
+            if fnmatch(name, pattern) or fnmatch(name, f"{pattern}/*"):
+                return True
+        else:
+            pattern = pattern.lstrip("/")
+            for part in name.split("/"):
+                if fnmatch(part, pattern):
+                    return True
+    return False
+
+
+def _is_robot_folder(folder: Path) -> bool:
+    """Return whether a folder has a description cad/NAME.toml with joints."""
+    for file in (folder / "cad").glob("*.toml"):
+        try:
+            with file.open("rb") as stream:
+                head = stream.read(_HEAD)
+        except OSError:
+            continue
+        if b"[[joint]]" in head:
+            return True
+    return False
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return path.relative_to(folder).as_posix()
+    except ValueError:
+        return path.as_posix()
+
+
+@dataclass(frozen=True)
+class FoundMesh:
+    """Where a mesh is: `path`, or None; `outside`: it is in a package that is not here; `similar`: other case."""
+
+    path: Path | None
+    outside: bool = False
+    similar: str = ""
+
+
+def find_mesh(address: str, beside: Path, tree: Tree) -> FoundMesh:
+    """Return where the mesh at a path or a `package://`, `model://` or `file://` address is.
+
+    Paths are relative to the file's folder, or to a folder around it within the checked folder.
+    """
+    scheme, mark, rest = address.partition("://")
+    if not mark:
+        rest = address
+        scheme = ""
+    if scheme in ("http", "https"):
+        return FoundMesh(None, outside=True)
+    candidates: list[Path] = []
+    known = True
+    if scheme in ("package", "model"):
+        package, _, inner = rest.lstrip("/").partition("/")
+        known = package in tree.packages or tree.folder.resolve().name == package
+        for place in tree.packages.get(package, ()):
+            candidates.append(place / inner)
+        if tree.folder.resolve().name == package:
+            candidates.append(tree.folder / inner)
+        for around in _around(beside, tree.folder):
+            candidates.append(around / rest.lstrip("/"))
+            if around.name == package:
+                known = True
+                candidates.append(around / inner)
+    elif Path(rest).is_absolute():
+        candidates.append(Path(rest))
+    else:
+        for around in _around(beside, tree.folder):
+            candidates.append(around / rest)
+    for candidate in candidates:
+        if candidate.is_file():
+            return FoundMesh(candidate)
+    for candidate in candidates:
+        similar = _other_case(candidate)
+        if similar:
+            return FoundMesh(None, similar=similar)
+    return FoundMesh(None, outside=not known)
+
+
+def _around(beside: Path, folder: Path) -> list[Path]:
+    """Return a folder and those around it, up to the one that contains the checked folder."""
+    top = folder.resolve().parent
+    places = [beside.resolve()]
+    for parent in beside.resolve().parents:
+        places.append(parent)
+        if parent == top:
+            break
+    return places
+
+
+def _other_case(path: Path) -> str:
+    """Return the name of a file that differs from a path only in upper and lower case; "" if there is none."""
+    try:
+        names = os.listdir(path.parent)
+    except OSError:
+        return ""
+    for name in names:
+        if name.casefold() == path.name.casefold():
+            return name
+    return ""

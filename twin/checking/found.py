@@ -1,0 +1,108 @@
+"""A finding of a check, with its place in a file."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from twin.checking.rules import LEVELS, RULES, Level
+from twin.core.findings import Finding, Severity
+from twin.core.json_types import JsonObject
+
+_LINE = re.compile(r"(:\d+)+\b|\bline \d+(, column \d+)?")
+"""Line numbers in messages, which no fingerprint contains."""
+
+_SEVERITY: dict[Level, Severity] = {"note": "info", "warning": "warning", "error": "disagreement"}
+
+
+@dataclass(frozen=True)
+class CheckFinding:
+    """One finding.
+
+    Attributes:
+        rule: identifier in `RULES`.
+        file: path relative to the checked folder, with /.
+        subject: the element, such as "joint 'elbow'"; "" for the file.
+        message: one sentence with value and limit.
+        line: line in the file, from 1; 0 if unknown.
+        suggestion: the way out; "" for that of the rule.
+        occurrence: number of the finding among those with the same rule, file, subject and message.
+        known: whether the baseline has it.
+    """
+
+    rule: str
+    file: str
+    subject: str
+    message: str
+    line: int = 0
+    suggestion: str = ""
+    occurrence: int = 0
+    known: bool = False
+
+    @property
+    def level(self) -> Level:
+        """The level of the rule."""
+        return RULES[self.rule].level
+
+    @property
+    def way(self) -> str:
+        """The way out."""
+        return self.suggestion or RULES[self.rule].help
+
+    @property
+    def place(self) -> str:
+        """File and line."""
+        if self.line:
+            return f"{self.file}:{self.line}"
+        return self.file
+
+    @property
+    def fingerprint(self) -> str:
+        """Hexadecimal digits that stay the same if lines move; another value in the message changes them."""
+        message = _LINE.sub("", self.message)
+        parts = (self.rule, self.file, self.subject, message, str(self.occurrence))
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+    def as_finding(self) -> Finding:
+        """Return the finding in the form of all results."""
+        severity = _SEVERITY[self.level]
+        if self.rule == "file/unjudged":
+            severity = "error"
+        return Finding(f"check.{self.rule}", severity, self.message, where=self.place, suggestion=self.way)
+
+    def as_dict(self) -> JsonObject:
+        """Return the finding as plain data."""
+        return {
+            "rule": self.rule,
+            "level": self.level,
+            "file": self.file,
+            "line": self.line or None,
+            "subject": self.subject,
+            "message": self.message,
+            "suggestion": self.way,
+            "fingerprint": self.fingerprint,
+            "known": self.known,
+        }
+
+
+def numbered(findings: Iterable[CheckFinding]) -> list[CheckFinding]:
+    """Return the findings by file and line, equal ones counted; a finding that is told twice for one line once."""
+    counts: dict[tuple[str, str, str, str], int] = {}
+    lines: set[tuple[str, str, str, str, int]] = set()
+    out: list[CheckFinding] = []
+    for finding in sorted(findings, key=_order):
+        key = (finding.rule, finding.file, finding.subject, finding.message)
+        if (*key, finding.line) in lines:
+            continue
+        lines.add((*key, finding.line))
+        count = counts.get(key, 0)
+        counts[key] = count + 1
+        out.append(replace(finding, occurrence=count))
+    return out
+
+
+def _order(finding: CheckFinding) -> tuple[str, int, int, str, str, str]:
+    rank = -LEVELS.index(finding.level)
+    return (finding.file, finding.line, rank, finding.rule, finding.subject, finding.message)

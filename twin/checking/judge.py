@@ -1,0 +1,385 @@
+"""All rules on one file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from twin.checking.elements import Elements, check_elements
+from twin.checking.files import Description, Tree, find_mesh
+from twin.checking.found import CheckFinding
+from twin.checking.mechanisms import check_loops, check_masses, check_zero
+from twin.checking.places import element_lines
+from twin.core.errors import BudgetError, CodeRefusedError, SourceError, TwinError
+from twin.core.foreign.text import parse_xml
+from twin.exchange.read.source import Imported
+from twin.exchange.xacro import Expanded, XacroSettings, expand, is_xacro
+from twin.usd.read.names import identifier
+
+Status = Literal["judged", "no robot", "incomplete", "unsupported", "unjudged", "part"]
+
+_INCOMPLETE = re.compile(r"Undefined substitution argument|was not found|package '|ROS_PACKAGE_PATH|--arg|--packages")
+"""What the error of a xacro says if it needs arguments or packages."""
+
+_NO_ROBOT = re.compile(r"so there is no mechanism|has no joints|no robot")
+"""What the error of a reader says if a file has no robot."""
+
+_CRASH = re.compile(r"parser crashed|exceeded its limit|waited for")
+
+_FAULT = "disagreement"
+"""Severity of the findings of an audit that are faults."""
+
+_OWN = re.compile(
+    r"urdf\.(mesh|tree|duplicate_name|limits|driven)|physics\.(mass|inertia|moment|triangle)|"
+    r"\w+\.(mesh|texture)|.*not_positive|.*triangle"
+)
+"""Codes of an audit whose faults other rules find, with lines and with the packages of the folder."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What was found in one file.
+
+    Attributes:
+        description: the file.
+        status: "judged"; "no robot" or "part" (nothing to judge); "incomplete" (arguments or packages are missing),
+            "unsupported" (not imported), "unjudged" (over a limit).
+        findings: the findings.
+        robot: name of the robot, if it was imported.
+        joints: names of its moving joints.
+    """
+
+    description: Description
+    status: Status
+    findings: tuple[CheckFinding, ...] = ()
+    robot: str = ""
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class JudgeJob:
+    """A file to judge, in its tree."""
+
+    description: Description
+    tree: Tree
+    xacro: XacroSettings
+
+
+def judge(job: JudgeJob) -> Judged:
+    """Return the findings on one file."""
+    judged = _judge(job)
+    folders = {f"{job.tree.folder}/", f"{job.tree.folder.resolve()}/"}
+    findings: list[CheckFinding] = []
+    for finding in judged.findings:
+        message = finding.message
+        for folder in folders:  # the same fingerprint on each machine
+            message = message.replace(folder, "")
+        findings.append(replace(finding, message=message))
+    return replace(judged, findings=tuple(findings))
+
+
+def _judge(job: JudgeJob) -> Judged:
+    description = job.description
+    name = description.name
+    try:
+        if description.kind == "folder":
+            return _robot_folder(job)
+        if description.kind in ("urdf", "xacro", "sdf"):
+            return _text(job)
+        judged = _imported(job, (), "unsupported")
+        if description.kind == "mjcf":
+            judged = _mjcf_places(job, judged)
+        return judged
+    except CodeRefusedError as error:
+        return _unjudged(description, str(error))
+    except BudgetError as error:
+        return _unjudged(description, str(error))
+    except OSError as error:
+        return _unjudged(description, f"cannot be read ({error.strerror or error})")
+    except RecursionError:
+        finding = CheckFinding("file/malformed", name, "", "the elements are nested too deeply")
+        return Judged(description, "judged", (finding,))
+
+
+def judged_stream(job: JudgeJob) -> Iterator[Judged]:
+    """Yield the result of one file, for `twin.core.jobs.Stream`."""
+    yield judge(job)
+
+
+def _unjudged(description: Description, message: str) -> Judged:
+    text = message.replace(f"{description.path}: ", "")
+    return Judged(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
+
+
+# -- texts: URDF, xacro, SDF ----------------------------------------------------------------------
+
+
+def _text(job: JudgeJob) -> Judged:
+    from twin.exchange.read.xml import Xml
+
+    description = job.description
+    path = description.path
+    tag = "sdf" if description.kind == "sdf" else "robot"
+    expanded: Expanded | None = None
+    try:
+        if tag == "robot" and is_xacro(path):
+            expanded = expand(path, job.xacro)
+        data = path.read_bytes() if expanded is None else expanded.data
+        root = Xml(path, tag, None if expanded is None else data).root
+    except SourceError as error:
+        return _refused(description, error)
+    if expanded is not None and expanded.omitted:
+        text = expanded.omitted[0]
+        if len(expanded.omitted) > 1:
+            text += f" And {len(expanded.omitted) - 1} more are missing."
+        finding = CheckFinding("file/incomplete", description.name, "", text)
+        return Judged(description, "incomplete", (finding,))
+    links = list(root.iter("link"))
+    joints = [joint for joint in root.iter("joint") if joint.find("parent") is not None]
+    if not links:
+        return Judged(description, "no robot")
+    elements = Elements(root, tag == "sdf", _placed(job, data, root, expanded))
+    findings = list(check_elements(elements))
+    findings += _meshes(job, elements)
+    if not joints:
+        return Judged(description, "judged", tuple(findings))
+    judged = _imported(job, findings, "unsupported" if tag == "sdf" else "judged")
+    return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
+
+
+def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterator[CheckFinding]:
+    """Yield the findings of the import with the lines of the links and joints that they name."""
+    named: dict[str, tuple[Element, str]] = {}
+    for element in elements.root.iter():
+        name = element.get("name")
+        if name and element.tag in ("link", "joint", "body", "geom", "connect", "weld"):
+            named.setdefault(f"{element.tag} '{identifier(name)}'", (element, f"{element.tag}/{name}"))
+    for finding in findings:
+        found = named.get(finding.subject) or named.get(finding.subject.replace("link '", "body '"))
+        if finding.line or found is None:
+            yield finding
+            continue
+        file, line = elements.place(*found)
+        yield replace(finding, file=file, line=line)
+
+
+def _mjcf_places(job: JudgeJob, judged: Judged) -> Judged:
+    """Return the findings on a MJCF with lines, if its elements are in the file and not in one that it includes."""
+    data = job.description.path.read_bytes()
+    try:
+        root = parse_xml(job.description.path, data)
+    except (ElementTree.ParseError, ValueError, LookupError, BudgetError):
+        return judged
+    elements = Elements(root, False, _placed(job, data, root, None))
+    return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
+
+
+def _refused(description: Description, error: SourceError) -> Judged:
+    message = str(error)
+    if _CRASH.search(message):
+        return _unjudged(description, message)
+    text = message.replace(f"{description.path}: ", "").replace(f"{description.path}:", "line ")
+    if description.kind == "xacro" and _INCOMPLETE.search(message):
+        return Judged(description, "incomplete", (CheckFinding("file/incomplete", description.name, "", text),))
+    finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
+    return Judged(description, "judged", (finding,))
+
+
+def _line_in(message: str) -> int:
+    """Return the line that a message names; 0 if it names none."""
+    found = re.search(r"\bline (\d+)|\.(?:xacro|urdf|sdf|xml):(\d+)", message)
+    if found is None:
+        return 0
+    return int(found[1] or found[2])
+
+
+def _placed(job: JudgeJob, data: bytes, root: Element, expanded: Expanded | None):
+    """Return the function that tells where an element is: in the file, or in the xacro that made it."""
+    name = job.description.name
+    lines: dict[Element, int] = {}
+    if expanded is None:
+        lines = element_lines(data, root)
+    folder = job.tree.folder.resolve()
+
+    def place(element: Element, path: str) -> tuple[str, int]:
+        if expanded is None:
+            return name, lines.get(element, 0)
+        parts = path.split("/")
+        while parts:
+            found = expanded.places.get("/".join(parts))
+            if found is not None:
+                return _relative(found[0], folder, name), found[1]
+            parts.pop()
+        return name, 0
+
+    return place
+
+
+def _relative(file: str, folder: Path, name: str) -> str:
+    try:
+        return Path(file).resolve().relative_to(folder).as_posix()
+    except ValueError:
+        return name
+
+
+def _meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
+    """Yield the meshes that do not exist; those of packages that are not in the folder as one note."""
+    path = job.description.path
+    outside: dict[str, int] = {}
+    for link in elements.root.iter("link"):
+        name = link.get("name", "")
+        for mesh in link.iter("mesh"):
+            address = mesh.get("filename")
+            if elements.sdf:
+                address = (mesh.findtext("uri") or "").strip()
+            if not address:
+                continue
+            found = find_mesh(address, path.parent, job.tree)
+            if found.path is not None:
+                continue
+            if found.outside:
+                package = address.partition("://")[2].lstrip("/").partition("/")[0]
+                outside[package] = outside.get(package, 0) + 1
+                continue
+            text = f"mesh '{address}' does not exist"
+            if found.similar:
+                text += f"; there is '{found.similar}'"
+            yield elements.found("mesh/missing", mesh, f"link/{name}", f"link '{name}'", text)
+    for package, count in outside.items():
+        text = f"{count} meshes are in package '{package}', which is not in the folder"
+        yield CheckFinding("mesh/outside", job.description.name, f"package '{package}'", text)
+
+
+# -- the import -----------------------------------------------------------------------------------
+
+
+def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: Status) -> Judged:
+    """Return the findings of the elements with those of the import and the audit.
+
+    `refused` is the status if the reader refuses the file: "judged" if that is a defect of the file.
+    """
+    from twin.exchange.read import read
+    from twin.exchange.read.closing import close
+
+    description = job.description
+    path = description.path
+    name = description.name
+    collected = list(findings)
+    settings = job.xacro if description.kind == "xacro" else None
+    if settings is not None and not settings.given:
+        settings = None
+    try:
+        imported = read(path, xacro=settings)
+        if imported.mechanism.loops or imported.mechanism.couplings:
+            imported = close(imported)
+    except (BudgetError, CodeRefusedError):
+        raise
+    except TwinError as error:
+        return _not_imported(job, collected, error, refused)
+    collected += _of_import(job, imported)
+    if description.kind != "dh":
+        collected += _of_audit(job)
+    mechanism = imported.mechanism
+    moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
+    return Judged(description, "judged", tuple(collected), mechanism.name, moving)
+
+
+def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError, refused: Status) -> Judged:
+    description = job.description
+    message = str(error)
+    if _CRASH.search(message):
+        return _unjudged(description, message)
+    text = message.replace(f"{description.path}: ", "")
+    if _NO_ROBOT.search(message):
+        status: Status = "judged" if findings else "no robot"
+        return Judged(description, status, tuple(findings))
+    if description.kind == "dh":
+        return Judged(description, "no robot")
+    if description.kind == "mjcf":
+        if description.path.resolve() in job.tree.parts:
+            return Judged(description, "part")
+        if _compiles(description.path):
+            finding = CheckFinding("file/unsupported", description.name, "", text)
+            return Judged(description, "unsupported", (finding,))
+        finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
+        return Judged(description, "judged", (finding,))
+    errors = [finding for finding in findings if finding.level == "error"]
+    if errors:
+        return Judged(description, "judged", tuple(findings))
+    rule = "file/malformed" if refused == "judged" else "file/unsupported"
+    findings.append(CheckFinding(rule, description.name, "", text, _line_in(message)))
+    return Judged(description, refused, tuple(findings))
+
+
+def _compiles(path: Path) -> bool:
+    """Return whether MuJoCo compiles a file."""
+    from twin.core.foreign.guard import run
+
+    return run(path, "MJCF") == 0
+
+
+def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
+    name = job.description.name
+    kind = job.description.kind
+    for finding in imported.findings:
+        if finding.code == "import.inertia" and kind not in ("urdf", "xacro", "sdf"):
+            rule = "inertia/triangle" if "triangle" in finding.message else "inertia/positive"
+            yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
+        if (
+            finding.code == "import.mesh"
+            and "was not found" not in finding.message
+            and "is not a file" not in finding.message
+        ):
+            yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
+    yield from check_loops(imported, name)
+    if kind in ("mjcf", "usd"):
+        yield from check_zero(imported.mechanism, name)
+    yield from check_masses(imported.mechanism, name)
+
+
+def _of_audit(job: JudgeJob) -> Iterator[CheckFinding]:
+    """Yield the faults that an independent reader finds, except those that other rules tell."""
+    from twin.exchange.audit import audit
+    from twin.exchange.formats import audited
+
+    name = job.description.name
+    path = job.description.path
+    suffixes: list[str] = []
+    for format in audited():
+        for variant in format.variants:
+            suffixes.append(variant.suffix)
+    if path.suffix.lower() not in suffixes:
+        return
+    try:
+        report = audit(path, xacro=job.xacro)
+    except BudgetError:
+        raise
+    except TwinError:
+        return  # what the reader for an import has accepted, but not that of the audit, is not a robot for it
+    for finding in report.findings:
+        if finding.severity == _FAULT and not _OWN.match(finding.code):
+            subject = finding.where or finding.code
+            yield CheckFinding("audit/fault", name, subject, f"{finding.message} [{finding.code}]")
+
+
+def _robot_folder(job: JudgeJob) -> Judged:
+    """Return the findings on a robot folder of twin: whether its description and its CAD can be read."""
+    from twin.api.robot import load
+
+    description = job.description
+    try:
+        robot = load(description.path)
+        mechanism = robot.mechanism
+    except (BudgetError, CodeRefusedError):
+        raise
+    except TwinError as error:
+        finding = CheckFinding("file/malformed", description.name, "", str(error), _line_in(str(error)))
+        return Judged(description, "judged", (finding,))
+    moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
+    findings = tuple(check_zero(mechanism, description.name))
+    return Judged(description, "judged", findings, robot.name, moving)

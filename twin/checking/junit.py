@@ -1,0 +1,70 @@
+"""JUnit XML, which servers for continuous integration show as a list of tests: one test for each file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+from twin.checking.found import CheckFinding
+from twin.checking.judge import Judged
+from twin.checking.rules import LEVELS, Level
+
+_FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML 1.0 cannot contain."""
+
+
+def junit(judged: Sequence[Judged], findings: Sequence[CheckFinding], fail_on: Level) -> str:
+    """Return the files as test cases; a new finding of at least the level `fail_on` is a failure."""
+    by_file: dict[str, list[CheckFinding]] = {}
+    for one in judged:
+        by_file[one.description.name] = []
+    for finding in findings:
+        by_file.setdefault(finding.file, []).append(finding)
+    skipped_files: dict[str, str] = {}
+    for one in judged:
+        if one.status in ("incomplete", "unsupported"):
+            skipped_files[one.description.name] = one.status
+    failures = 0
+    errors = 0
+    skipped = 0
+    suite = ElementTree.Element("testsuite", name="twin check")
+    for file in sorted(by_file):
+        case = ElementTree.SubElement(suite, "testcase", name=_clean(file), classname="twin.check", file=_clean(file))
+        failing = [finding for finding in by_file[file] if fails(finding, fail_on)]
+        unjudged = [finding for finding in by_file[file] if finding.rule == "file/unjudged"]
+        if unjudged:
+            errors += 1
+            _add(case, "error", unjudged)
+        elif failing:
+            failures += 1
+            _add(case, "failure", failing)
+        elif file in skipped_files:
+            skipped += 1
+            ElementTree.SubElement(case, "skipped", message=skipped_files[file])
+    counts = {"tests": len(by_file), "failures": failures, "errors": errors, "skipped": skipped}
+    for key, count in counts.items():
+        suite.set(key, str(count))
+    suites = ElementTree.Element("testsuites", suite.attrib)
+    suites.append(suite)
+    ElementTree.indent(suites)
+    text = ElementTree.tostring(suites, "unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def fails(finding: CheckFinding, fail_on: Level) -> bool:
+    """Return whether a finding is new and at least of a level."""
+    return not finding.known and LEVELS.index(finding.level) >= LEVELS.index(fail_on)
+
+
+def _add(case: ElementTree.Element, tag: str, findings: Sequence[CheckFinding]) -> None:
+    first = findings[0]
+    element = ElementTree.SubElement(case, tag, message=_clean(first.message), type=first.rule)
+    lines: list[str] = []
+    for finding in findings:
+        lines.append(f"{finding.place}: {finding.level}: {finding.message} [{finding.rule}] {finding.way}")
+    element.text = _clean("\n".join(lines))
+
+
+def _clean(text: str) -> str:
+    return _FORBIDDEN.sub("?", text)

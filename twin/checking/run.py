@@ -1,0 +1,196 @@
+"""The check of a folder: all files, in other processes with a limit of time; then pairs of files."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from twin.api.robot import Progress, silent
+from twin.checking.baseline import read_baseline
+from twin.checking.files import Description, Tree, walk
+from twin.checking.found import CheckFinding, numbered
+from twin.checking.judge import Judged, JudgeJob, judged_stream
+from twin.checking.result import FolderCheck
+from twin.checking.rules import LEVELS, Level
+from twin.checking.twins import PairJob, compared_stream, pairs
+from twin.core.errors import CodeRefusedError, TwinError
+from twin.core.foreign.consent import require_consent
+from twin.core.jobs import Stream
+from twin.exchange.xacro import XacroSettings
+
+SECONDS = 120.0
+"""Time in s that one file, or one pair of files, may take."""
+
+_PAUSE = 0.005
+"""Time in s between two looks at the processes."""
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+
+
+def check(
+    folder: str | Path,
+    *,
+    exclude: Sequence[str] = (),
+    xacro: XacroSettings | None = None,
+    compare: bool = True,
+    baseline: str | Path | None = None,
+    fail_on: Level = "error",
+    jobs: int = 1,
+    seconds: float = SECONDS,
+    progress: Progress = silent,
+) -> FolderCheck:
+    """Check every robot description in a folder and its subfolders, and compare those that describe one robot.
+
+    Args:
+        folder: the folder.
+        exclude: patterns of files and folders that are left out, as in a .gitignore file.
+        xacro: arguments for all xacros, and folders with packages.
+        compare: whether descriptions of one robot are compared.
+        baseline: a file with known findings, which do not fail.
+        fail_on: least level of a finding that fails: "error", "warning" or "note".
+        jobs: number of processes.
+        seconds: time in s that one file, or one pair, may take; a slower file is not judged.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the folder or the baseline cannot be read, or an option has no meaning.
+    """
+    if jobs < 1:
+        raise TwinError(f"jobs {jobs}: give at least 1")
+    if not seconds > 0:
+        raise TwinError(f"seconds {seconds:g}: give a positive time")
+    if fail_on not in LEVELS:
+        raise TwinError(f"fail_on '{fail_on}': use one of {', '.join(LEVELS)}")
+    settings = xacro or XacroSettings()
+    known = set() if baseline is None else read_baseline(Path(baseline))
+    progress("search", 0.0)
+    tree = walk(Path(folder), exclude, settings.packages)
+    judged, findings = _judge_all(tree, settings, jobs, seconds, progress)
+    chosen = pairs(judged) if compare else []
+    findings += _compare_all(chosen, settings, jobs, seconds, progress)
+    for name, reason in tree.unreadable.items():
+        findings.append(CheckFinding("file/unjudged", name, "", f"cannot be read ({reason})"))
+    found: list[CheckFinding] = []
+    for finding in numbered(findings):
+        found.append(replace(finding, known=finding.fingerprint in known))
+    forgotten = len(known - {finding.fingerprint for finding in found})
+    named = "" if baseline is None else str(baseline)
+    return FolderCheck(str(folder), tuple(judged), tuple(found), len(chosen), fail_on, named, forgotten)
+
+
+def _judge_all(
+    tree: Tree, settings: XacroSettings, jobs: int, seconds: float, progress: Progress
+) -> tuple[list[Judged], list[CheckFinding]]:
+    findings: list[CheckFinding] = []
+    refused: dict[str, Judged] = {}
+    work: list[JudgeJob] = []
+    bare = replace(tree, descriptions=[])
+    for description in tree.descriptions:
+        if description.kind == "xacro":
+            try:  # stated here, where the user sees it; the processes below print nothing
+                require_consent(
+                    description.path,
+                    "the Python expressions of the xacro",
+                    "a URDF that `xacro` has made needs no code",
+                )
+            except CodeRefusedError as error:
+                refused[description.name] = _unjudged(description, str(error))
+                continue
+        work.append(JudgeJob(description, bare, settings))
+
+    def label(job: JudgeJob) -> str:
+        return f"read {job.description.name}"
+
+    results: dict[str, Judged] = dict(refused)
+    share = 0.8
+    for number, (job, answer) in enumerate(Workers(judged_stream, jobs, seconds).answers(work)):
+        progress(label(job), share * (number + 1) / len(work))
+        if isinstance(answer, str):
+            answer = _unjudged(job.description, answer)
+        results[job.description.name] = answer
+    judged: list[Judged] = []
+    for description in tree.descriptions:
+        one = results[description.name]
+        judged.append(one)
+        findings += one.findings
+    return judged, findings
+
+
+def _compare_all(
+    chosen: Sequence[tuple[Judged, Judged]], settings: XacroSettings, jobs: int, seconds: float, progress: Progress
+) -> list[CheckFinding]:
+    findings: list[CheckFinding] = []
+    work = [PairJob(first, second, settings) for first, second in chosen]
+    for number, (job, answer) in enumerate(Workers(compared_stream, jobs, seconds).answers(work)):
+        name = job.second.description.name
+        progress(f"compare {name}", 0.8 + 0.2 * (number + 1) / len(work))
+        if isinstance(answer, str):
+            subject = f"{job.first.description.name} and {name}"
+            answer = (CheckFinding("compare/different", name, subject, f"not compared: {answer}"),)
+        findings += answer
+    return findings
+
+
+def _unjudged(description: Description, message: str) -> Judged:
+    text = message.replace(f"{description.path}: ", "")
+    return Judged(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
+
+
+class Workers(Generic[Job, Answer]):
+    """Processes that work on a list of jobs; a crash or a hang of one costs one job.
+
+    Args:
+        function: function at the top level of a module that yields the only answer of a job.
+        count: number of processes.
+        seconds: time in s for one job.
+    """
+
+    def __init__(self, function: Callable[[Job], Iterator[Answer]], count: int, seconds: float) -> None:
+        self._function = function
+        self._count = count
+        self._seconds = seconds
+
+    def answers(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Answer | str]]:
+        """Yield (job, its answer, or the reason why there is none) as they end."""
+        waiting = list(reversed(jobs))
+        running: dict[Stream[Answer], tuple[Job, float]] = {}
+        idle: list[Stream[Answer]] = []
+        for _ in range(min(self._count, len(jobs))):
+            idle.append(Stream(self._function, nice=0))
+        streams = list(idle)
+        try:
+            while waiting or running:
+                while waiting and idle:
+                    job = waiting.pop()
+                    stream = idle.pop()
+                    stream.start(job)
+                    running[stream] = (job, time.monotonic())
+                ended = False
+                for stream, (job, since) in list(running.items()):
+                    answer = self._answer(stream, since)
+                    if answer is not None:
+                        del running[stream]
+                        idle.append(stream)
+                        ended = True
+                        yield job, answer
+                if not ended:
+                    time.sleep(_PAUSE)
+        finally:
+            for stream in streams:
+                stream.close()
+
+    def _answer(self, stream: Stream[Answer], since: float) -> Answer | str | None:
+        """Return the answer of a process, or why there is none; None while it works."""
+        pieces, end = stream.poll()
+        if pieces:
+            return pieces[0]
+        if end is not None:
+            return end or "the process gave no answer"
+        if time.monotonic() - since > self._seconds:
+            stream.close()
+            return f"it takes more than {self._seconds:g} s (--seconds)"
+        return None

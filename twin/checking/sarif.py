@@ -1,0 +1,63 @@
+"""SARIF 2.1.0 (OASIS standard), which GitHub and other programs show beside the lines of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from urllib.parse import quote
+
+from twin.checking.found import CheckFinding
+from twin.checking.rules import RULES
+from twin.core.json_types import JsonObject
+from twin.core.version import __version__
+
+SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+
+_FINGERPRINT = "twinCheck/v1"
+"""Key of our fingerprints among the partial fingerprints of a result."""
+
+
+def sarif(findings: Sequence[CheckFinding], command: str = "twin check") -> JsonObject:
+    """Return the findings as one run; known findings are unchanged in comparison with the baseline."""
+    ids = list(RULES)
+    rules: list[JsonObject] = []
+    for rule in RULES.values():
+        rules.append(
+            {
+                "id": rule.id,
+                "shortDescription": {"text": f"{rule.title}."},
+                "help": {"text": rule.help},
+                "defaultConfiguration": {"level": rule.level},
+            }
+        )
+    unjudged = [finding for finding in findings if finding.rule == "file/unjudged"]
+    driver: JsonObject = {"name": "twin check", "version": __version__, "rules": rules}
+    results = [_result(finding, ids) for finding in findings]
+    run: JsonObject = {
+        "tool": {"driver": driver},
+        "invocations": [{"executionSuccessful": not unjudged, "commandLine": command}],
+        "columnKind": "unicodeCodePoints",
+        "results": results,
+    }
+    return {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
+
+
+def _result(finding: CheckFinding, ids: Sequence[str]) -> JsonObject:
+    # GitHub shows only results with a region; without a known line, the first one
+    line = finding.line or 1
+    uri = quote(finding.file)
+    return {
+        "ruleId": finding.rule,
+        "ruleIndex": ids.index(finding.rule),
+        "level": finding.level,
+        "message": {"text": f"{finding.message} {finding.way}"},
+        "locations": [
+            {
+                "physicalLocation": {
+                    "artifactLocation": {"uri": uri, "uriBaseId": "%SRCROOT%"},
+                    "region": {"startLine": line},
+                }
+            }
+        ],
+        "partialFingerprints": {_FINGERPRINT: finding.fingerprint},
+        "baselineState": "unchanged" if finding.known else "new",
+    }

@@ -1,0 +1,144 @@
+"""Which files of a folder describe one robot, and how they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePosixPath
+
+from twin.checking.found import CheckFinding
+from twin.checking.judge import Judged
+from twin.comparison.items import ComparedItem
+from twin.comparison.result import Comparison
+from twin.core.errors import TwinError
+from twin.exchange.xacro import XacroSettings
+
+_SUFFIXES = (
+    ".urdf",
+    ".xacro",
+    ".xml",
+    ".mjcf",
+    ".sdf",
+    ".usda",
+    ".usdc",
+    ".usdz",
+    ".usd",
+    ".toml",
+    ".csv",
+    ".md",
+    ".tex",
+)
+
+_SHOWN = 6
+"""Maximum number of properties of a pair that are told; the last finding counts the others."""
+
+
+def stem(name: str) -> str:
+    """Return the name of a file without its suffixes, as "arm" of "urdf/arm.urdf.xacro"."""
+    stem = PurePosixPath(name).name
+    while PurePosixPath(stem).suffix.lower() in _SUFFIXES:
+        stem = stem[: -len(PurePosixPath(stem).suffix)]
+    return stem.lower()
+
+
+def pairs(judged: Sequence[Judged]) -> list[tuple[Judged, Judged]]:
+    """Return the pairs of files that may describe one robot.
+
+    Both files have the same moving joints, and either the same name of the robot or the same file name without suffix.
+    Each file is paired with the first of its kind, so that n files give n - 1 pairs.
+    """
+    found: list[tuple[Judged, Judged]] = []
+    first: dict[tuple[str, ...], Judged] = {}
+    for one in judged:
+        if not one.joints:
+            continue
+        joints = "\0".join(one.joints)
+        partners: list[Judged] = []
+        for key in ((joints, "robot", one.robot), (joints, "stem", stem(one.description.name))):
+            other = first.setdefault(key, one)
+            if other is not one and other not in partners:
+                partners.append(other)
+        for other in partners:
+            found.append((other, one))
+    return found
+
+
+def variants(first: Judged, second: Judged) -> bool:
+    """Return whether two files may differ on purpose: the same format, and different file names."""
+    if stem(first.description.name) == stem(second.description.name):
+        return False
+    families = [one.description.kind.replace("xacro", "urdf") for one in (first, second)]
+    return families[0] == families[1]
+
+
+def compare_two(first: Judged, second: Judged, xacro: XacroSettings) -> tuple[CheckFinding, ...]:
+    """Return how two descriptions differ, as findings on the second."""
+    from twin.api.comparison import compare
+
+    labels = (first.description.name, second.description.name)
+    subject = f"{labels[0]} and {labels[1]}"
+    try:
+        result = compare(first.description.path, second.description.path, xacro=xacro)
+    except TwinError as error:
+        text = str(error)
+        for one in (first, second):
+            text = text.replace(str(one.description.path), one.description.name)
+        return (CheckFinding("compare/different", labels[1], subject, f"not compared: {text}"),)
+    found = tuple(_differences(result, labels, subject))
+    if variants(first, second):
+        return tuple(replace(finding, rule="compare/variant") for finding in found)
+    return found
+
+
+def _differences(result: Comparison, labels: tuple[str, str], subject: str) -> Iterator[CheckFinding]:
+    (pair,) = result.pairs
+    file = labels[1]
+    if pair.kinematics == "unexplained":
+        text = f"{subject}: no small number of different links explains how they differ"
+        yield CheckFinding("compare/different", file, subject, text)
+        return
+    for item in pair.differences:
+        text = f"{item.text}, compared with {labels[0]}"
+        yield CheckFinding(
+            "compare/kinematics", file, f"joint '{item.joint}'", text, _line(item, pair.second.label), _edit(item)
+        )
+    assert pair.properties is not None
+    rows = [row for row in pair.properties.rows if row.stated]
+    for row in rows[:_SHOWN]:
+        text = f"{row.kind} of '{row.where}': {row.second} here, {row.first} in {labels[0]}"
+        yield CheckFinding("compare/property", file, f"{row.kind} of '{row.where}'", text)
+    if len(rows) > _SHOWN:
+        text = f"{len(rows) - _SHOWN} more limits, masses or drives differ from those in {labels[0]}"
+        yield CheckFinding("compare/property", file, subject, text)
+
+
+def _line(item: ComparedItem, label: str) -> int:
+    """Return the line of the first edit in the second side; 0 if there is none."""
+    for edit in item.edits:
+        if edit.side == label:
+            return edit.line
+    return 0
+
+
+def _edit(item: ComparedItem) -> str:
+    """Return the first edit of each side as the way out."""
+    texts: dict[str, str] = {}
+    for edit in item.edits:
+        texts.setdefault(edit.side, edit.text())
+    if not texts:
+        return ""
+    return f"Edit {'; or '.join(texts.values())}."
+
+
+@dataclass(frozen=True)
+class PairJob:
+    """Two files to compare."""
+
+    first: Judged
+    second: Judged
+    xacro: XacroSettings
+
+
+def compared_stream(job: PairJob) -> Iterator[tuple[CheckFinding, ...]]:
+    """Yield the findings on one pair, for `twin.core.jobs.Stream`."""
+    yield compare_two(job.first, job.second, job.xacro)
