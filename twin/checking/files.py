@@ -270,7 +270,7 @@ def _around(beside: Path, folder: Path) -> list[Path]:
 def _other_case(path: Path) -> str:
     """Return the name of a file that differs from a path only in upper and lower case; "" if there is none."""
     try:
-        names = os.listdir(path.parent)
+        names = [beside.name for beside in path.parent.iterdir()]
     except OSError:
         return ""
     for name in names:

@@ -29,6 +29,9 @@ _INCOMPLETE = re.compile(r"Undefined substitution argument|was not found|package
 _NO_ROBOT = re.compile(r"so there is no mechanism|has no joints|no robot")
 """What the error of a reader says if a file has no robot."""
 
+_ABSENT = re.compile(r"was not found|is not a file of type")
+"""What the import says of a mesh that does not exist, for which another rule knows packages, or of an unread format."""
+
 _CRASH = re.compile(r"parser crashed|exceeded its limit|waited for")
 
 _FAULT = "disagreement"
@@ -268,7 +271,6 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: 
 
     description = job.description
     path = description.path
-    name = description.name
     collected = list(findings)
     settings = job.xacro if description.kind == "xacro" else None
     if settings is not None and not settings.given:
@@ -330,11 +332,7 @@ def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
         if finding.code == "import.inertia" and kind not in ("urdf", "xacro", "sdf"):
             rule = "inertia/triangle" if "triangle" in finding.message else "inertia/positive"
             yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
-        if (
-            finding.code == "import.mesh"
-            and "was not found" not in finding.message
-            and "is not a file" not in finding.message
-        ):
+        if finding.code == "import.mesh" and not _ABSENT.search(finding.message):
             yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
     yield from check_loops(imported, name)
     if kind in ("mjcf", "usd"):

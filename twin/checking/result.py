@@ -58,7 +58,7 @@ class FolderCheck(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """ "disagree" if findings fail, else "unchecked" if a file could not be judged or there is none, else "agree"."""
+        """Whether findings fail ("disagree"); "unchecked" if a file could not be judged, or there is none."""
         unjudged = [finding for finding in self.failing if finding.rule == "file/unjudged"]
         if len(self.failing) > len(unjudged):
             return "disagree"

@@ -51,7 +51,7 @@ _ALL = (
         "mesh/missing",
         "error",
         "A mesh file does not exist",
-        "The link is invisible, or the file is refused. Add the mesh, or correct its path (upper and lower case count).",
+        "The link is invisible, or the file is refused. Add the mesh, or correct its path (case counts).",
     ),
     Rule(
         "mesh/outside",

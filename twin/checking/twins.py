@@ -11,23 +11,10 @@ from twin.checking.judge import Judged
 from twin.comparison.items import ComparedItem
 from twin.comparison.result import Comparison
 from twin.core.errors import TwinError
+from twin.core.foreign.budget import STAGE_SUFFIXES
 from twin.exchange.xacro import XacroSettings
 
-_SUFFIXES = (
-    ".urdf",
-    ".xacro",
-    ".xml",
-    ".mjcf",
-    ".sdf",
-    ".usda",
-    ".usdc",
-    ".usdz",
-    ".usd",
-    ".toml",
-    ".csv",
-    ".md",
-    ".tex",
-)
+_SUFFIXES = frozenset({".urdf", ".xacro", ".xml", ".mjcf", ".sdf", *STAGE_SUFFIXES, ".toml", ".csv", ".md", ".tex"})
 
 _SHOWN = 6
 """Maximum number of properties of a pair that are told; the last finding counts the others."""
