@@ -45,6 +45,7 @@ DONE = {
     "operate": ("operate", ["operate", "sher"]),
     "track": ("track", ["track", "{column}"]),
     "prove": ("proof", ["prove", "sils", "--states", "64"]),
+    "check": ("check", ["check", str(ROOT / "tests/data/checked")]),
     "compare": ("compare", ["compare", "hibou", "hibou"]),
     "explain": ("explain", ["explain", "hibou", "--seconds", "0"]),
     "selftest": ("selftest", ["selftest", "hibou", "--count", "1"]),

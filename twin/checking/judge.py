@@ -39,7 +39,7 @@ _FAULT = "disagreement"
 
 _OWN = re.compile(
     r"urdf\.(mesh|tree|duplicate_name|limits|driven)|physics\.(mass|inertia|moment|triangle)|"
-    r"\w+\.(mesh|texture)|.*not_positive|.*triangle"
+    r"\w+\.(mesh|texture)|.*not_positive|.*drive_negative|.*triangle"
 )
 """Codes of an audit whose faults other rules find, with lines and with the packages of the folder."""
 
@@ -310,8 +310,8 @@ def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError,
             return Judged(description, "unsupported", (finding,))
         finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
         return Judged(description, "judged", (finding,))
-    errors = [finding for finding in findings if finding.level == "error"]
-    if errors:
+    explained = [finding for finding in findings if finding.level == "error" or finding.rule == "limits/fixed"]
+    if explained:  # the reader refuses the file for the same reason
         return Judged(description, "judged", tuple(findings))
     rule = "file/malformed" if refused == "judged" else "file/unsupported"
     findings.append(CheckFinding(rule, description.name, "", text, _line_in(message)))

@@ -1,0 +1,434 @@
+"""`twin check`: each rule bites on its seeded fault and is silent without it; files, baseline, formats for CI."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from made.repository import ARM, FAULTS, faulty, repository
+from twin.checking.baseline import read_baseline, write_baseline
+from twin.checking.files import excluded, walk
+from twin.checking.found import CheckFinding, numbered
+from twin.checking.judge import JudgeJob, judge
+from twin.checking.junit import junit
+from twin.checking.rules import RULES
+from twin.checking.run import check
+from twin.checking.sarif import sarif
+from twin.checking.twins import compare_two, pairs, stem
+from twin.cli import main
+from twin.core.errors import SourceError
+from twin.exchange.xacro import XacroSettings
+
+CLEAN = Path(__file__).parents[1] / "data/checked"
+XACRO = 'xmlns:xacro="http://ros.org/wiki/xacro"'
+
+
+def judged(folder: Path):
+    tree = walk(folder)
+    return [judge(JudgeJob(description, tree, XacroSettings())) for description in tree.descriptions]
+
+
+def findings(folder: Path) -> list[CheckFinding]:
+    found = []
+    for one in judged(folder):
+        found += one.findings
+    return numbered(found)
+
+
+def test_a_correct_repository_has_no_findings(tmp_path):
+    repository(tmp_path)
+    (one,) = judged(tmp_path)
+    assert one.status == "judged"
+    assert one.findings == ()
+    assert one.joints == ("elbow", "shoulder")
+
+
+@pytest.mark.parametrize("rule", FAULTS)
+def test_each_rule_finds_its_fault_on_its_line_and_no_other_rule_does(tmp_path, rule):
+    text, line = faulty(rule)
+    repository(tmp_path, text)
+    found = findings(tmp_path)
+    assert {finding.rule for finding in found} == {rule}
+    (first, *_) = found
+    if rule not in ("mesh/outside", "audit/fault"):  # these name no element
+        assert abs(first.line - line) <= 5, first
+    assert first.file == "arm_description/urdf/arm.urdf"
+    assert first.way
+
+
+def test_every_rule_is_documented_and_seeded_here():
+    elsewhere = {
+        "file/unjudged",
+        "file/incomplete",
+        "file/unsupported",
+        "mesh/unreadable",
+        "loops/open",
+        "compare/kinematics",
+        "compare/property",
+        "compare/variant",
+        "compare/different",
+    }
+    assert set(RULES) == set(FAULTS) | elsewhere
+    page = (Path(__file__).parents[2] / "docs/check.md").read_text(encoding="utf-8")
+    for rule in RULES.values():
+        assert f"| `{rule.id}` | {rule.level} |" in page
+
+
+def test_a_damaged_mesh_is_found(tmp_path):
+    repository(tmp_path)
+    (tmp_path / "arm_description/meshes/fore.stl").write_bytes(b"solid nothing")
+    assert [finding.rule for finding in findings(tmp_path)] == ["mesh/unreadable"]
+
+
+def test_rounding_of_printed_numbers_is_not_called_impossible(tmp_path):
+    for text in ("1.234e-20", "1e-17"):  # exporters print these for zero
+        tensor = f'ixx="{text}" ixy="0" ixz="0" iyy="0" iyz="-{text}" izz="0"'
+        folder = tmp_path / text
+        repository(folder, ARM.replace(FAULTS["inertia/zero"][0], tensor))
+        assert [finding.rule for finding in findings(folder)] == ["inertia/zero"]
+
+
+@pytest.mark.parametrize(("lower", "upper"), [("-100", "100"), ("-1000", "1000"), ("-6.28", "6.28"), ("-1e16", "1e16")])
+def test_limits_that_mean_none_are_not_degrees(tmp_path, lower, upper):
+    repository(tmp_path, ARM.replace('lower="-2" upper="2"', f'lower="{lower}" upper="{upper}"'))
+    assert findings(tmp_path) == []
+
+
+OPEN = """<mujoco model="loop">
+  <worldbody>
+    <body name="a"><joint name="qa" axis="0 0 1"/><geom size="0.1"/><site name="sa" pos="0.1 0 0"/></body>
+    <body name="b" pos="5 0 0"><joint name="qb" axis="0 0 1" range="-20 20"/><geom size="0.1"/><site name="sb"/></body>
+  </worldbody>
+  <equality><connect name="far" site1="sa" site2="sb"/></equality>
+</mujoco>
+"""
+
+
+def test_an_open_loop_is_found(tmp_path):
+    (tmp_path / "loop.xml").write_text(OPEN, encoding="utf-8")
+    assert {finding.rule for finding in findings(tmp_path) if finding.level != "note"} == {"loops/open"}
+
+
+# -- which files are descriptions -----------------------------------------------------------------
+
+
+def test_what_is_no_robot_is_left_out(tmp_path):
+    file = repository(tmp_path)
+    beside = file.parent
+    (beside / "macros.xacro").write_text('<robot xmlns:xacro="http://ros.org/wiki/xacro"/>', encoding="utf-8")
+    (beside / "launch.xml").write_text("<launch/>", encoding="utf-8")
+    (beside / "notes.md").write_text("| a | b |\n|---|---|\n| 1 | 2 |\n", encoding="utf-8")
+    (beside / "table.urdf").write_text('<robot name="table"><link name="top"/></robot>', encoding="utf-8")
+    statuses = {one.description.path.name: one.status for one in judged(tmp_path)}
+    assert statuses == {"arm.urdf": "judged", "table.urdf": "judged"}
+    assert findings(tmp_path) == []
+
+
+def test_a_xacro_is_judged_with_the_file_and_the_line_of_its_macro(tmp_path):
+    file = repository(tmp_path)
+    limits = 'lower="2" upper="-2"'
+    macro = ARM.replace('lower="-2" upper="2"', limits).replace('<?xml version="1.0"?>\n', "")
+    macro = macro.replace(
+        '<robot name="arm">', '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="arm">'
+    )
+    macro = macro.replace("</robot>", "</xacro:macro></robot>")
+    (file.parent / "macro.xacro").write_text(macro, encoding="utf-8")
+    main = f'<robot name="arm" {XACRO}><xacro:include filename="macro.xacro"/><xacro:arm/></robot>'
+    file.rename(file.with_suffix(".xacro")).write_text(main, encoding="utf-8")
+    (finding,) = findings(tmp_path)
+    assert finding.rule == "limits/order"
+    assert finding.file == "arm_description/urdf/macro.xacro"
+    assert macro.splitlines()[finding.line - 1].strip().startswith(f"<limit {limits}")
+
+
+def test_a_xacro_without_its_package_is_incomplete_and_no_fault(tmp_path):
+    text = (
+        '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro">'
+        '<xacro:include filename="$(find not_here_description)/urdf/arm.xacro"/><xacro:arm/></robot>'
+    )
+    (tmp_path / "arm.urdf.xacro").write_text(text, encoding="utf-8")
+    (one,) = judged(tmp_path)
+    assert one.status == "incomplete"
+    assert [finding.rule for finding in one.findings] == ["file/incomplete"]
+
+
+def test_code_that_is_not_allowed_leaves_a_xacro_unjudged(tmp_path, monkeypatch):
+    monkeypatch.setenv("TWIN_NO_CODE", "1")
+    text = '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><link name="${1}"/></robot>'
+    (tmp_path / "arm.xacro").write_text(text, encoding="utf-8")
+    (one,) = judged(tmp_path)
+    assert one.status == "unjudged"
+
+
+@pytest.mark.parametrize(
+    ("name", "pattern", "out"),
+    [
+        ("build/arm.urdf", "build", True),
+        ("a/build/arm.urdf", "build/", True),
+        ("builds/arm.urdf", "build", False),
+        ("old/arm.urdf", "old/arm.urdf", True),
+        ("new/old/arm.urdf", "old/arm.urdf", False),
+        ("old/deep/arm.urdf", "old/*", True),
+        ("arm_old.urdf", "*_old.urdf", True),
+    ],
+)
+def test_excludes(name, pattern, out):
+    assert excluded(name, [pattern]) == out
+
+
+def test_links_that_form_a_loop_and_lead_nowhere(tmp_path):
+    file = repository(tmp_path)
+    (file.parent / "again").symlink_to(tmp_path, target_is_directory=True)
+    (file.parent / "gone.urdf").symlink_to(tmp_path / "nowhere.urdf")
+    tree = walk(tmp_path)
+    assert [description.path.name for description in tree.descriptions] == ["arm.urdf"]
+    assert tree.unreadable == {"arm_description/urdf/gone.urdf": "the link points to no file"}
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads every file")
+def test_a_file_without_permission_is_told(tmp_path):
+    file = repository(tmp_path)
+    file.chmod(0)
+    assert list(walk(tmp_path).unreadable) == ["arm_description/urdf/arm.urdf"]
+
+
+def test_a_pipe_is_no_description(tmp_path):
+    os.mkfifo(tmp_path / "arm.urdf")
+    assert walk(tmp_path).descriptions == []
+
+
+def test_no_folder(tmp_path):
+    with pytest.raises(SourceError, match="does not exist"):
+        walk(tmp_path / "none")
+    file = repository(tmp_path)
+    with pytest.raises(SourceError, match="this is a file"):
+        walk(file)
+
+
+@pytest.mark.slow
+def test_ten_thousand_files(tmp_path):
+    repository(tmp_path)
+    for folder in range(100):
+        place = tmp_path / f"f{folder}"
+        place.mkdir()
+        for file in range(100):
+            (place / f"{file}.xml").write_text("<launch/>", encoding="utf-8")
+    assert len(walk(tmp_path).descriptions) == 1
+
+
+# -- pairs ----------------------------------------------------------------------------------------
+
+
+def two(tmp_path, text: str, name: str):
+    first = repository(tmp_path)
+    (first.parent.parent / "other").mkdir()
+    (first.parent.parent / "other" / name).write_text(text, encoding="utf-8")
+    ((one, other),) = pairs(judged(tmp_path))
+    return compare_two(one, other, XacroSettings())
+
+
+def test_two_equal_descriptions_agree(tmp_path):
+    assert two(tmp_path, ARM, "arm.urdf") == ()
+
+
+def test_a_changed_length_is_named_with_its_line(tmp_path):
+    (finding,) = two(tmp_path, ARM.replace('xyz="0.2 0 0" rpy', 'xyz="0.25 0 0" rpy'), "arm.urdf")
+    assert finding.rule == "compare/kinematics"
+    assert finding.file == "arm_description/urdf/arm.urdf"
+    assert finding.line in (0, ARM[: ARM.index('xyz="0.2 0 0" rpy')].count("\n") + 1)
+    assert "50" in finding.message
+
+
+def test_changed_limits_are_told_and_those_of_a_variant_only_noted(tmp_path):
+    text = ARM.replace('upper="2"', 'upper="1.8"')
+    assert [f.rule for f in two(tmp_path / "a", text, "arm.urdf")] == ["compare/property"]
+    assert [f.rule for f in two(tmp_path / "b", text, "arm_short.urdf")] == ["compare/variant"]
+
+
+def test_other_joints_are_another_robot(tmp_path):
+    file = repository(tmp_path)
+    file.with_name("arm_2.urdf").write_text(ARM.replace("elbow", "wrist"), encoding="utf-8")
+    assert pairs(judged(tmp_path)) == []
+
+
+def test_stems():
+    assert stem("a/b/arm.urdf.xacro") == "arm"
+    assert stem("iiwa14_r820.xml") == "iiwa14_r820"
+
+
+# -- baseline, SARIF, JUnit -----------------------------------------------------------------------
+
+
+def test_fingerprints_survive_moved_lines_and_not_changed_values(tmp_path):
+    text, _ = faulty("limits/order")
+    before = findings(repository(tmp_path / "a", text).parents[2])
+    moved = findings(repository(tmp_path / "b", text.replace("<robot", "\n\n<!-- moved -->\n<robot")).parents[2])
+    other = findings(repository(tmp_path / "c", text.replace('lower="2"', 'lower="3"')).parents[2])
+    assert [f.line for f in before] != [f.line for f in moved]
+    assert [f.fingerprint for f in before] == [f.fingerprint for f in moved]
+    assert [f.fingerprint for f in before] != [f.fingerprint for f in other]
+
+
+def test_equal_findings_have_different_fingerprints():
+    one = CheckFinding("limits/order", "a.urdf", "joint 'a'", "text", 3)
+    other = CheckFinding("limits/order", "a.urdf", "joint 'a'", "text", 9)
+    found = numbered([other, one, one])
+    assert [finding.line for finding in found] == [3, 9]
+    assert len({finding.fingerprint for finding in found}) == 2
+
+
+def test_a_baseline_is_read_as_it_was_written(tmp_path):
+    found = [
+        CheckFinding("limits/order", "a.urdf", "joint 'a'", "text", 3),
+        CheckFinding("limits/zero", "a.urdf", "", "x"),
+    ]
+    file = tmp_path / "known.json"
+    assert write_baseline(file, found) == 1
+    assert read_baseline(file) == {found[0].fingerprint}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "not JSON"),
+        ("{}", "not a baseline"),
+        ('{"schema": "twin/check-baseline/1", "findings": [{}]}', "finding 1 of the baseline has no fingerprint"),
+    ],
+)
+def test_a_bad_baseline(tmp_path, text, message):
+    file = tmp_path / "known.json"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(SourceError, match=message):
+        read_baseline(file)
+    with pytest.raises(SourceError, match="cannot be read"):
+        read_baseline(tmp_path / "none.json")
+
+
+def everything() -> list[CheckFinding]:
+    found = []
+    for i, rule in enumerate(RULES):
+        found.append(CheckFinding(rule, "a b/ä.urdf", "joint 'a'", 'text <&"> \x00 ü', i))
+    return numbered(found)
+
+
+def test_sarif_has_what_the_standard_requires():
+    """Sections of SARIF 2.1.0 (OASIS, 2020): 3.13.2, 3.14.6, 3.19.2, 3.27.5, 3.27.6, 3.27.11, 3.30.5, 3.49.3."""
+    log = json.loads(json.dumps(sarif(everything())))
+    assert log["version"] == "2.1.0"
+    (run,) = log["runs"]
+    driver = run["tool"]["driver"]
+    assert driver["name"]
+    ids = [rule["id"] for rule in driver["rules"]]
+    assert len(set(ids)) == len(ids)
+    assert len(run["results"]) == len(RULES)
+    for result in run["results"]:
+        assert ids[result["ruleIndex"]] == result["ruleId"]
+        assert result["level"] in ("none", "note", "warning", "error")
+        assert result["message"]["text"]
+        (location,) = result["locations"]
+        physical = location["physicalLocation"]
+        assert physical["region"]["startLine"] >= 1
+        assert re.fullmatch(r"[A-Za-z0-9._~%/-]+", physical["artifactLocation"]["uri"])
+        assert all(isinstance(value, str) for value in result["partialFingerprints"].values())
+        assert result["baselineState"] in ("new", "unchanged", "updated", "absent")
+    assert run["invocations"][0]["executionSuccessful"] is False
+
+
+def test_junit_is_xml_with_a_failure_for_each_file_that_fails(tmp_path):
+    text, _ = faulty("limits/order")
+    repository(tmp_path, text)
+    one = judged(tmp_path)
+    root = ElementTree.fromstring(junit(one, numbered([*one[0].findings, *everything()]), "error"))
+    (suite,) = root
+    assert root.tag == "testsuites"
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("2", "1", "1")
+    assert [case.get("name") for case in suite.findall("testcase")] == ["a b/ä.urdf", "arm_description/urdf/arm.urdf"]
+    assert suite[1][0].get("type") == "limits/order"
+
+
+# -- the command ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_command_ends_with_zero_one_and_two(tmp_path, capsys):
+    assert main(["check", str(CLEAN), "--quiet"]) == 0
+    assert "1 descriptions (1 urdf)" in capsys.readouterr().out
+    text, _ = faulty("limits/order")
+    repository(tmp_path / "robots", text)
+    robots = str(tmp_path / "robots")
+    sarif_file = tmp_path / "twin.sarif"
+    junit_file = tmp_path / "twin.xml"
+    options = ["--quiet", "--json", "--sarif", str(sarif_file), "--junit", str(junit_file)]
+    assert main(["check", robots, *options]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert [row["rule"] for row in data["results"]] == ["limits/order"]
+    (result,) = json.loads(sarif_file.read_text(encoding="utf-8"))["runs"][0]["results"]
+    assert result["ruleId"] == "limits/order"
+    assert ElementTree.parse(junit_file).getroot().get("failures") == "1"
+    baseline = ["--quiet", "--baseline", str(tmp_path / "known.json")]
+    assert main(["check", robots, *baseline, "--write-baseline"]) == 0
+    assert main(["check", robots, *baseline]) == 0
+    assert "1 known" in capsys.readouterr().out
+    assert main(["check", robots, "--exclude", "arm_description"]) == 2  # no robot is left
+
+
+def test_bad_usage(tmp_path, capsys):
+    assert main(["check", str(tmp_path / "none")]) == 2
+    assert "does not exist" in capsys.readouterr().err
+    assert main(["check", str(CLEAN), "--write-baseline"]) == 2
+    assert "--baseline FILE" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_warnings_fail_only_if_asked(tmp_path):
+    text, _ = faulty("limits/velocity")
+    repository(tmp_path, text)
+    assert check(tmp_path).exit_code == 0
+    assert check(tmp_path, fail_on="warning").exit_code == 1
+
+
+@pytest.mark.slow
+def test_a_file_that_takes_too_long_is_not_judged_and_the_others_are(tmp_path):
+    repository(tmp_path)
+    result = check(tmp_path, seconds=1e-6)
+    assert result.exit_code == 2
+    (finding,) = result.found
+    assert finding.rule == "file/unjudged"
+    assert "(--seconds)" in finding.message
+
+
+SHELL = re.compile(r"^ +run: (twin check .*)$", re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_the_shell_line_of_the_action_runs(tmp_path):
+    page = (Path(__file__).parents[2] / "docs/check.md").read_text(encoding="utf-8")
+    (line,) = SHELL.findall(page)
+    line = line.replace("twin check", f"{shlex.quote(sys.executable)} -m twin check")
+    env = os.environ | {"FOLDER": str(CLEAN), "OPTIONS": "--fail-on warning --no-compare"}
+    subprocess.run(["bash", "-eo", "pipefail", "-c", line], cwd=tmp_path, env=env, check=True, capture_output=True)
+    assert (tmp_path / "twin.sarif").is_file()
+    assert (tmp_path / "twin.xml").is_file()
+
+
+def test_the_action_and_the_hook_are_yaml_with_what_their_programs_need():
+    root = Path(__file__).parents[2]
+    blocks = re.findall(r"```yaml\n(.*?)```", (root / "docs/check.md").read_text(encoding="utf-8"), re.DOTALL)
+    hooks, action, workflow = (yaml.safe_load(block) for block in blocks)
+    assert hooks["repos"][0]["hooks"][0]["id"] == "twin-check"
+    assert action["runs"]["using"] == "composite"
+    for step in action["runs"]["steps"]:
+        assert "uses" in step or "shell" in step
+    assert workflow["permissions"]["security-events"] == "write"
+    (hook,) = yaml.safe_load((root / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
+    assert {"id", "name", "entry", "language"} <= set(hook)
+    assert re.search(hook["files"], "urdf/arm.urdf.xacro")
