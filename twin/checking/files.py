@@ -10,7 +10,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from twin.core.errors import SourceError
-from twin.core.foreign.budget import STAGE_SUFFIXES
+from twin.core.foreign.budget import MJCF_SUFFIXES, STAGE_SUFFIXES
+from twin.exchange.read import suffixes
 
 Kind = str
 """Name of the format in `twin.exchange.formats`, or "folder" for a robot folder of twin."""
@@ -31,7 +32,6 @@ _PACKAGE_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
 _INCLUDE = re.compile(rb"<include\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
 _DH = re.compile(rb"\balpha|\\alpha|\btwist|\xce\xb1", re.IGNORECASE)
 _DH_LENGTHS = re.compile(rb"theta|\xce\xb8|\\theta|\boffset", re.IGNORECASE)
-_TABLES = (".csv", ".toml", ".md", ".tex")
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Description:
         path: the file, or the folder of a robot of twin.
         name: its path relative to the checked folder, with /.
         kind: see `Kind`.
-        certain: whether it is a description for certain, so that a reader's refusal is a finding.
+        root: root element of a file whose elements have rules: "robot" or "sdf"; "" for the others.
     """
 
     path: Path
     name: str
     kind: Kind
-    certain: bool = True
+    root: str = ""
 
 
 @dataclass
@@ -119,7 +119,7 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
 def _file(tree: Tree, path: Path, name: str) -> None:
     """Add a file to the tree, if it is a description, a package or a part of a description."""
     suffix = path.suffix.lower()
-    if suffix not in (".urdf", ".xacro", ".xml", ".mjcf", ".sdf", *STAGE_SUFFIXES, *_TABLES):
+    if suffix not in suffixes():
         return
     if not path.is_file():  # a link to nothing, or a pipe
         if path.is_symlink():
@@ -136,24 +136,24 @@ def _file(tree: Tree, path: Path, name: str) -> None:
         if found is not None:
             tree.packages.setdefault(found[1].decode("utf-8", "replace"), []).append(path.parent)
         return
-    if suffix in (".xml", ".mjcf"):
+    if suffix in MJCF_SUFFIXES:
         for target in _INCLUDE.findall(head):
             tree.parts.add((path.parent / target.decode("utf-8", "replace")).resolve())
     found_kind = _kind(path, suffix, head)
     if found_kind is not None:
-        kind, certain = found_kind
-        tree.descriptions.append(Description(path, name, kind, certain))
+        kind, root = found_kind
+        tree.descriptions.append(Description(path, name, kind, root))
 
 
-def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, bool] | None:
-    """Return the kind of a file, and whether it is a description for certain; None if it is no description."""
+def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, str] | None:
+    """Return kind and root of a description, see `Description`; None for another file."""
     if suffix in STAGE_SUFFIXES:
-        return "usd", False
-    if suffix in _TABLES:
+        return "usd", ""
+    if "table" in suffixes()[suffix].takes:
         if path.parent.name == "cad" and suffix == ".toml":  # the description of a robot folder
             return None
         if _DH.search(head) and _DH_LENGTHS.search(head):
-            return "dh", False
+            return "dh", ""
         return None
     markup = _COMMENT.sub(b"", head)
     root = _ROOT.search(markup)
@@ -161,13 +161,13 @@ def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, bool] | None:
     if suffix == ".xacro":
         if _NAMED_ROBOT.search(markup) is None:
             return None  # macros for others to include
-        return "xacro", False
+        return "xacro", "robot"
     if suffix == ".urdf":
-        return "urdf", True
+        return "urdf", "robot"
     if suffix == ".sdf":
-        return "sdf", True
+        return "sdf", "sdf"
     if name == b"mujoco":
-        return "mjcf", False
+        return "mjcf", ""
     return None
 
 

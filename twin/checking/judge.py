@@ -92,7 +92,7 @@ def _judge(job: JudgeJob) -> Judged:
     try:
         if description.kind == "folder":
             return _robot_folder(job)
-        if description.kind in ("urdf", "xacro", "sdf"):
+        if description.root:
             return _text(job)
         judged = _imported(job, (), "unsupported")
         if description.kind == "mjcf":
@@ -127,7 +127,7 @@ def _text(job: JudgeJob) -> Judged:
 
     description = job.description
     path = description.path
-    tag = "sdf" if description.kind == "sdf" else "robot"
+    tag = description.root
     expanded: Expanded | None = None
     try:
         if tag == "robot" and is_xacro(path):
@@ -327,15 +327,15 @@ def _compiles(path: Path) -> bool:
 
 def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
     name = job.description.name
-    kind = job.description.kind
+    printed = bool(job.description.root)  # the rules for elements have judged its inertias and limits
     for finding in imported.findings:
-        if finding.code == "import.inertia" and kind not in ("urdf", "xacro", "sdf"):
+        if finding.code == "import.inertia" and not printed:
             rule = "inertia/triangle" if "triangle" in finding.message else "inertia/positive"
             yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
         if finding.code == "import.mesh" and not _ABSENT.search(finding.message):
             yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
     yield from check_loops(imported, name)
-    if kind in ("mjcf", "usd"):
+    if not printed:
         yield from check_zero(imported.mechanism, name)
     yield from check_masses(imported.mechanism, name)
 

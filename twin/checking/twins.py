@@ -11,10 +11,8 @@ from twin.checking.judge import Judged
 from twin.comparison.items import ComparedItem
 from twin.comparison.result import Comparison
 from twin.core.errors import TwinError
-from twin.core.foreign.budget import STAGE_SUFFIXES
+from twin.exchange.read import suffixes
 from twin.exchange.xacro import XacroSettings
-
-_SUFFIXES = frozenset({".urdf", ".xacro", ".xml", ".mjcf", ".sdf", *STAGE_SUFFIXES, ".toml", ".csv", ".md", ".tex"})
 
 _SHOWN = 6
 """Maximum number of properties of a pair that are told; the last finding counts the others."""
@@ -22,8 +20,9 @@ _SHOWN = 6
 
 def stem(name: str) -> str:
     """Return the name of a file without its suffixes, as "arm" of "urdf/arm.urdf.xacro"."""
+    known = suffixes()
     stem = PurePosixPath(name).name
-    while PurePosixPath(stem).suffix.lower() in _SUFFIXES:
+    while PurePosixPath(stem).suffix.lower() in known:
         stem = stem[: -len(PurePosixPath(stem).suffix)]
     return stem.lower()
 
