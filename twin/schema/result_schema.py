@@ -12,6 +12,7 @@ from twin.schema.tables import Table
 Kind = Literal[
     "twin/audit/1",
     "twin/build/1",
+    "twin/check/1",
     "twin/compare/1",
     "twin/console/1",
     "twin/doctor/1",
