@@ -158,6 +158,7 @@ class Mechanism:
                 tool_body = frame.body
         if tool_body is None:
             return ()
+        # by name, because joints of the tree can be reversed copies
         moving = _names(self.path(tool_body))
         # joints of a loop or a coupling move together
         groups: list[set[str]] = []

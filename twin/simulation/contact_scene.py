@@ -198,6 +198,7 @@ def _axis(solid: Solid, part: Mesh) -> tuple[Array, Array, float, float]:
     """Return middle (3,), direction (3,), half the length, and radius of a long part in the World, in m."""
     p = _vertices(part, solid)
     centre = (p.min(axis=0) + p.max(axis=0)) / 2
+    # the direction in which the vertices spread most
     axis = np.linalg.svd(p - p.mean(axis=0), full_matrices=False)[2][0]
     along = (p - centre) @ axis
     radius = float(np.linalg.norm(p - centre - np.outer(along, axis), axis=1).max())

@@ -236,9 +236,10 @@ def play(
 ) -> Played:
     """Play the protocols until the last robot has ended its motion; check clearances and distances from ports."""
     duration = _duration(actors)
+    # whole ticks, so that the last one begins at the end of the motion
     ticks = max(int(duration * RATE), 1)
     moving = world(actors, props, duration / ticks)
-    moving.step(ticks + 1)
+    moving.step(ticks + 1)  # with the sample at the start
     recording = moving.recording()
     t = recording.t
     mechanisms: dict[str, Mechanism] = {}

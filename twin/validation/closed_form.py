@@ -97,6 +97,7 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         q[published] = rng.uniform(limits[:, 0], limits[:, 1])
         qd[published] = rng.uniform(-1, 1, len(published)) * np.where(angle, *_RATES)
         terms = evaluate(q[published], qd[published])
+        # the published equations have no rotors
         M = (dynamics.mass_matrix(q) - dynamics.rotor)[np.ix_(published, published)]
         c = dynamics.coriolis(q, qd)[published]
         g = dynamics.gravity(q)[published]

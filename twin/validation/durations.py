@@ -221,6 +221,7 @@ def _motor_limits(mechanism: Mechanism) -> tuple[Array, Array]:
         if speed:
             limited.append(i)
             motor_speed.append(speed)
+    # the motor rates are linear in the joint rates: row i has those of motor i
     from_joints = mechanism.motors(np.eye(len(mechanism.active))).T
     return from_joints[limited], np.array(motor_speed)
 

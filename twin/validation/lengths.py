@@ -80,6 +80,7 @@ def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> 
     for equation in kin.formula.equations:
         variant = kin.variants.get(equation.name, equation.default)
         required, optional = arguments(equation.variants[variant])
+        # of several wrong lengths in one equation, the first is named
         for length in found:
             parameter = length.cause.removeprefix("length ")
             if parameter in required or parameter in optional:

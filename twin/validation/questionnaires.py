@@ -78,7 +78,7 @@ class Key(Table):
         items_of: dict[str, list[float]] = {scale: [] for scale in self.scale}
         for answer, item in zip(answers, self.item, strict=True):
             value = answer - self.zero
-            if item.reversed:
+            if item.reversed:  # agreement with the item lowers the score
                 value = self.zero - answer
             for scale in self.scale:
                 if scale in item.scales:

@@ -106,6 +106,7 @@ def row(
     missing = np.isnan(values)
     worst = 0
     if len(values):
+        # a sample without a value is never the worst, except if all are without
         worst = int(np.argmax(np.where(missing, -1.0, values)))
     component = ""
     if are_vectors and values[worst] > 0:

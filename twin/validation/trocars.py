@@ -37,6 +37,7 @@ def through_trocars(case: Case, out: EquationsComparison) -> None:
     times = case.clock.at(out.coarse)
     for name, shaft in shafts.items():
         T = links[shaft.body] @ shaft.T_body_frame
+        # z of the frame is along the shaft
         missed = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
         r = row("B", "rcm", name, "m", missed, tolerance, times, note=f"{shaft.body} in trocar {name}")
         out.judge(r, _TROCAR, f"{shaft.body} misses trocar '{name}'")

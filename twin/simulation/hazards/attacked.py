@@ -342,6 +342,7 @@ class AttackedRun:
         self._read: list[Level] = []
         self.machine.step(0.0)
         self.machine.start()
+        # without packets, until the arm has homed and the operator presses the pedal
         for tick in range(1, _HOMED + 1):
             self.machine.step(tick * TICK)
 

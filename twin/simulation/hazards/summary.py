@@ -294,7 +294,7 @@ def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassR
     for row in rows:
         if row["cue"] is not None and row["beyond"] is not None:
             delays.append(row["cue"] - row["beyond"])
-        for check in unseen:
+        for check in unseen:  # a jump counts for each way of detection that comes later or never
             unseen[check] += _first(row, "jump", check)
         if dangerous(row):
             danger += 1

@@ -92,6 +92,7 @@ class HazardTrainee:
             else:
                 self._go_on(t)
             return
+        # found out before the response is stored
         again = response in self.responses
         self.responses.setdefault(response, t)
         if response == "slow down":

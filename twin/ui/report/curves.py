@@ -34,6 +34,7 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     # one row for each interval; intervals shorter than the longest repeat their last sample
     rows = np.minimum(starts + np.arange(width), ends - 1)
     values = y[rows]
+    # NaN is never the lowest or the highest; it is kept by itself, see below
     missing = np.isnan(values)
     lowest = np.where(missing, np.inf, values).argmin(axis=1)
     highest = np.where(missing, -np.inf, values).argmax(axis=1)

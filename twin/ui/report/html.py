@@ -82,6 +82,7 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
             infos.append(finding)
         else:
             grave.append(finding)
+    # in the order of `_ORIGINS`, also those without parameters
     numbers = dict.fromkeys(_ORIGINS, 0)
     for parameter in report.parameters:
         numbers[parameter.provenance] += 1

@@ -50,6 +50,7 @@ def figure(found: Operated) -> Figure:
     for ax, trial in zip(axes, shown, strict=True):
         _draw_insertions(ax, trial, found.goals)
         t = trial.record.t
+        # the axis is logarithmic: 0 would not be drawn
         distance = np.maximum(remaining(trial.record, found.goals) / MM, _LEAST)
         ax.plot(t, distance, color=PALETTE[0], linewidth=1.0)
         log_ticks(ax, list(_TICKS), _tick)

@@ -44,7 +44,7 @@ def figure(strokes: Strokes) -> Figure:
         curves = {"equations": sweep.formula, **sweep.standins}
         for color, (name, curve) in zip(PALETTE, curves.items(), strict=False):
             if len(curve.offset):
-                error = np.maximum(curve.distance / UM, _LEAST)
+                error = np.maximum(curve.distance / UM, _LEAST)  # the axis is logarithmic
                 ax.plot(x, error, color=color, label=name, linewidth=1.3)
         if required is not None:
             ax.axhline(required, color="#555555", linewidth=0.9, linestyle="--", label=f"required: {required:g} µm")

@@ -74,6 +74,7 @@ def _draw_scales(ax: Axes, scales: Sequence[ScaleRow]) -> None:
 def _draw_stuck(ax: Axes, deviation: Array) -> None:
     """Draw the deviation (k,) of the tip in mm at each tick, and the limit of 3 mm."""
     times = TICK * np.arange(1.0, len(deviation) + 1)
+    # the axis is logarithmic, and a machine without a fault has no deviation at first
     t, y = thin(times, np.maximum(deviation, _LEAST))
     ax.plot(t, y, color=PALETTE[0], linewidth=0.9)
     ax.axhline(3.0, color=INK, linewidth=0.8, linestyle="--")

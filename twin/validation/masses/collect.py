@@ -104,6 +104,7 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
     masses_negated = []
     ratios = []
     for name, first, tensor in rows:
+        # for both signs of the products: the smaller masses show which sign is meant
         tensor_negated = published_moments.negated(tensor)
         mass = least_mass(tensor, first)
         mass_negated = least_mass(tensor_negated, first)

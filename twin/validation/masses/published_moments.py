@@ -207,7 +207,7 @@ def falling(rows: list[MassRow], products: Products) -> bool:
     """Return whether the minimum masses decrease from row to row, as they do if each link includes all later links."""
     if len(rows) < 2:
         return False
-    for row, following in pairwise(rows):
+    for row, following in pairwise(rows):  # from the base outwards
         if products == "negated":
             falls = row.mass_negated > following.mass_negated
         else:

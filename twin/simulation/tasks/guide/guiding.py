@@ -176,7 +176,7 @@ class GuidingReferee(InstrumentReferee):
 
     def _pick_up(self, k: int, T: Array) -> None:
         """Judge whether the first arm has taken the ring away from its start; T (16,): pose of the ring."""
-        p = T[3::4][:3]
+        p = T[3::4][:3]  # last column of the pose
         if float(np.linalg.norm(p - self._p_start)) <= self._guide.lifted_mm * MM:
             return
         if self._holder == self._first:

@@ -175,6 +175,7 @@ class ProcedureReferee(Block):
         if not self.closed:
             self._before_clips()
         for k, vessel in enumerate(self._vessels):
+            # copied, because the World writes the next values into the same memory
             self._cuts[k] = now[f"{vessel.name}.cut"].copy()
         if not self.cut and self._cuts[self._number].any():
             self._t_cut = t
@@ -183,7 +184,7 @@ class ProcedureReferee(Block):
             self._depths[name] = max(self._depths[name], float(now[f"{name}.depth"][0]))
         for robot in self.robots:
             tip = now[f"{robot}.tip"].copy()
-            previous = self._tips.get(robot, tip)
+            previous = self._tips.get(robot, tip)  # in the first sample, the path has no length
             self._paths[robot] += float(np.linalg.norm(tip - previous))
             self._tips[robot] = tip
             self._pull = max(self._pull, float(np.linalg.norm(now[f"{robot}.pull"])))

@@ -97,7 +97,7 @@ class ScriptedSurgeon(SurgeonHands):
             distance = max(float(np.linalg.norm(vector)) for vector in missing.values())
             if distance < 0.5 * self.tolerance:  # the rest of the tolerance is for tremor
                 return True
-            if distance < 0.98 * least:
+            if distance < 0.98 * least:  # less than this is tremor, not progress
                 least = distance
                 stalled = 0
             else:

@@ -261,7 +261,7 @@ class _Ring:
         return self._news()
 
     def _news(self) -> tuple[Tone, str] | None:
-        if self.holder < 0 and not self.left:
+        if self.holder < 0 and not self.left:  # a short gap within a grasp is no news
             return None
         before = self.told
         self.told = self._state_to_tell()
