@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, load, names, silent
+from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, RobotSource, load, names, silent
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -102,15 +104,13 @@ def _is_table(given: str | Path | Robot) -> bool:
 def _side(
     given: str | Path | Robot, label: str, only: Sequence[str], xacro: XacroSettings | None, table: DhOptions
 ) -> RobotSide:
-    from twin.comparison.side import from_mechanism
-
     if isinstance(given, Robot):
         return _robot_side(given, label, only)
     path = Path(given)
+    if path.suffix.lower() in STAGE_SUFFIXES and path.is_file():
+        return replace(_robot_side(load(given), label, only), path=path, reread=_reread_stage(path, label, only))
     if str(given) in names() or path.is_dir() or path.suffix.lower() in STAGE_SUFFIXES:
         return _robot_side(load(given), label, only)
-    from twin.exchange.read import read
-    from twin.exchange.read.closing import close
     from twin.exchange.xacro import SUFFIX, XacroSettings, expand, is_xacro
 
     settings = xacro or XacroSettings()
@@ -122,7 +122,25 @@ def _side(
         text = expanded.data
         places = expanded.places
         given_to_reader = settings
-    imported = read(path, xacro=given_to_reader, dh=table if _is_table(path) else None)
+    side = _file_side(path, label, only, given_to_reader, table)
+    if side.looped:  # to close the loops again for each number would take minutes
+        return replace(side, text=text, places=places)
+    return replace(side, text=text, places=places, reread=_reread(path, label, only, table))
+
+
+def _file_side(
+    path: Path,
+    label: str,
+    only: Sequence[str],
+    xacro: XacroSettings | None,
+    table: DhOptions,
+    guarded: bool = True,
+) -> RobotSide:
+    from twin.comparison.side import from_mechanism
+    from twin.exchange.read import read
+    from twin.exchange.read.closing import close
+
+    imported = read(path, guarded=guarded, xacro=xacro, dh=table if _is_table(path) else None)
     if imported.mechanism.loops:
         imported = close(imported)
     guessed = False
@@ -143,7 +161,42 @@ def _side(
     )
     if _is_table(path):
         return replace(side, rows=_rows(path, table, [joint.name for joint in imported.mechanism.tree]))
-    return replace(side, text=text, places=places)
+    return side
+
+
+def _reread(path: Path, label: str, only: Sequence[str], table: DhOptions) -> Callable[[bytes], RobotSide]:
+    """Return a function that reads a changed text of a file; its first text was read in a guarded process."""
+
+    def read_again(data: bytes) -> RobotSide:
+        suffix = path.suffix
+        if suffix.lower() == ".xacro":
+            suffix = ".urdf"  # the text is the expanded one
+        with _beside(path, data, suffix) as copy:
+            return _file_side(copy, label, only, None, table, guarded=False)
+
+    return read_again
+
+
+def _reread_stage(path: Path, label: str, only: Sequence[str]) -> Callable[[bytes], RobotSide]:
+    """Return the same for a USD stage."""
+
+    def read_again(data: bytes) -> RobotSide:
+        with _beside(path, data, path.suffix) as copy:
+            return _robot_side(Robot(RobotSource(None, copy, None), None, None, {}), label, only)
+
+    return read_again
+
+
+@contextmanager
+def _beside(path: Path, data: bytes, suffix: str) -> Iterator[Path]:
+    """Write a text into a temporary folder, in which the other files of the folder of `path` are found as well."""
+    with TemporaryDirectory(prefix="twin-compare-") as folder:
+        copy = Path(folder) / f"{path.stem}{suffix}"
+        for neighbour in path.resolve().parent.iterdir():
+            if neighbour.name not in (path.name, copy.name):
+                (Path(folder) / neighbour.name).symlink_to(neighbour)
+        copy.write_bytes(data)
+        yield copy
 
 
 def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableRow, ...]:

@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.comparison import rereading
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import gaps
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
-from twin.comparison.side import RobotSide
+from twin.comparison.rereading import Goal
+from twin.comparison.side import RobotSide, plain
 from twin.comparison.statements import NumberStatement, PlaceStatement, places, statements
 from twin.comparison.table import CellStatement
 from twin.core.spatial import Array
@@ -108,7 +110,7 @@ def with_edits(
 ) -> list[ComparedItem]:
     """Return the items, each with the edits of either side that remove it."""
     known = [statements(problem.first), statements(problem.second)]
-    if not (known[0] or known[1]) or problem.first.looped:
+    if problem.first.looped:
         return list(items)
     moved_tools = [gap.joint for gap in gaps(problem, solution.unknowns) if gap.leaf and gap.differs(problem)]
     common = _common_edits(problem, matching, items, known)
@@ -123,8 +125,10 @@ def with_edits(
         if u is not None:
             for edited in (0, 1):
                 case = _Case(problem, matching, u, edited, others)
-                edits += common[edited]
-                edits += [edit for edit in _edits(case, known[edited]) if edit not in common[edited]]
+                found = common[edited] + [edit for edit in _edits(case, known[edited]) if edit not in common[edited]]
+                if not found:
+                    found = _reread(case, [item])
+                edits += found
         out.append(item.with_edits(edits))
     return out
 
@@ -142,8 +146,46 @@ def _common_edits(
     found = []
     for edited in (0, 1):
         case = _Case(problem, matching, problem.start, edited, ())
-        found.append(_edits(case, known[edited], placed=False))
+        edits = _edits(case, known[edited], placed=False)
+        if not edits and not known[edited]:
+            edits = _reread(case, moved)
+        found.append(edits)
     return found
+
+
+def _reread(case: _Case, items: Sequence[ComparedItem]) -> list[NumberEdit]:
+    """Return the edits of one number of a text that is read again, for formats without statements."""
+
+    def moved(side: RobotSide) -> int:
+        problem = case.with_side(side)
+        return sum(gap.differs(problem) for gap in gaps(problem, case.u))
+
+    def agrees(side: RobotSide) -> bool:
+        return len(side.axes) == len(case.side.axes) and case.agrees(side)
+
+    names: set[str] = set()
+    for item in items:
+        names |= _names(case, item)
+    goal = Goal(case.residual, agrees, moved, case.problem.tolerance)
+    return rereading.edits(case.side, names, "", goal, short)[:_MOST]
+
+
+def _names(case: _Case, item: ComparedItem) -> set[str]:
+    """Return the plain names of the joint, its links and the frames that an item is about, in the edited side."""
+    problem = case.problem
+    side = case.side
+    names = {item.link}
+    for i, axis in enumerate((problem.axes, problem.second.axes)[case.edited]):
+        of_item = problem.second.axes[i].name == item.joint
+        if item.kind == "base frame":
+            of_item = axis.parent == 0
+        if not of_item:
+            continue
+        names.add(axis.name)
+        names |= {*side.groups[axis.child].bodies, *side.groups[axis.parent].bodies}
+        if item.kind == "tool frame":
+            names |= {side.tool, *(name for name, (group, _) in side.frames.items() if group == axis.child)}
+    return {plain(name) for name in names if name}
 
 
 def _without(problem: Problem, u: Unknowns, item: ComparedItem) -> Unknowns | None:
@@ -376,10 +418,10 @@ def _edit(side: RobotSide, statement: Statement, column: int | None, values: Arr
         what = f"{statement.what}[{column}]"
         old = f"{statement.values[column]:.12g}"
         new = f"{values[column]:.12g}"
-    return NumberEdit(side.label, _short(statement.file), statement.line, what, old, new)
+    return NumberEdit(side.label, short(statement.file), statement.line, what, old, new)
 
 
-def _short(file: str) -> str:
+def short(file: str) -> str:
     """Return a path relative to the working folder, if it is below it."""
     try:
         return str(Path(file).resolve().relative_to(Path.cwd()))

@@ -34,10 +34,14 @@ CONVENTION = 1.0
 """Cost of a convention that differs: a moved base, zero or tool, or a sign."""
 
 PROPERTY = 1.5
-"""Cost of limits or inertias that differ.
+"""Cost of limits that differ.
 
 One more convention that makes them equal is likelier than an error; two more conventions are not.
 """
+
+
+INERTIA = 1.7
+"""The same for inertias: a zero that moves against the limits turns no inertia."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ class Stated:
         for joint in sorted({gap.joint for gap in self.frames}):
             found.append(Evidence("tool", joint, CONVENTION))
         for group in self._inertias:
-            found.append(Evidence("inertia", group, PROPERTY))
+            found.append(Evidence("inertia", group, INERTIA))
         return found
 
     def limit_zero(self, i: int, signs: Array) -> float | None:

@@ -10,6 +10,7 @@ from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.items import ComparedItem, items
 from twin.comparison.matching import match
 from twin.comparison.properties import KINDS, Properties, compare
+from twin.comparison.property_edits import with_property_edits
 from twin.comparison.range import Worst, worst
 from twin.comparison.search import solutions
 from twin.comparison.side import RobotSide
@@ -115,5 +116,5 @@ def compare_pair(first: RobotSide, second: RobotSide, tolerance: float) -> SideP
         if texts not in others and texts != told:
             others.append(texts)
     largest = worst(problem, best)
-    properties = compare(problem, best)
+    properties = with_property_edits(problem, matching, best, compare(problem, best))
     return SidePair(first, second, kinematics, tuple(found), tuple(others[:_TIES]), properties, largest, problem, best)

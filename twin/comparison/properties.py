@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
 from twin.comparison.fit import FitSolution, Problem, values_of
+from twin.comparison.items import NumberEdit
 from twin.comparison.search import zero_of
 from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide
 from twin.core.json_types import JsonObject
@@ -30,6 +31,9 @@ class PropertyRow:
         where: name of the joint or link in the second side.
         first, second: the values as text, "-" if a side does not state it.
         stated: whether both sides state it, so that they disagree.
+        index: the joint; for masses, centres and inertias the group of the first side.
+        edits: edits that make both sides agree.
+        together: whether all edits of one side are needed, not only one of them.
     """
 
     kind: str
@@ -37,6 +41,9 @@ class PropertyRow:
     first: str
     second: str
     stated: bool
+    index: int = -1
+    edits: tuple[NumberEdit, ...] = ()
+    together: bool = False
 
     def as_dict(self) -> JsonObject:
         """Return the row as plain data."""
@@ -46,6 +53,8 @@ class PropertyRow:
             "first": self.first,
             "second": self.second,
             "stated_by_both": self.stated,
+            "edits": [edit.as_dict() for edit in self.edits],
+            "edits_together": self.together,
         }
 
 
@@ -92,17 +101,17 @@ def _joint(problem: Problem, solution: FitSolution, i: int, rows: list[PropertyR
         high = abs(mapped[1] - second.limits[1])
         if not (low <= LIMIT or mapped[0] == second.limits[0]) or not (high <= LIMIT or mapped[1] == second.limits[1]):
             texts = [f"{angle(low)} .. {angle(high)}" for low, high in (mapped, second.limits)]
-            rows.append(PropertyRow("limits", second.name, texts[0], texts[1], True))
+            rows.append(PropertyRow("limits", second.name, texts[0], texts[1], True, i))
     elif (mapped is None) != (second.limits is None):
         texts = []
         for limits in (mapped, second.limits):
             texts.append("-" if limits is None else f"{angle(limits[0])} .. {angle(limits[1])}")
         rows.append(PropertyRow("limits", second.name, texts[0], texts[1], False))
-    _number("speeds", second.name, first.max_speed, second.max_speed, lambda v: f"{angle(v)}/s", rows, compared)
+    _number("speeds", i, second.name, first.max_speed, second.max_speed, lambda v: f"{angle(v)}/s", rows, compared)
     effort_of_first = problem.first.efforts.get(first.name)
     effort_of_second = problem.second.efforts.get(second.name)
     unit = "N m" if second.is_angle else "N"
-    _number("efforts", second.name, effort_of_first, effort_of_second, lambda v: f"{v:g} {unit}", rows, compared)
+    _number("efforts", i, second.name, effort_of_first, effort_of_second, lambda v: f"{v:g} {unit}", rows, compared)
 
 
 def mapped_limits(problem: Problem, solution: FitSolution, i: int) -> tuple[float, float] | None:
@@ -118,6 +127,7 @@ def mapped_limits(problem: Problem, solution: FitSolution, i: int) -> tuple[floa
 
 def _number(
     kind: str,
+    index: int,
     where: str,
     first: float | None,
     second: float | None,
@@ -133,7 +143,7 @@ def _number(
         return
     compared[kind] += 1
     if abs(first - second) > RELATIVE * max(abs(first), abs(second)):
-        rows.append(PropertyRow(kind, where, shown(first), shown(second), True))
+        rows.append(PropertyRow(kind, where, shown(first), shown(second), True, index))
 
 
 def _masses(problem: Problem, solution: FitSolution, rows: list[PropertyRow], compared: dict[str, int]) -> None:
@@ -149,19 +159,67 @@ def _masses(problem: Problem, solution: FitSolution, rows: list[PropertyRow], co
         second = problem.second.groups[partner].inertia
         where = problem.second.groups[partner].bodies[-1]
         masses = [None if inertia is None else inertia.mass for inertia in (first, second)]
-        _number("masses", where, masses[0], masses[1], lambda v: f"{v:g} kg", rows, compared)
+        _number("masses", group, where, masses[0], masses[1], lambda v: f"{v:g} kg", rows, compared)
         if first is None or second is None:
             continue
         seen = first.seen_from(motions[0, group])
         compared["centres of mass"] += 1
         if np.linalg.norm(seen.p_body_com - second.p_body_com) > CENTRE:
             texts = [_point(p) for p in (seen.p_body_com, second.p_body_com)]
-            rows.append(PropertyRow("centres of mass", where, texts[0], texts[1], True))
+            rows.append(PropertyRow("centres of mass", where, texts[0], texts[1], True, group))
         compared["inertias"] += 1
         size = float(np.linalg.norm(second.I_com))
         if np.linalg.norm(seen.I_com - second.I_com) > RELATIVE * max(size, float(np.linalg.norm(seen.I_com))):
             texts = [_moments(I_com) for I_com in (seen.I_com, second.I_com)]
-            rows.append(PropertyRow("inertias", where, texts[0], texts[1], True))
+            rows.append(PropertyRow("inertias", where, texts[0], texts[1], True, group))
+
+
+def difference(problem: Problem, solution: FitSolution, kind: str, i: int) -> Array:
+    """Return what differs in a row of some kind, as numbers in SI units; `i` as `PropertyRow.index`."""
+    if kind in ("masses", "centres of mass", "inertias"):
+        return _difference_of_bodies(problem, solution, kind, i)
+    if kind == "couplings":
+        return _difference_of_couplings(problem, solution, i)
+    if kind == "limits":
+        limits = problem.second.axes[i].limits
+        mapped = mapped_limits(problem, solution, i)
+        if mapped is None or limits is None:
+            return np.zeros(0)
+        return np.array(mapped) - np.array(limits)
+    first = problem.axes[i]
+    second = problem.second.axes[i]
+    values = (first.max_speed, second.max_speed)
+    if kind == "efforts":
+        values = (problem.first.efforts.get(first.name), problem.second.efforts.get(second.name))
+    if values[0] is None or values[1] is None:
+        return np.zeros(0)
+    return np.array([values[0] - values[1]])
+
+
+def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, group: int) -> Array:
+    u = solution.unknowns
+    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
+    partner = 0
+    for i, axis in enumerate(problem.axes):
+        if axis.child == group and not axis.closing:
+            partner = problem.second.axes[i].child
+    first = problem.first.groups[group].inertia
+    second = problem.second.groups[partner].inertia
+    if first is None or second is None:
+        return np.zeros(0)
+    seen = first.seen_from(motions[0, group])
+    if kind == "masses":
+        return np.array([seen.mass - second.mass])
+    if kind == "centres of mass":
+        return seen.p_body_com - second.p_body_com
+    return (seen.I_com - second.I_com).ravel()
+
+
+def _difference_of_couplings(problem: Problem, solution: FitSolution, i: int) -> Array:
+    motions = [side.get(i) for side in _followed(problem, solution)[:2]]
+    if motions[0] is None or motions[1] is None:
+        return np.zeros(0)
+    return np.append(motions[0][0] - motions[1][0], motions[0][1] - motions[1][1])
 
 
 def _point(p: Array) -> str:
@@ -176,6 +234,22 @@ def _moments(tensor: Array) -> str:
 
 def _couplings(problem: Problem, solution: FitSolution, rows: list[PropertyRow], compared: dict[str, int]) -> None:
     """Compare the motions that the couplings allow, whichever joint of a coupling each side calls the leader."""
+    first, second, order = _followed(problem, solution)
+    for i in order:
+        if i not in first and i not in second:
+            continue
+        compared["couplings"] += 1
+        if i in first and i in second and _same_motion(first[i], second[i]):
+            continue
+        texts = [_coupling(problem, side.get(i)) for side in (first, second)]
+        rows.append(PropertyRow("couplings", problem.second.axes[i].name, texts[0], texts[1], True, i))
+
+
+_Followed = dict[int, tuple[Array, float]]
+
+
+def _followed(problem: Problem, solution: FitSolution) -> tuple[_Followed, _Followed, list[int]]:
+    """Return `followed` of both sides, as values of the second side, and the order of the joints that it used."""
     u = solution.unknowns
     zeros = np.array([zero_of(problem, u, i) for i in range(problem.count)])
     stated = [constraints(problem.first, problem.axes), constraints(problem.second, problem.second.axes)]
@@ -187,16 +261,7 @@ def _couplings(problem: Problem, solution: FitSolution, rows: list[PropertyRow],
         if axis.name in problem.first.couplings and i not in followers:
             followers.append(i)
     order = [*followers, *(i for i in range(problem.count) if i not in followers)]
-    first = followed(*stated[0], order)
-    second = followed(*stated[1], order)
-    for i in order:
-        if i not in first and i not in second:
-            continue
-        compared["couplings"] += 1
-        if i in first and i in second and _same_motion(first[i], second[i]):
-            continue
-        texts = [_coupling(problem, side.get(i)) for side in (first, second)]
-        rows.append(PropertyRow("couplings", problem.second.axes[i].name, texts[0], texts[1], True))
+    return followed(*stated[0], order), followed(*stated[1], order), order
 
 
 def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:

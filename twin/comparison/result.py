@@ -69,7 +69,9 @@ class Comparison(Result):
             if row.stated:
                 labels = (pair.first.label, pair.second.label)
                 text = f"{row.kind} of '{row.where}': {row.first} in {labels[0]}, {row.second} in {labels[1]}"
-                yield disagreement(f"compare.{row.kind.replace(' ', '_')}", row.where, text)
+                joined = "; and " if row.together else "; or "
+                suggestion = " ".join(_edit_texts(row.edits, joined))
+                yield disagreement(f"compare.{row.kind.replace(' ', '_')}", row.where, text, suggestion=suggestion)
 
     @property
     def alone(self) -> str | None:
@@ -136,6 +138,9 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     if stated:
         different = [(row.kind, row.where, row.first, row.second) for row in stated]
         yield TextTable(("differs", "of", pair.first.label, pair.second.label), different)
+        for row in stated:
+            for text in _edit_texts(row.edits, "; and " if row.together else "; or "):
+                yield f"      {row.kind} of '{row.where}': {text}"
 
 
 def _verdict(pair: SidePair) -> str:
@@ -156,6 +161,8 @@ def _item_text(item: ComparedItem) -> Iterator[str]:
             word = "  or"
         if len(edits) > _SHOWN_EDITS:
             yield f"      and {len(edits) - _SHOWN_EDITS} more in {label}"
+    if not item.edits and item.kind not in ("name", "order"):
+        yield "      no edit of one number was found that removes this"
 
 
 def _by_side(edits: Sequence[NumberEdit]) -> dict[str, list[NumberEdit]]:
@@ -170,12 +177,15 @@ def _suggestion(item: ComparedItem) -> str:
     return " ".join(_edit_texts(item.edits))
 
 
-def _edit_texts(edits: Sequence[NumberEdit]) -> list[str]:
-    """Return for each side a sentence with its edits; several edits of one side are alternatives."""
+def _edit_texts(edits: Sequence[NumberEdit], joined: str = "; or ") -> list[str]:
+    """Return for each side a sentence with its edits; several edits of one side are alternatives, or all needed."""
     sentences = []
     for chosen in _by_side(edits).values():
-        texts = [edit.text() for edit in chosen[:_SHOWN_EDITS]]
-        sentences.append(f"Edit {'; or '.join(texts)}.")
+        shown = chosen
+        if joined == "; or ":
+            shown = chosen[:_SHOWN_EDITS]
+        texts = [edit.text() for edit in shown]
+        sentences.append(f"Edit {joined.join(texts)}.")
     return sentences
 
 

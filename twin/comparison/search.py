@@ -73,12 +73,14 @@ class _Choice:
         free: (unknowns,) the values that may still change.
         conditions: the evidence that must stay equal.
         kept: all evidence that fixed values.
+        final: whether no more evidence can fix anything.
     """
 
     solution: FitSolution
     free: Array
     conditions: tuple[Evidence, ...]
     kept: frozenset[Evidence]
+    final: bool = False
 
 
 class _Search:
@@ -115,7 +117,12 @@ class _Search:
             if isinstance(node, _Signs):
                 self._signs(node)
                 continue
-            if self.nodes < _NODES and self._branches(node):
+            if not node.final and self.nodes < _NODES and self._branches(node, min(self.most, lowest) - bound):
+                continue
+            # what was open, and no evidence fixed, may differ
+            cost = _cost(self.stated, node.solution.unknowns)
+            if cost > bound + _SAME:
+                self._push(cost, replace(node, final=True))
                 continue
             lowest = min(lowest, bound)
             found.append(node.solution)
@@ -215,34 +222,47 @@ class _Search:
                 cost += evidence.weight
         return cost
 
-    def _branches(self, choice: _Choice) -> bool:
-        """Fix one open direction by each evidence that can; return whether any does."""
+    def _branches(self, choice: _Choice, left: float) -> bool:
+        """Fix one open direction by each evidence that can; return whether any does, or the choice costs too much.
+
+        `left` is the cost that may still be added: evidence that costs more, and differs, must be made equal.
+        """
         u = choice.solution.unknowns
         known = [evidence for evidence in self.stated.known(u.signs) if evidence not in choice.kept]
         directions, along = self._open(choice, known)
+        violated = set(self.stated.violated(known, u))
+        for evidence, J in zip(known, along, strict=True):
+            is_open = bool(J.size and np.abs(J).max() > _OPEN)
+            if is_open and evidence in violated and evidence.weight > left + _SAME:
+                self._keep(choice, evidence, directions, J)
+                return True
         return any(self._fix(choice, known, directions, along, direction) for direction in _fewest_first(along))
 
     def _fix(
         self, choice: _Choice, known: Sequence[Evidence], directions: Array, along: Sequence[Array], direction: int
     ) -> bool:
         """Fix an open direction by each evidence that can; return whether any does."""
-        u = choice.solution.unknowns
         any_fixed = False
         for evidence, J in zip(known, along, strict=True):
             if not np.abs(J[:, direction]).max() > _OPEN:
                 continue
-            kept = choice.kept | {evidence}
-            key = (u.deviating, tuple(u.signs), kept)
-            if key in self.seen:
+            if self._keep(choice, evidence, directions, J):
                 any_fixed = True
-                continue
-            self.nodes += 1
-            fixed = self._fixed(choice, evidence, directions, J)
-            if fixed is not None:
-                self.seen.add(key)
-                any_fixed = True
-                self._push(self._bound(fixed), fixed)
         return any_fixed
+
+    def _keep(self, choice: _Choice, evidence: Evidence, directions: Array, J: Array) -> bool:
+        """Fit with one more piece of evidence; return whether that is possible."""
+        u = choice.solution.unknowns
+        key = (u.deviating, tuple(u.signs), choice.kept | {evidence})
+        if key in self.seen:
+            return True
+        self.nodes += 1
+        fixed = self._fixed(choice, evidence, directions, J)
+        if fixed is None:
+            return False
+        self.seen.add(key)
+        self._push(self._bound(fixed), fixed)
+        return True
 
     def _fixed(self, choice: _Choice, evidence: Evidence, directions: Array, J: Array) -> _Choice | None:
         """Return the fit that keeps a piece of evidence as well; None if there is none."""

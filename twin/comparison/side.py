@@ -6,7 +6,7 @@ Bodies that are fixed to each other are one group. All lines and frames are in t
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -111,6 +111,8 @@ class RobotSide:
         notes: texts on data that the reader left out.
         efforts: {joint: maximum effort in N or N m}.
         mechanism: the mechanism, for pictures; None if the side is only equations.
+        reread: a function that reads a changed text of the file, or of `text`; it raises a TwinError if it cannot.
+            None for files without text.
     """
 
     label: str
@@ -129,6 +131,7 @@ class RobotSide:
     notes: tuple[str, ...] = ()
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None
+    reread: Callable[[bytes], RobotSide] | None = field(default=None, repr=False, compare=False)
 
     @property
     def tree(self) -> tuple[Axis, ...]:

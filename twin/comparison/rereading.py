@@ -1,0 +1,416 @@
+"""Edits that are found by reading a changed text again: for formats without statements, and for properties.
+
+Each number of the text that belongs to the joint or link in question is changed a little, and the text is read again:
+this shows what the number does, whatever the format is. The text of an edit was therefore read, and it agrees.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from xml.parsers import expat
+
+import numpy as np
+
+from twin.comparison.items import NumberEdit
+from twin.comparison.side import RobotSide, plain
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+
+_NUMBER = re.compile(rb"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
+
+_MOST_READ = 150
+"""Maximum number of numbers of one text that are tried for one item."""
+
+_STEP = 1e-3
+"""Relative change of a number that shows what it does; files in single precision round finer ones away."""
+
+_ROUNDS = 8
+"""Maximum number of steps to the value."""
+
+_LEFT = 0.5
+"""Part of the difference that a number must be able to remove at the first step."""
+
+
+_NO_PLACE = re.compile(
+    r"inerti|mass|limit|lower|upper|range|velocity|effort|force|geom|mesh|visual|collision|color|rgba|damping|friction"
+    r"|mimic|polycoef|extent|points|density|stiffness",
+    re.IGNORECASE,
+)
+"""Elements and attributes that place no joint and no link."""
+
+_AXIS = re.compile(r"axis")
+"""A direction, whose numbers are mostly 0, 1 and -1."""
+
+_STATES = {
+    "": re.compile(""),
+    "limits": re.compile(r"limit|lower|upper|range", re.IGNORECASE),
+    "speeds": re.compile(r"velocity", re.IGNORECASE),
+    "efforts": re.compile(r"effort|force|range", re.IGNORECASE),
+    "masses": re.compile(r"mass|density", re.IGNORECASE),
+    "centres of mass": re.compile(r"(inertial(?!.* mass)|pose|centerOfMass)", re.IGNORECASE),
+    "inertias": re.compile(r"(inerti(?!.* mass)|pose|principalAxes)", re.IGNORECASE),
+    "couplings": re.compile(r"mimic|polycoef|gear|multiplier|offset", re.IGNORECASE),
+}
+"""{kind of properties: the elements and attributes that state it in any format}."""
+
+
+@dataclass(frozen=True)
+class FileNumber:
+    """A number of a text.
+
+    Attributes:
+        start, end: its bytes.
+        line: its line, from 1.
+        file: the file of this line, if it is another one.
+        what: where it is, in the terms of the format.
+        names: plain names of the elements or prims around it; () for a table.
+    """
+
+    start: int
+    end: int
+    line: int
+    what: str
+    names: tuple[str, ...] = ()
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What an edit must achieve.
+
+    Attributes:
+        residual: a function of a side that returns what differs; zero is agreement.
+        agrees: a function of a side that returns whether the two sides agree there, and nowhere less than before.
+        moved: a function of a side that returns how many further frames differ; fewer make an edit likelier.
+        inaccuracy: size of a residual that is only inaccuracy.
+    """
+
+    residual: Callable[[RobotSide], Array]
+    agrees: Callable[[RobotSide], bool]
+    moved: Callable[[RobotSide], int]
+    inaccuracy: float
+
+
+def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumber]:
+    """Return the numbers of the text of a side inside elements or prims with these names (as in `plain`).
+
+    `kind` is a kind of properties, or "" for what places joints and links. Of a table, all numbers are returned.
+    """
+    data = text_of(side)
+    if data is None:
+        return []
+    if data.lstrip().startswith(b"<"):
+        found = _of_xml(data, side.places)
+    elif data.startswith(b"#usda"):
+        found = _of_usda(data)
+    else:
+        return list(_of_table(data))
+    chosen = []
+    for number in found:
+        states_it = bool(_STATES[kind].search(number.what))
+        if not kind:
+            states_it = _NO_PLACE.search(number.what) is None
+        if states_it and not set(number.names).isdisjoint(names):
+            chosen.append(number)
+    return chosen
+
+
+def text_of(side: RobotSide) -> bytes | None:
+    """Return the text that was read; None if the side has none that can be read again."""
+    if side.reread is None or side.path is None:
+        return None
+    if side.text is not None:
+        return side.text
+    try:
+        return side.path.read_bytes()
+    except OSError:
+        return None
+
+
+def edits(
+    side: RobotSide, names: Collection[str], kind: str, goal: Goal, file: Callable[[str], str]
+) -> list[NumberEdit]:
+    """Return the edits of one number that reach a goal, the likeliest first."""
+    data = text_of(side)
+    if data is None:
+        return []
+    found: list[tuple[int, int, NumberEdit]] = []
+    before = goal.residual(side)
+    for number in numbers(side, names, kind)[:_MOST_READ]:
+        text = data[number.start : number.end].decode()
+        solved = _solved(side, data, number, goal, before)
+        if solved is None:
+            continue
+        value, edited = solved
+        new = _text(value)
+        if float(new) == float(text):
+            continue
+        place = file(number.file or str(side.path))
+        edit = NumberEdit(side.label, place, number.line, number.what, text, new, confirmed=True)
+        found.append((goal.moved(edited), len(new), edit))
+    found.sort(key=lambda entry: entry[:2])
+    return [edit for _, _, edit in found]
+
+
+def edits_together(
+    side: RobotSide, names: Collection[str], kind: str, goal: Goal, file: Callable[[str], str]
+) -> list[NumberEdit]:
+    """Return edits of several numbers that reach a goal only together; [] if there are none."""
+    data = text_of(side)
+    if data is None:
+        return []
+    r = goal.residual(side)
+    known: list[FileNumber] = []
+    slopes: list[Array] = []
+    for number in numbers(side, names, kind)[:_MOST_READ]:
+        value = float(data[number.start : number.end])
+        step = _STEP * max(abs(value), 1e-3)
+        changed = _read(side, data, number, value + step)
+        if changed is None:
+            continue
+        slope = (goal.residual(changed) - r) / step
+        if np.abs(slope).max(initial=0.0) > 1e-9:
+            known.append(number)
+            slopes.append(slope)
+    if len(known) < 2:
+        return []
+    J = np.array(slopes).T
+    changes = -np.linalg.pinv(J, rcond=1e-9) @ r
+    needed = np.abs(changes) * np.abs(J).max(axis=0) > 0.05 * goal.inaccuracy
+    values = []
+    for number, change in zip(known, changes, strict=True):
+        values.append(float(data[number.start : number.end]) + float(change))
+    chosen = []
+    for k in np.flatnonzero(needed):
+        slope = float(np.abs(J[:, k]).max())
+        chosen.append((known[k], _fewest_digits(values[k], 0.05 * goal.inaccuracy / slope)))
+    assert side.reread is not None
+    changed_text = data
+    for number, value in sorted(chosen, key=lambda entry: -entry[0].start):
+        changed_text = changed_text[: number.start] + _text(value).encode() + changed_text[number.end :]
+    try:
+        edited = side.reread(changed_text)
+    except TwinError:
+        return []
+    if not goal.agrees(edited):
+        return []
+    found = []
+    for number, value in chosen:
+        text = data[number.start : number.end].decode()
+        place = file(number.file or str(side.path))
+        found.append(NumberEdit(side.label, place, number.line, number.what, text, _text(value), confirmed=True))
+    return found
+
+
+def _fewest_digits(value: float, inaccuracy: float) -> float:
+    """Return a value with as few decimals as an inaccuracy allows."""
+    for digits in range(13):
+        rounded = round(value, digits) + 0.0
+        if abs(rounded - value) <= inaccuracy:
+            return rounded
+    return value
+
+
+def _text(value: float) -> str:
+    return f"{value:.12g}"
+
+
+def _read(side: RobotSide, data: bytes, number: FileNumber, value: float) -> RobotSide | None:
+    """Return the side with another value of a number; None if the text can then not be read."""
+    assert side.reread is not None
+    changed = data[: number.start] + _text(value).encode() + data[number.end :]
+    try:
+        return side.reread(changed)
+    except TwinError:
+        return None
+
+
+def _solved(
+    side: RobotSide, data: bytes, number: FileNumber, goal: Goal, before: Array
+) -> tuple[float, RobotSide] | None:
+    """Return (value of a number with which a goal is reached, the side with it); None if there is none."""
+    value = float(data[number.start : number.end])
+    step = _STEP * max(abs(value), 0.1)
+    r = before
+    slope: Array | None = None
+    edited: RobotSide | None = None
+    for _ in range(_ROUNDS):
+        changed = _read(side, data, number, value + step)
+        if changed is None:
+            return None
+        moved = goal.residual(changed)
+        if moved.shape != r.shape:
+            return None
+        slope = (moved - r) / step
+        strength = float(slope @ slope)
+        if strength < 1e-18:
+            return None if edited is not None else _elsewhere(side, data, number, goal)
+        change = -float(slope @ r) / strength
+        if edited is None and np.linalg.norm(r + slope * change) > _LEFT * np.linalg.norm(r):
+            return _elsewhere(side, data, number, goal)
+        if not abs(change) < 1e6:
+            return None
+        value += change
+        edited = _read(side, data, number, value)
+        if edited is None:
+            return None
+        r = goal.residual(edited)
+        if abs(change) * np.sqrt(strength) < 0.01 * goal.inaccuracy:
+            break
+        step = _STEP * max(min(abs(change), abs(value)), 1e-3)
+    if edited is None or slope is None or not goal.agrees(edited):
+        return _elsewhere(side, data, number, goal)
+    return _rounded(side, data, number, goal, value, float(np.abs(slope).max())) or (value, edited)
+
+
+def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: Goal) -> tuple[float, RobotSide] | None:
+    """Return the number with a lost sign, a quarter turn or zero if that reaches the goal: too far for small steps."""
+    value = float(data[number.start : number.end])
+    candidates = [-value]
+    for quarter in (90.0, 0.5 * np.pi):
+        for turns in (-2, -1, 1, 2):
+            # only from one multiple of a quarter turn to another, or all numbers would be tried
+            if abs(value / quarter - round(value / quarter)) < 1e-4 and (value or turns):
+                candidates.append(value + turns * quarter)
+    if _AXIS.search(number.what):
+        candidates = [-value, 0.0, 1.0, -1.0]
+    for candidate in candidates:
+        if abs(candidate - value) < 1e-12:
+            continue
+        edited = _read(side, data, number, candidate)
+        if edited is not None and goal.agrees(edited):
+            return _fewest_digits(candidate, 1e-6), edited
+    return None
+
+
+def _rounded(
+    side: RobotSide, data: bytes, number: FileNumber, goal: Goal, value: float, slope: float
+) -> tuple[float, RobotSide] | None:
+    """Return the value with as few decimals as are needed."""
+    for digits in range(13):
+        rounded = round(value, digits) + 0.0
+        # half of the tolerance would be a coincidence: one more digit must not matter
+        if abs(rounded - value) * slope > 0.05 * goal.inaccuracy:
+            continue
+        edited = _read(side, data, number, rounded)
+        if edited is not None and goal.agrees(edited):
+            return rounded, edited
+    return None
+
+
+# -- the numbers of a text ----------------------------------------------------------------------------
+
+
+def _of_xml(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumber]:
+    """Return the numbers of the attributes and texts of an XML file."""
+    found: list[FileNumber] = []
+    tags: list[str] = []
+    names: list[str] = []
+    titles: list[str] = []
+    parser = expat.ParserCreate()
+
+    def add(start: int, end: int, title: str) -> None:
+        for k, match in enumerate(_NUMBER.finditer(data, start, end)):
+            line = data.count(b"\n", 0, match.start()) + 1
+            around = [part for part in titles[-3:] if part]
+            label = f"{' '.join([*around, title])}[{k}]".strip()
+            place = places.get("/".join(tags_and_name()))
+            file = ""
+            if place is not None:
+                file, line = place
+            # in an MJCF, all bodies of an arm are nested
+            nearest = tuple(plain(name) for name in names if name)[-2:]
+            found.append(FileNumber(match.start(), match.end(), line, label, nearest, file))
+
+    def tags_and_name() -> list[str]:
+        """Return the parts of the path of an element below the robot of a URDF: joint, its name, origin."""
+        parts = list(tags[1:2])
+        if len(names) > 1:
+            parts.append(names_raw[1])
+        return [*parts, *tags[2:]]
+
+    names_raw: list[str] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        tags.append(tag)
+        name = attributes.get("name", "")
+        refers = attributes.get("joint", attributes.get("joint1", ""))
+        names.append(name or refers)
+        names_raw.append(name)
+        titles.append(f"{tag} '{name}'" if name else tag)
+        if len(titles) == 1:
+            titles[0] = ""
+        begin = parser.CurrentByteIndex
+        end = data.find(b">", begin)
+        for attribute in attributes:
+            match = re.compile(rb"\s" + re.escape(attribute.encode()) + rb"\s*=\s*([\"'])").search(data, begin, end)
+            if match is None or attribute == "name":
+                continue
+            add(match.end(), data.find(match.group(1), match.end()), attribute)
+        if end > 0 and data[end - 1 : end] != b"/":
+            add(end + 1, data.find(b"<", end), "")
+
+    def stop(_: str) -> None:
+        tags.pop()
+        names.pop()
+        names_raw.pop()
+        titles.pop()
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = stop
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError:
+        return []
+    return found
+
+
+_PRIM = re.compile(rb"\s*(?:def|over)\s+(?:\w+\s+)?\"([^\"]+)\"")
+_USD_VALUE = re.compile(rb"\s*(?:uniform\s+|custom\s+)*[\w\[\]]+\s+([\w:]+)\s*=")
+
+
+def _of_usda(data: bytes) -> list[FileNumber]:
+    """Return the numbers of a USD stage in text form, each with the path of its prim and its attribute."""
+    found: list[FileNumber] = []
+    prims: list[str] = []
+    opened: list[int] = []  # depth of braces at which each prim began
+    depth = 0
+    waiting = ""
+    start = 0
+    for line, content in enumerate(data.split(b"\n"), 1):
+        prim = _PRIM.match(content)
+        if prim is not None:
+            waiting = prim.group(1).decode()
+        value = _USD_VALUE.match(content)
+        if value is not None and prims:
+            attribute = value.group(1).decode()
+            for k, match in enumerate(_NUMBER.finditer(data, start + value.end(), start + len(content))):
+                what = f"</{'/'.join(prims)}>.{attribute}[{k}]"
+                around = tuple(plain(name) for name in prims)
+                found.append(FileNumber(match.start(), match.end(), line, what, around))
+        for letter in re.findall(rb"[{}]", re.sub(rb"\"[^\"]*\"", b"", content)):
+            if letter == b"{":
+                depth += 1
+                if waiting:
+                    prims.append(waiting)
+                    opened.append(depth)
+                    waiting = ""
+            else:
+                if opened and opened[-1] == depth:
+                    prims.pop()
+                    opened.pop()
+                depth -= 1
+        start += len(content) + 1
+    return found
+
+
+def _of_table(data: bytes) -> Iterator[FileNumber]:
+    """Yield the numbers of a table or TOML, each with its place in its line."""
+    start = 0
+    for line, content in enumerate(data.split(b"\n"), 1):
+        if not content.lstrip().startswith(b"#"):
+            for k, match in enumerate(_NUMBER.finditer(data, start, start + len(content)), 1):
+                yield FileNumber(match.start(), match.end(), line, f"number {k} of the line")
+        start += len(content) + 1
