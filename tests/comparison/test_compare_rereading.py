@@ -1,0 +1,74 @@
+"""Edits that are found by reading a changed text again: properties of a URDF, and places in an SDF and a stage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import twin
+from comparison.test_compare_faults import mimic, robot
+from made import chains
+
+CHAIN = [
+    {"name": "a", "xyz": "0 0 0.3"},
+    {"name": "b", "xyz": "0.1 0 0.2", "axis": "0 1 0", "limits": "-2.5 1.25", "mimic": mimic("a", 2.0)},
+    {"name": "c", "xyz": "0 0.05 0.4", "axis": "1 0 0"},
+]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "kind"),
+    [
+        ('upper="1.25"', 'upper="1.52"', "limits"),
+        ('multiplier="2.0"', 'multiplier="0.5"', "couplings"),
+        ('<mass value="1"/>', '<mass value="10"/>', "masses"),
+        ('ixx="1"', 'ixx="1.5"', "inertias"),
+        ('velocity="1"', 'velocity="3"', "speeds"),
+        ('effort="1"', 'effort="100"', "efforts"),
+    ],
+)
+def test_a_wrong_property_has_its_edit(old: str, new: str, kind: str, tmp_path: Path) -> None:
+    right = robot(tmp_path / "right.urdf", CHAIN)
+    text = right.read_text()
+    before, _, after = text.rpartition(old)
+    wrong = tmp_path / "wrong.urdf"
+    wrong.write_text(before + new + after)
+    pair = twin.compare(wrong, right).pairs[0]
+    assert pair.properties is not None
+    (row,) = [row for row in pair.properties.rows if row.stated]
+    assert row.kind == kind
+    edits = [edit for edit in row.edits if edit.side == "wrong.urdf"]
+    assert edits[0].line == before.count("\n") + 1
+    written = [float(part.split('"')[1]) for part in (new, old)]
+    assert [float(edits[0].old), float(edits[0].new)] == written
+    assert edits[0].confirmed
+
+
+@pytest.mark.parametrize(
+    ("kind", "mark", "key"),
+    [
+        ("sdf", '<link name="link4">', "<pose>"),
+        pytest.param("usda", 'Joint "joint4"', "localPos0 = (", marks=pytest.mark.slow),
+    ],
+)
+def test_a_wrong_number_of_a_format_without_statements_has_its_edit(
+    kind: str, mark: str, key: str, tmp_path: Path
+) -> None:
+    right = chains.write(chains.ROBOTS["wrist_arm"], tmp_path / "right", kind)
+    text = right.read_text()
+    start = text.index(key, text.index(mark)) + len(key)
+    # the second number: the joint turns about x, so that the first moves nothing
+    start = next(k for k in range(start, start + 30) if text[k] == " ") + 1
+    end = next(k for k in range(start, start + 30) if text[k] in " ,")
+    wrong = tmp_path / f"wrong{right.suffix}"
+    wrong.write_text(f"{text[:start]}0.03{text[end:]}")
+    items = twin.compare(wrong, right).pairs[0].items
+    assert items
+    for item in items:
+        first = next(edit for edit in item.edits if edit.side == wrong.name)
+        assert first.line == text.count("\n", 0, start) + 1
+        assert float(first.old) == 0.03
+        assert float(first.new) == pytest.approx(float(text[start:end]), abs=1e-5)
+        if kind == "usda":
+            assert first.what == "</made/joint4>.physics:localPos0[1]"
