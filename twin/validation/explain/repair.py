@@ -20,6 +20,7 @@ from twin.robots import load_formula
 from twin.validation.explain.batch import Batch
 from twin.validation.explain.candidate import REST, TOKENS, Candidate, Found, aliases, residuals
 from twin.validation.explain.canonical import canonical
+from twin.validation.explain.crossed import Crossed
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.dependence import Dependence
 from twin.validation.explain.double import Double
@@ -73,8 +74,11 @@ _MOST_EXACT = 60
 _WHOLE = 12
 """Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
 
-_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.3, 0.5, 1.0)
+_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.4, 0.7, 0.3, 0.5, 1.0)
 """Maximum parts of the remaining time for the kinds of such pairs, in the order of `_double`."""
+
+_APART = 0.6
+"""Maximum part of this time for pairs in different statements, of the last equation; less for those before."""
 
 _FIRST_PART = 0.6
 """Maximum part of this time for the equation whose rows have most entries; then of the rest for the next one."""
@@ -110,11 +114,12 @@ class _After:
     """State of a whole formula after edits: number of wrong rows, and whether it holds only by chance.
 
     By chance means: only for the present values of equal or assumed parameters; see `varied`. `chance` is the
-    condition, "because a = b"; "" if the formula holds in general.
+    condition, "because a = b"; "" if the formula holds in general. `worse`: whether a row is further off than before.
     """
 
     wrong: int
     chance: str
+    worse: bool = False
 
 
 class Search:
@@ -145,6 +150,8 @@ class Search:
         self.by_chance: list[tuple[Candidate, str]] = []
         """Edits that make rows agree only by chance, which are no repairs, and the condition; see `_After`."""
         self._states: dict[tuple[Edit, ...], _After | None] = {}
+        self._in_two_statements: list[Candidate] | None = None
+        self._crossings: dict[str, Crossed | None] = {}
         self._rejected: set[frozenset[Edit]] = set()
         """Edits that make rows agree only by chance together with the repairs of other rows; they are no repairs."""
         self._refuted: list[tuple[Path, int, int]] = []
@@ -198,12 +205,16 @@ class Search:
             choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
             # Other equations may call this equation's function.
             others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, step.source)]
-            for edit in edits(step.source, statement, choice, kinds):
+            every = list(edits(step.source, statement, choice, kinds))
+            likely = self._likely(step, statement, every)
+            for edit in every:
                 if self._is_late():
                     return out
                 steps = [step, *others] if not edit.define else [step]
-                if self._is_refuted(edit):
-                    self._deferred.append((steps, edit))
+                if likely is not None and edit not in likely:
+                    # With a swivel, one edit takes as long as ten others, so that only likely ones are evaluated.
+                    if not step.free:
+                        self._deferred.append((steps, edit))
                     continue
                 candidate = self._everywhere(steps, [edit])
                 if candidate is not None:
@@ -211,6 +222,22 @@ class Search:
                 else:
                     self.senseless.append((step, edit))
         return out
+
+    def _likely(self, step: Step, statement: Statement, every: Sequence[Edit]) -> set[Edit] | None:
+        """Return the edits of a statement that may be repairs; None: all of them.
+
+        With a swivel, these are the edits after which a row agrees at one pose. Otherwise, edits inside expressions
+        without a right value are left out, unless a row agrees: such an edit makes another value of a scalar, a vector.
+        """
+        inside = {edit for edit in every if self._is_refuted(edit)}
+        if not step.free and not inside:
+            return None
+        search = self._crossed(step)
+        chosen = list(every) if step.free else list(inside)
+        agreeing = None if search is None else search.alone(statement, chosen, self._until)
+        if agreeing is None:
+            return None if step.free else set(every) - inside
+        return agreeing if step.free else (set(every) - inside) | agreeing
 
     def _calls(self, step: Step, source: Source) -> bool:
         return any((h.source.name, h.source.path) == (source.name, source.path) for h in self.judge.helpers(step))
@@ -295,23 +322,29 @@ class Search:
         out: list[Candidate] = []
         until = self.deadline.within(_REQUIRED * self.deadline.left)
         sites = [(step, step.source, s) for step, s in self.own_sites(rows)]
-        steps = {id(step): step for step, _, _ in sites}.values()
-        for step in list(steps):
+        steps = list({id(step): step for step, _, _ in sites}.values())
+        # Rows with several entries determine an expression of a called function best.
+        for step in sorted(steps, key=self._entries, reverse=True):
             sites += [(step, h.source, s) for h in self.judge.helpers(step) for s in h.source.statements]
         done: set[tuple[Path, int]] = set()
         for step, source, statement in sites:
             if (source.path, statement.start) in done:
                 continue
-            done.add((source.path, statement.start))
             others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, source)]
             for edit in Required(self.judge, step, rows, until).edits(source, statement):
+                done.add((source.path, statement.start))  # a statement without an edit is tried for the next equation
                 candidate = self._everywhere([step, *others], [edit])
                 if candidate is not None:
                     out.append(candidate)
         return out
 
     def _everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
-        """Return the candidate for an edited helper, judged in all equations that call it; None if it cannot run."""
+        """Return the candidate for edits of one function, judged in all equations that it affects; None: cannot run.
+
+        Besides `steps`, the equation is judged that the function itself is, which others may call as well.
+        """
+        edited = [s for s in self.judge.steps if s not in steps and not s.missing and _is_of(s, change[0])]
+        steps = [*steps, *edited]
         first: Candidate | None = None
         passed: set[str] = set()  # equations already judged; the equations after them use the edited outputs
         for step in sorted(steps, key=self.judge.steps.index):
@@ -345,12 +378,16 @@ class Search:
             return None
         changed = {p.key: r for p, r in found.items()}
         worsts = {k: worst(r) for k, r in changed.items()}
-        broken = any(s > max(1.0, _WORSE * self.base.get(k, np.inf)) for k, s in worsts.items())
+        broken = any(self._is_worse(k, s) for k, s in worsts.items())
         c = Candidate(step, change, extra or {}, worsts, broken, {k: changed[k] for k in changed if k in self.raw})
         c.by_chance = self._is_rejected(c)
         if not broken:
             self.dependence.judged(c, [k for k in self.failing if worsts.get(k, np.inf) <= 1])
         return c
+
+    def _is_worse(self, row: Key, off: float) -> bool:
+        """Return whether a row with the worst residual `off` disagrees, and more than before."""
+        return off > max(1.0, _WORSE * self.base.get(row, np.inf))
 
     @cached_property
     def shaken(self) -> Judge:
@@ -531,11 +568,14 @@ class Search:
         return False
 
     def _is_general(self, c: Candidate) -> bool:
-        """Return whether the rows agree after a candidate's edits not only by chance; also if that is not known."""
+        """Return whether the rows agree after a candidate's edits not only by chance; also if that is not known.
+
+        No row of the whole formula may be further off than before.
+        """
         if self._is_rejected(c):
             return False
         after = self._after(c)
-        return after is None or not after.chance
+        return after is None or not (after.chance or after.worse)
 
     def _is_rejected(self, c: Candidate) -> bool:
         return frozenset(c.edits) in self._rejected
@@ -574,7 +614,7 @@ class Search:
         for known, _ in self.by_chance:
             if self._repaired(known) & repaired:
                 return
-        if after is not None:
+        if after is not None and after.chance:
             self._tell(c, after.chance)
 
     def _tell(self, c: Candidate, chance: str) -> None:
@@ -606,7 +646,7 @@ class Search:
         cures = self._best(every)
         if every and not cures:
             after = self._after(every[0][0])
-            if after is not None and after.chance:
+            if after is not None and (after.chance or after.worse):
                 self._mark(every[0][0])
         mine = {id(c) for c in exact}
         rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
@@ -733,12 +773,13 @@ class Search:
                 return None
             judge = Judge(formula, self.judge.variants, self.judge.truth, self.judge.tolerance, self.judge.limits)
             wrong = len(judge.failing())
+            worse = any(self._is_worse(p.key, worst(r)) for p, r in judge.residuals.items())
             chance = " and ".join(condition(group) for group in coincidences(judge))
             free = self.judge.truth.free
             if not wrong and not chance and free and closes(judge, {}) is False:
                 # The rows were judged at the best value of the free parameter, which need not be the formula's value.
                 chance = f"for another {free} than that of the equations"
-            return _After(wrong, chance)
+            return _After(wrong, chance, worse)
 
     def _text(self, c: Candidate) -> str:
         parts = []
@@ -791,11 +832,15 @@ class Search:
             lambda double, rows, end: double.beside(known, rows, end, composed=True),
             lambda double, rows, end: double.required(known, rows, end),
             lambda double, rows, end: double.in_one(rows, end),
+            self._in_one_statement,
             lambda double, rows, end: double.in_two(rows, end),
             lambda double, rows, end: double.beside(parted(double)[0], rows, end),
             lambda double, rows, end: double.beside(parted(double)[1], rows, end),
             lambda double, rows, end: double.required(firsts, rows, end),
         ]
+        out += self._of_two_statements(until)
+        if self._has_repair(k, out):
+            return out, True
         for share, stage in zip(_DOUBLE_SHARES, stages, strict=True):
             of_stage = until.within(share * until.left)
             for m, (double, rows) in enumerate(searches):
@@ -812,6 +857,40 @@ class Search:
                 if self._has_repair(k, out):
                     return out, True
         return out, not until.passed
+
+    def _crossed(self, step: Step) -> Crossed | None:
+        """Return the search for edits in the statements of an equation itself; None for a plain function."""
+        name = step.equation.name
+        if name not in self._crossings:
+            own: list[Site] = []
+            for other, sites in self._sites():
+                if other is step:
+                    own = [site for site in sites if site.source is step.source]
+            search = None
+            if step.plain is None and own:
+                search = Crossed(self.judge, name, own, self.failing)
+            self._crossings[name] = search
+        return self._crossings[name]
+
+    def _of_two_statements(self, until: Deadline) -> list[Candidate]:
+        """Return pairs of edits in different statements of an equation; they are searched once, for all rows."""
+        if self._in_two_statements is None:
+            self._in_two_statements = []
+            doubles = self._doubles
+            for n, double in enumerate(doubles):
+                search = self._crossed(double.step)
+                part = _APART / (len(doubles) - n) ** 0.5
+                end = until.within(part * until.left)
+                for first, second in search.apart(end) if search is not None else ():
+                    candidate = self._pair(double, first, second)
+                    if candidate is not None:
+                        self._in_two_statements.append(candidate)
+        return list(self._in_two_statements)
+
+    def _in_one_statement(self, double: Double, rows: Sequence[Key], end: Deadline) -> Iterator[tuple[Edit, Edit]]:
+        search = self._crossed(double.step)
+        if search is not None and len(rows) == len(self.failing):
+            yield from search.together(end)
 
     def _pair(self, double: Double, first: Edit, second: Edit) -> Candidate | None:
         """Return the candidate for two edits of one function, judged in all equations that call it."""
@@ -830,13 +909,13 @@ class Search:
         for step, sites in self._sites():
             out.append(Double(coarse, full, step, sites, self.failing))
         # Rows with several entries reject nearly all wrong expressions, so that they are tried first.
-        return sorted(out, key=self._entries, reverse=True)
+        return sorted(out, key=lambda double: self._entries(double.step), reverse=True)
 
-    def _entries(self, double: Double) -> int:
+    def _entries(self, step: Step) -> int:
         """Return the largest number of entries of a failing row of an equation."""
         entries = 0
         for key in self.failing:
-            if key[0] == double.step.equation.name:
+            if key[0] == step.equation.name:
                 entries = max(entries, self.raw[key].shape[1])
         return entries
 
@@ -922,6 +1001,11 @@ class Search:
                 step = mine if (e.path, e.function) in called else first
                 out.setdefault(step.equation.name, (step, []))[1].append(e)
         return sorted(out.values(), key=lambda x: x[0] is not mine)
+
+
+def _is_of(step: Step, edit: Edit) -> bool:
+    """Return whether an edit is in the text of an equation itself, not in that of a function that it calls."""
+    return (step.source.path, step.source.name) == (edit.path, edit.function)
 
 
 def _moves(c: Candidate, k: Key, raw: Array) -> bool:

@@ -12,6 +12,7 @@ import copy
 import inspect
 import math
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from types import FunctionType
 
 import numpy as np
@@ -460,6 +461,42 @@ class Judge:
             for name, value in again.items():
                 if name in changed or name not in computed:
                     computed[name] = value
+
+    # -- many edits at one pose ----------------------------------------------------------------------------------------
+
+    def of_size(self, size: int) -> Judge:
+        """Return this judge of one pose for `size` values of each symbol; it has no residuals of its own.
+
+        The mechanism's values stay single numbers: NumPy repeats them.
+        """
+        other = copy.copy(self)
+        other.truth = replace(self.truth, k=size)
+        other.residuals = {}
+        other._zeros = {}
+        return other
+
+    def start(self, step: Step) -> dict[str, Value]:
+        """Return the variables with which an equation starts, and all symbols that edits may add as arguments."""
+        symbols = {**step.computed, **self.truth.symbols}
+        added = {name: plain.inside(step.plain, value) for name, value in symbols.items()}
+        return plain.copied({**added, **self._environment(step, step.computed)})
+
+    def finished(self, step: Step, statement: Statement, scope: dict[str, Value]) -> Residuals:
+        """Return the residuals after `statement` was run in `scope`: of its rows, of later ones, of later equations.
+
+        Raises:
+            Exception: any exception of the statements and equations.
+        """
+        found: Residuals = {}
+        self._check(step, statement, statement.writes, scope, found)
+        for later in step.source.statements[statement.index + 1 :]:
+            exec(step.codes[later.index], scope)
+            self._check(step, later, later.writes, scope, found)
+        outputs = self._outputs(step, scope, found)
+        changed = set(outputs).difference(self.truth.kinds)
+        if changed:
+            self._downstream(step, outputs, changed, found)
+        return found
 
     # -- failing rows -----------------------------------------------------------------------------------
 

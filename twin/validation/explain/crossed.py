@@ -1,0 +1,518 @@
+"""Try all pairs of edits in two statements of an equation at one pose, by few evaluations.
+
+Each edit of the first statement is evaluated alone. The values of all these edits then go through the statements
+between as one array, each edit of the second statement is evaluated on this array, and the values of all pairs go
+through the rest of the equation, and through the equations that use it, at once. So N and M edits need about N + M
+short evaluations, not N M long ones. One pose excludes nearly all pairs; the others are tried at all poses.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+from types import CodeType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.core.spatial import Array
+from twin.formula.scalar import Value
+from twin.validation.explain.candidate import TOKENS
+from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.expression import Site
+from twin.validation.explain.numeric import Matrix, unguarded
+from twin.validation.explain.plain import copied
+from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.rows import Key
+from twin.validation.explain.source import OUT, Edit, Statement
+
+_MOST = 100_000
+"""Maximum number of pairs in one evaluation."""
+
+_MOST_IN_ONE = 4000
+"""Maximum number of pairs in the same statement."""
+
+_VECTOR, _LONGEST, _MOST_TEXTS = 3, 60, 24
+"""Number of entries of a vector; length and number of expressions of the file that are added as terms or factors."""
+
+_MOST_FOUND = 60
+"""Maximum number of pairs that are yielded of two statements."""
+
+_THIRDS = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
+"""Values of a swivel angle at which rows are evaluated: they determine a row that is linear in its sine and cosine."""
+
+_OTHER = 1.0
+"""Another value, at which it is tested whether rows are linear in them."""
+
+_ROUNDING = 1e-9
+"""Relative difference that rounding may cause."""
+
+_PARALLEL, _NEAR, _ROUND = 1e-10, 1e3, 1e-3
+"""Relative size of a determinant below which the parts with sine and cosine are parallel; residual, in units of the
+tolerance, and difference of cosine^2 + sine^2 from 1, up to which an angle is sought."""
+
+_GRID = 16
+_REFINE = 6
+"""Numbers of start values of the swivel angle, and of steps of Gauss-Newton from the best of them."""
+
+_Scope = dict[str, Value]
+
+_Run = tuple[list[tuple[Edit, ...]], list[tuple[Edit, ...]], dict[Key, Array]]
+"""Edits of the second statement, edits of the first one, and residuals of rows; see `Crossed._run`."""
+
+
+@dataclass
+class _Values:
+    """Edits (or pairs of edits) of a statement, with the values that it then writes, as one array for all edits."""
+
+    edits: list[tuple[Edit, ...]] = field(default_factory=list)
+    written: list[list[Value]] = field(default_factory=list)
+
+
+class Crossed:
+    """Search for two edits in the statements of one equation."""
+
+    def __init__(self, judge: Judge, equation: str, sites: Sequence[Site], rows: Sequence[Key]) -> None:
+        """Set up the search for the wrong rows `rows`; `sites` are statements of the equation on which they depend."""
+        pose = [judge.truth.k // 2]
+        with unguarded():
+            self.judge = judge.on(judge.truth.repeated(pose, 1))
+        self.step = self.judge.step(equation)
+        self.rows = list(rows)
+        self.sites = sorted(sites, key=lambda site: site.statement.index)
+        self._codes: dict[tuple[Edit, ...], CodeType | None] = {}
+        self._kept: dict[tuple[int, int, float | None], list[_Values]] = {}
+
+    def apart(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of edits in different statements after which a row agrees at one pose, of one token first."""
+        places = list(combinations([site.statement for site in self.sites], 2))
+        places.sort(key=lambda pair: pair[1].index - pair[0].index)  # two misprints are often near each other
+        for edits in (self._tokens, self._all):
+            for first, second in places:
+                if deadline.passed:
+                    return
+                if self.step.held.issuperset(first.writes):  # later statements do not use its result
+                    continue
+                yield from self._pairs(first, second, edits, deadline)
+
+    def together(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of edits in one statement after which a row agrees at one pose."""
+        for edits in (self._tokens, self._all):
+            for site in self.sites:
+                if deadline.passed:
+                    return
+                yield from self._pairs(site.statement, site.statement, edits, deadline)
+
+    def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
+        """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
+
+        Return None if this is not known, because rows are not linear in sine and cosine of the swivel.
+        """
+        usable = [edit for edit in edits if not (edit.define and edit.define[1])]
+        if not self._linear or deadline.passed:
+            return None
+        runs = []
+        with unguarded(), np.errstate(all="ignore"):
+            for angle in self._angles:
+                found: list[tuple[list[tuple[Edit, ...]], dict[Key, Array]]] = []
+                scope = self._before(statement, angle)
+                if scope is None:
+                    return None
+                for values in self._each(statement, [(edit,) for edit in usable], scope, 1, deadline):
+                    residuals = self._rest(statement, self._entered(statement, values, scope, 1), len(values.edits))
+                    found.append((values.edits, residuals or {}))
+                runs.append(found)
+        if deadline.passed:
+            return None
+        out = set(edits).difference(usable)
+        for parts in zip(*runs, strict=False):
+            for n in _agreeing([residuals for _, residuals in parts], self.rows):
+                out.update(parts[0][0][n])
+        return out
+
+    @cached_property
+    def _angles(self) -> tuple[float | None, ...]:
+        return _THIRDS if self.step.free else (None,)
+
+    @cached_property
+    def _linear(self) -> bool:
+        """Whether the rows are linear in sine and cosine of the swivel; see `_at_best_angle`."""
+        if not self.step.free:
+            return True
+        last = self.step.source.statements[-1]
+        found = []
+        with unguarded(), np.errstate(all="ignore"):
+            for angle in (*_THIRDS, _OTHER):
+                scope = self._before(last, angle)
+                if scope is None or not self._between([last], scope):
+                    return False
+                found.append(self._rest(last, scope, 1) or {})
+        for row in self.rows:
+            if all(row in f for f in found):
+                zero, ahead, back, there = (f[row] for f in found)
+                mean, along, across = _harmonics(zero, ahead, back)
+                if not np.isfinite(np.hstack([mean, along, across, there])).all():
+                    continue
+                off = mean + along * np.cos(_OTHER) + across * np.sin(_OTHER) - there
+                size = np.abs(there).max() + np.abs(mean).max()
+                if not np.abs(off).max() <= _ROUNDING * size:
+                    return False
+        return True
+
+    @cached_property
+    def _all(self) -> dict[int, list[Edit]]:
+        """All edits of each statement, by its index: those that are tried alone as well, and terms of inner sums."""
+        out = {}
+        for site in self.sites:
+            out[site.statement.index] = [*site.edits, *inner_terms(site), *self._elsewhere(site)]
+        return out
+
+    def _elsewhere(self, site: Site) -> Iterator[Edit]:
+        """Yield edits that add a term, or a factor of a term, that stands in another function of the same file."""
+        with unguarded(), np.errstate(all="ignore"):
+            scope = self._before(site.statement, None)
+        if scope is None:
+            return
+        vectors, scalars = self._known_texts(site, scope)
+        for node in site.parents:
+            parent = site.parents[node]
+            if not isinstance(node, ast.expr) or isinstance(node, ast.Tuple):
+                continue
+            whole = isinstance(parent, ast.Assign | ast.Return)
+            whole |= isinstance(parent, ast.Tuple) and isinstance(site.parents.get(parent), ast.Assign | ast.Return)
+            summand = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub)
+            start, end = site.source.span(node)
+            if isinstance(parent, ast.Assign) and node in parent.targets:
+                continue
+            if whole:
+                for text in vectors:
+                    yield _inserted(site, end, f" + {text}")
+                    yield _inserted(site, end, f" - {text}")
+            if (whole or summand) and not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
+                for text in scalars:
+                    yield _inserted(site, start, f"{text} * ")
+
+    def _known_texts(self, site: Site, scope: _Scope) -> tuple[list[str], list[str]]:
+        """Return the (vectors, calls that are scalars) of the file, with names that a statement can use."""
+        names = site.pool.names & site.pool.arguments
+        texts: dict[str, bool] = {}  # whether it is a call, which needs no parentheses
+        for node in ast.walk(ast.parse(site.source.data)):
+            if isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
+                read = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+                if read & names and read <= names | self.step.scope.keys():
+                    texts[ast.unparse(node)] = isinstance(node, ast.Call)
+        vectors: list[str] = []
+        scalars: list[str] = []
+        with unguarded(), np.errstate(all="ignore"):
+            for text in sorted(texts, key=len):
+                if len(text) > _LONGEST:
+                    break
+                try:
+                    form = _form(eval(text, dict(scope)), 1)
+                except Exception:  # values of other forms than in the function from which the text is
+                    continue
+                if form == (_VECTOR, 1):
+                    vectors.append(text if texts[text] else f"({text})")
+                elif form == "scalar" and texts[text]:
+                    scalars.append(text)
+        return vectors[:_MOST_TEXTS], scalars[:_MOST_TEXTS]
+
+    @cached_property
+    def _tokens(self) -> dict[int, list[Edit]]:
+        return {index: [e for e in edits if e.kind in TOKENS] for index, edits in self._all.items()}
+
+    def _pairs(
+        self,
+        first: Statement,
+        second: Statement,
+        edits: Mapping[int, list[Edit]],
+        deadline: Deadline,
+    ) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of an edit of `first` and one of `second`; both may be the same statement."""
+        if first is second:
+            trials = _disjoint(edits[first.index])
+        else:
+            trials = [(edit,) for edit in edits[first.index]]
+        runs = []
+        with unguarded(), np.errstate(all="ignore"):
+            for angle in self._angles:
+                runs.append(list(self._run(first, second, trials, edits[second.index], angle, deadline)))
+        count = 0
+        for parts in zip(*runs, strict=False):
+            others, firsts, _ = parts[0]
+            if any(part[:2] != (others, firsts) for part in parts):
+                continue
+            for n in _agreeing([part[2] for part in parts], self.rows):
+                count += 1
+                if count > _MOST_FOUND:
+                    return
+                i, j = divmod(n, len(firsts))
+                one, other = (*firsts[j], *others[i])
+                yield one, other
+
+    def _run(
+        self,
+        first: Statement,
+        second: Statement,
+        trials: Sequence[tuple[Edit, ...]],
+        seconds: Sequence[Edit],
+        angle: float | None,
+        deadline: Deadline,
+    ) -> Iterator[_Run]:
+        """Yield edits of the second statement, edits of the first, and the residuals (pairs, entries) of rows.
+
+        All edits of the first statement come with the first edit of the second one, then with the next one.
+        """
+        scope = self._before(first, angle)
+        if scope is None:
+            return
+        for values in self._first_values(first, trials, scope, angle, deadline):
+            size = len(values.edits)
+            changed = self._entered(first, values, scope, 1)
+            if first is second:
+                found = self._rest(first, changed, size)
+                if found is not None:
+                    yield [()], values.edits, found
+                continue
+            between = self.step.source.statements[first.index + 1 : second.index]
+            if not self._between(between, changed):
+                continue
+            most = max(_MOST // size, 1)
+            for start in range(0, len(seconds), most):
+                part = [(edit,) for edit in seconds[start : start + most]]
+                for others in self._each(second, part, changed, size, deadline):
+                    count = size * len(others.edits)
+                    found = self._rest(second, self._entered(second, others, changed, size), count)
+                    if found is not None:
+                        yield others.edits, values.edits, found
+
+    def _before(self, statement: Statement, angle: float | None) -> _Scope | None:
+        """Return the values before a statement at the pose; None if an earlier statement has no value."""
+        free = self.step.free
+        if free and angle is not None:
+            self.step.free = dict.fromkeys(free, np.array([angle]))
+        try:
+            scope = self.judge.start(self.step)
+        finally:
+            self.step.free = free
+        earlier = self.step.source.statements[: statement.index]
+        if not self._between(earlier, scope):
+            return None
+        return scope
+
+    def _between(self, statements: Sequence[Statement], scope: _Scope) -> bool:
+        """Run statements without edits; return whether they have values."""
+        try:
+            for statement in statements:
+                exec(self.step.codes[statement.index], scope)
+                for name in self.step.held.intersection(statement.writes):
+                    scope[name] = self.judge.truth.symbols[name]
+        except Exception:  # an edit of an earlier statement may make any text invalid
+            return False
+        return True
+
+    def _each(
+        self, statement: Statement, trials: Sequence[tuple[Edit, ...]], scope: _Scope, size: int, deadline: Deadline
+    ) -> Iterator[_Values]:
+        """Yield the values that a statement writes after each of some edits, those of the same form together."""
+        names = (OUT,) if statement.returns else statement.writes
+        by_form: dict[Value, _Values] = {}
+        filled = {name: value for name, value in scope.items() if isinstance(value, list | dict)}
+        for edits in trials:
+            if deadline.passed:
+                break
+            code = self._compiled(statement, edits)
+            if code is None:
+                continue
+            own = {**scope, **copied(filled)}  # a statement may change lists in place
+            try:
+                exec(code, own)
+                written = [own[name] for name in names]
+            except Exception:  # an edit may be any invalid text: a name without value, vectors of other lengths
+                continue
+            forms = tuple(_form(value, size) for value in written)
+            if None in forms:
+                continue
+            values = by_form.setdefault(forms, _Values())
+            values.edits.append(edits)
+            values.written.append(written)
+        yield from by_form.values()
+
+    def _first_values(
+        self,
+        statement: Statement,
+        trials: Sequence[tuple[Edit, ...]],
+        scope: _Scope,
+        angle: float | None,
+        end: Deadline,
+    ) -> list[_Values]:
+        """Return what `_each` yields for the first edited statement; it is kept, because many statements may follow."""
+        key = (statement.index, len(trials), angle)
+        if key not in self._kept:
+            values = list(self._each(statement, trials, scope, 1, end))
+            if end.passed:
+                return values
+            self._kept[key] = values
+        return self._kept[key]
+
+    def _compiled(self, statement: Statement, edits: tuple[Edit, ...]) -> CodeType | None:
+        if edits not in self._codes:
+            try:
+                self._codes[edits] = self.step.source.compiled(statement, edits)
+            except (SyntaxError, ValueError):
+                self._codes[edits] = None
+        return self._codes[edits]
+
+    def _entered(self, statement: Statement, values: _Values, scope: _Scope, size: int) -> _Scope:
+        """Return a scope with the values of all edits, each of which has `size` values, as one array."""
+        count = len(values.edits)
+        out = {name: _tiled(value, size, count) for name, value in scope.items()}
+        names = (OUT,) if statement.returns else statement.writes
+        for n, name in enumerate(names):
+            out[name] = _stacked([written[n] for written in values.written], size)
+        return out
+
+    def _rest(self, statement: Statement, scope: _Scope, size: int) -> dict[Key, Array] | None:
+        """Return the residuals of the rows of a statement and of those after it; None without a value."""
+        try:
+            found = self.judge.of_size(size).finished(self.step, statement, scope)
+        except Exception:  # as above
+            return None
+        return {place.key: residual for place, residual in found.items() if place.key in self.rows}
+
+
+def inner_terms(site: Site) -> Iterator[Edit]:
+    """Yield edits that add a name or its square to a sum inside another expression of a statement."""
+    source = site.source
+    names = sorted(site.pool.names & site.pool.arguments)
+    for node in site.parents:
+        parent = site.parents[node]
+        if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
+            continue
+        if not isinstance(parent, ast.BinOp) or isinstance(parent.op, ast.Add | ast.Sub):
+            continue
+        _, end = source.span(node)
+        for name in names:
+            for new in (f" + {name}", f" - {name}", f" + {name}**2", f" - {name}**2"):
+                yield _inserted(site, end, new)
+
+
+def _inserted(site: Site, at: int, new: str) -> Edit:
+    source = site.source
+    line = source.line_of(at)
+    return Edit(source.path, line, at, at, "", new, "missing", site.statement.index, source.name)
+
+
+def _disjoint(edits: Sequence[Edit]) -> list[tuple[Edit, ...]]:
+    """Return the pairs of edits that do not touch each other, as many as are tried."""
+    pairs: list[tuple[Edit, ...]] = []
+    for one, other in combinations(sorted(edits, key=lambda e: TOKENS.index(e.kind) if e.kind in TOKENS else 99), 2):
+        if one.end < other.start or other.end < one.start:
+            pairs.append((one, other))
+            if len(pairs) == _MOST_IN_ONE:
+                break
+    return pairs
+
+
+def _agreeing(found: Sequence[Mapping[Key, Array]], rows: Sequence[Key]) -> list[int]:
+    """Return the indices of the pairs after which a row agrees; `found`: residuals, for each value of the swivel."""
+    agree: set[int] = set()
+    for row in rows:
+        residuals = [f[row] for f in found if row in f]
+        if len(residuals) < len(found):
+            continue
+        with np.errstate(all="ignore"):
+            r = residuals[0] if len(residuals) == 1 else _at_best_angle(*residuals)
+            largest = np.abs(r).max(axis=1)
+        agree.update(int(n) for n in np.flatnonzero(largest <= 1.0))
+    return sorted(agree)
+
+
+def _harmonics(zero: Array, ahead: Array, back: Array) -> tuple[Array, Array, Array]:
+    """Return (mean, part with the cosine, part with the sine) of values that are linear in both, from three angles."""
+    mean = (zero + ahead + back) / 3
+    return mean, zero - mean, (ahead - back) / np.sqrt(3)
+
+
+def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
+    """Return the residuals (n, entries) at the best swivel angle of each pair, from those at the angles `_THIRDS`."""
+    mean, along, across = _harmonics(zero, ahead, back)
+    out = np.full_like(zero, np.inf)
+    possible = np.flatnonzero(_may_vanish(mean, along, across))
+    mean = mean[possible]
+    along = along[possible]
+    across = across[possible]
+
+    def at(angle: Array) -> Array:
+        return mean + along * np.cos(angle)[:, None] + across * np.sin(angle)[:, None]
+
+    best = np.zeros(len(mean))
+    least = np.full(len(mean), np.inf)
+    for start in np.linspace(0, 2 * np.pi, _GRID, endpoint=False):
+        angle = np.full(len(mean), start)
+        size = np.sum(at(angle) ** 2, axis=1)
+        best = np.where(size < least, angle, best)
+        least = np.fmin(size, least)
+    for _ in range(_REFINE):
+        slope = across * np.cos(best)[:, None] - along * np.sin(best)[:, None]
+        step = np.sum(slope * at(best), axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
+        best = best - np.nan_to_num(step)
+    out[possible] = at(best)
+    return out
+
+
+def _may_vanish(mean: Array, along: Array, across: Array) -> NDArray[np.bool_]:
+    """Return for which pairs `mean + along * x + across * y` is nearly zero for some x and y.
+
+    If x and y are determined, they must also be nearly a cosine and a sine.
+    """
+    aa = np.sum(along * along, axis=1)
+    ab = np.sum(along * across, axis=1)
+    bb = np.sum(across * across, axis=1)
+    am = np.sum(along * mean, axis=1)
+    bm = np.sum(across * mean, axis=1)
+    det = aa * bb - ab * ab
+    plane = det > _PARALLEL * aa * bb
+    with np.errstate(all="ignore"):  # the quotients of the other case
+        x = np.where(plane, (ab * bm - bb * am) / det, np.where(aa >= bb, -am / aa, 0.0))
+        y = np.where(plane, (ab * am - aa * bm) / det, np.where(aa >= bb, 0.0, -bm / bb))
+    rest = np.abs(mean + along * x[:, None] + across * y[:, None]).max(axis=1)
+    return (rest <= _NEAR) & (~plane | (np.abs(x**2 + y**2 - 1) <= _ROUND))
+
+
+def _form(value: Value, size: int) -> Value:
+    """Return what values must have in common to be one array; None for values that cannot be part of one."""
+    if isinstance(value, Matrix):
+        return value.shape if len(value.a) in (1, size) else None
+    if isinstance(value, list | tuple):
+        forms = tuple(_form(entry, size) for entry in value)
+        return None if None in forms else (type(value), forms)
+    if isinstance(value, bool | int | float | np.ndarray | np.number) and np.shape(value) in ((), (1,), (size,)):
+        return "scalar" if np.asarray(value).dtype != object else None
+    return None
+
+
+def _stacked(values: Sequence[Value], size: int) -> Value:
+    """Return values of the same form, each of which has 1 or `size` values, as one array."""
+    first = values[0]
+    if isinstance(first, Matrix):
+        return Matrix(np.concatenate([np.broadcast_to(v.a, (size, *first.shape)) for v in values]))
+    if isinstance(first, list | tuple):
+        return type(first)(_stacked([v[i] for v in values], size) for i in range(len(first)))
+    return np.concatenate([np.broadcast_to(np.asarray(v, float), (size,)) for v in values])
+
+
+def _tiled(value: Value, size: int, count: int) -> Value:
+    """Return `size` values, repeated for each of `count` edits; a single value holds for all of them."""
+    if size == 1:
+        return value
+    if isinstance(value, Matrix) and len(value.a) == size:
+        return Matrix(np.tile(value.a, (count, 1, 1)))
+    if isinstance(value, list | tuple):
+        return type(value)(_tiled(entry, size, count) for entry in value)
+    if isinstance(value, np.ndarray) and value.shape == (size,):
+        return np.tile(value, count)
+    return value
