@@ -43,6 +43,7 @@ def searched(name, folder, *changes):
     return Search(Judge(formula, None, case.truth), deadline=Deadline(30.0))
 
 
+@pytest.mark.slow
 def test_two_edits_of_one_token_are_the_first_pair(tmp_path):
     """The rows of another equation show them: the mechanism has no value of what `outer` returns."""
     search = searched("hibou", tmp_path, *OUTER[0][1:])
@@ -127,11 +128,14 @@ SLOW = (
     ),
     ("sher", ("norm_2(c3 - c1 - i * e_x)", "norm_2(c3 - c1 - e_x)"), ("H * cross(e_x", "cross(e_x")),
     ("lapbot", ("-pi / 2 + q6", "q6")),
+    ("sils", ("(l_2 - l_1) * (q6 - q5)", "(l_2 - l_1)")),
 )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("change", SLOW, ids=["outer", "unknown name", "vector", "swivel", "factors", "four rows"])
+@pytest.mark.parametrize(
+    "change", SLOW, ids=["outer", "unknown name", "vector", "swivel", "factors", "four rows", "difference"]
+)
 def test_faults_in_several_statements_are_found(change, tmp_path, monkeypatch):
     monkeypatch.setattr(time, "monotonic", time.process_time)
     name, *changes = change

@@ -222,7 +222,7 @@ class Crossed:
 
     @cached_property
     def _tokens(self) -> dict[int, list[Edit]]:
-        return {index: [e for e in edits if e.kind in TOKENS] for index, edits in self._all.items()}
+        return {site.statement.index: [e for e in site.edits if e.kind in TOKENS] for site in self.sites}
 
     def _pairs(
         self,

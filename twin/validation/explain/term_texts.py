@@ -88,6 +88,19 @@ def factors(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     for coefficient, text in _products(wanted, atoms):
         if equal(np.array([coefficient]), np.ones(1)):
             yield text
+    yield from _differences(wanted, atoms)
+
+
+def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
+    """Yield the texts of differences of two names with the values `wanted` (k,), which vary from pose to pose."""
+    if np.ptp(wanted) <= EQUAL * np.abs(wanted).max():  # lengths often have the same differences
+        return
+    names = [a for a in atoms if a.text.isidentifier()]
+    limit = EQUAL * max(float(np.abs(wanted).max()), 1e-9)
+    for first in names:
+        for second in names:
+            if np.abs(first.values - second.values - wanted).max() <= limit:
+                yield f"({first.text} - {second.text})"
 
 
 def number_text(size: float) -> str | None:
