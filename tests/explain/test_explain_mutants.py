@@ -317,3 +317,12 @@ def test_swapped_arguments_in_a_slow_function_are_found_in_time(site, tmp_path, 
     assert (change.line, change.kind) == (call.lineno, "order")
     assert change.after == text.splitlines()[call.lineno - 1].strip()
     assert seconds <= 10
+
+
+def test_a_length_of_the_trocar_for_one_of_the_arm_is_found_out(tmp_path):
+    """The trocar's z is equal to a. With other values, no pose has its shaft through the trocar: no value is left."""
+    right = "(_to_elbow(q1, q2, q3, a, h) @ vertcat(b"
+    case, formula = changed("hibou", right, right.replace("a, h", "trocar_z, h"), tmp_path)
+    judge = Judge(formula, None, case.truth)
+    assert not judge.failing()
+    assert ("a",) in [tuple(p.name for p in group) for group in coincidences(judge)]

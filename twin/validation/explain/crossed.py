@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 from types import CodeType
 
 import numpy as np
@@ -84,10 +85,17 @@ class Crossed:
         self.rows = list(rows)
         self.sites = sorted(sites, key=lambda site: site.statement.index)
         self._codes: dict[tuple[Edit, ...], CodeType | None] = {}
-        self._kept: dict[tuple[int, int, float | None], list[_Values]] = {}
+        self._kept: dict[tuple[int, tuple[tuple[Edit, ...], ...], float | None], list[_Values]] = {}
 
-    def apart(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
-        """Yield pairs of edits in different statements after which a row agrees at one pose, of one token first."""
+    def apart(self, deadline: Deadline, scalars: Sequence[tuple[Path, int, int]] = ()) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of edits in different statements after which a row agrees at one pose, of one token first.
+
+        Pairs of other kinds are left out if both are in the expressions at the places `scalars`: `Double` finds these.
+        """
+
+        def inside(edit: Edit) -> bool:
+            return any(p == edit.path and a <= edit.start and edit.end <= b for p, a, b in scalars)
+
         places = list(combinations([site.statement for site in self.sites], 2))
         places.sort(key=lambda pair: pair[1].index - pair[0].index)  # two misprints are often near each other
         for edits in (self._tokens, self._all):
@@ -96,7 +104,15 @@ class Crossed:
                     return
                 if self.step.held.issuperset(first.writes):  # later statements do not use its result
                     continue
-                yield from self._pairs(first, second, edits, deadline)
+                every = edits[second.index]
+                if edits is self._tokens:
+                    yield from self._pairs(first, second, edits[first.index], every, deadline)
+                    continue
+                beside = [edit for edit in edits[first.index] if not inside(edit)]
+                within = [edit for edit in edits[first.index] if inside(edit)]
+                yield from self._pairs(first, second, beside, every, deadline)
+                others = [edit for edit in every if not inside(edit)]
+                yield from self._pairs(first, second, within, others, deadline)
 
     def together(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in one statement after which a row agrees at one pose."""
@@ -104,7 +120,8 @@ class Crossed:
             for site in self.sites:
                 if deadline.passed:
                     return
-                yield from self._pairs(site.statement, site.statement, edits, deadline)
+                mine = edits[site.statement.index]
+                yield from self._pairs(site.statement, site.statement, mine, mine, deadline)
 
     def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
@@ -228,29 +245,31 @@ class Crossed:
         self,
         first: Statement,
         second: Statement,
-        edits: Mapping[int, list[Edit]],
+        firsts: Sequence[Edit],
+        seconds: Sequence[Edit],
         deadline: Deadline,
     ) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of an edit of `first` and one of `second`; both may be the same statement."""
+        if not firsts or not seconds:
+            return
+        trials = [(edit,) for edit in firsts]
         if first is second:
-            trials = _disjoint(edits[first.index])
-        else:
-            trials = [(edit,) for edit in edits[first.index]]
+            trials = _disjoint(firsts)
         runs = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
-                runs.append(list(self._run(first, second, trials, edits[second.index], angle, deadline)))
+                runs.append(list(self._run(first, second, trials, seconds, angle, deadline)))
         count = 0
         for parts in zip(*runs, strict=False):
-            others, firsts, _ = parts[0]
-            if any(part[:2] != (others, firsts) for part in parts):
+            others, ones, _ = parts[0]
+            if any(part[:2] != (others, ones) for part in parts):
                 continue
             for n in _agreeing([part[2] for part in parts], self.rows):
                 count += 1
                 if count > _MOST_FOUND:
                     return
-                i, j = divmod(n, len(firsts))
-                one, other = (*firsts[j], *others[i])
+                i, j = divmod(n, len(ones))
+                one, other = (*ones[j], *others[i])
                 yield one, other
 
     def _run(
@@ -350,7 +369,7 @@ class Crossed:
         end: Deadline,
     ) -> list[_Values]:
         """Return what `_each` yields for the first edited statement; it is kept, because many statements may follow."""
-        key = (statement.index, len(trials), angle)
+        key = (statement.index, tuple(trials), angle)
         if key not in self._kept:
             values = list(self._each(statement, trials, scope, 1, end))
             if end.passed:

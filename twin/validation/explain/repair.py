@@ -74,7 +74,7 @@ _MOST_EXACT = 60
 _WHOLE = 12
 """Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
 
-_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.4, 0.7, 0.3, 0.5, 1.0)
+_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.4, 0.3, 0.5, 1.0)
 """Maximum parts of the remaining time for the kinds of such pairs, in the order of `_double`."""
 
 _APART = 0.6
@@ -832,8 +832,8 @@ class Search:
             lambda double, rows, end: double.beside(known, rows, end, composed=True),
             lambda double, rows, end: double.required(known, rows, end),
             lambda double, rows, end: double.in_one(rows, end),
-            self._in_one_statement,
             lambda double, rows, end: double.in_two(rows, end),
+            self._in_one_statement,
             lambda double, rows, end: double.beside(parted(double)[0], rows, end),
             lambda double, rows, end: double.beside(parted(double)[1], rows, end),
             lambda double, rows, end: double.required(firsts, rows, end),
@@ -877,11 +877,16 @@ class Search:
         if self._in_two_statements is None:
             self._in_two_statements = []
             doubles = self._doubles
+            # One entry of a row does not determine two scalars, so that their edits are tried as well.
+            single = max(self.raw[key].shape[1] for key in self.failing) == 1
             for n, double in enumerate(doubles):
                 search = self._crossed(double.step)
+                if search is None:
+                    continue
                 part = _APART / (len(doubles) - n) ** 0.5
                 end = until.within(part * until.left)
-                for first, second in search.apart(end) if search is not None else ():
+                scalars = [] if single else double.cuts(self.failing, end)
+                for first, second in search.apart(end, [cut.place for cut in scalars]):
                     candidate = self._pair(double, first, second)
                     if candidate is not None:
                         self._in_two_statements.append(candidate)

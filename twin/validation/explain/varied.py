@@ -30,6 +30,9 @@ _STEP, _NEWTON = 1e-6, 5
 _LENGTH = 0.3
 """Length in m by parts of which a length of zero is changed."""
 
+_NEARER = 1e-3
+"""Part of the usual change, with which right equations have values at the same poses as before."""
+
 _ANGLES = ("deg", "rad")
 
 
@@ -52,11 +55,11 @@ def condition(group: Sequence[Parameter]) -> str:
     return f"for {p.name} = {p.shown:g} {p.unit}"
 
 
-def changed(parameters: Sequence[Parameter], values: Mapping[str, float]) -> dict[str, float]:
-    """Return other values in SI of the given parameters, each changed by another amount."""
+def changed(parameters: Sequence[Parameter], values: Mapping[str, float], part: float = 1.0) -> dict[str, float]:
+    """Return other values in SI of the given parameters, each changed by `part` of another amount."""
     out = {}
     for i, p in enumerate(parameters):
-        amount = 0.03 + 0.017 * i
+        amount = part * (0.03 + 0.017 * i)
         value = values[p.name]
         if p.unit in _ANGLES:
             out[p.name] = value + 4 * amount
@@ -92,7 +95,12 @@ def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
     out = []
     for group in groups(judge.formula):
         other = changed(group, values)
-        if closes(judge, other) is False and not (derived and _closes_with(judge, other, derived)):
+        closed = closes(judge, other)
+        if closed is None:  # most poses may be out of reach with these values, but not with values that are near
+            other = changed(group, values, _NEARER)
+            closed = closes(judge, other)
+        # An inverse that has no values near those of the mechanism does not belong to the forward equations there.
+        if not closed and not (derived and _closes_with(judge, other, derived)):
             out.append(group)
     return out
 
