@@ -118,6 +118,27 @@ def test_an_open_loop_is_found(tmp_path):
     assert {finding.rule for finding in findings(tmp_path) if finding.level != "note"} == {"loops/open"}
 
 
+SCALED = """<mujoco model="scaled">
+  <worldbody>
+    <body name="a"><joint name="q" axis="0 0 1" range="-90 90"/><geom size="0.1"/>
+      <body name="rod" pos="0 0 1">
+        <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0"/></body>
+    </body>
+  </worldbody>
+  <actuator>
+    <general name="m" joint="q" biastype="affine" gainprm="500" biasprm="0 -200 0" ctrlrange="-9 9" ctrllimited="true"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_a_scaled_control_and_a_rod_without_width_are_no_faults(tmp_path):
+    (tmp_path / "scaled.xml").write_text(SCALED, encoding="utf-8")
+    (one,) = judged(tmp_path)
+    assert one.status == "judged"
+    assert {finding.level for finding in one.findings} <= {"note"}
+
+
 # -- which files are descriptions -----------------------------------------------------------------
 
 

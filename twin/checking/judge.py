@@ -38,10 +38,12 @@ _FAULT = "disagreement"
 """Severity of the findings of an audit that are faults."""
 
 _OWN = re.compile(
+    r"mjcf\.(control|keyframe)|stage\.|"
     r"urdf\.(mesh|tree|duplicate_name|limits|driven)|physics\.(mass|inertia|moment|triangle)|"
     r"\w+\.(mesh|texture)|.*not_positive|.*drive_negative|.*triangle"
 )
-"""Codes of an audit whose faults other rules find, with lines and with the packages of the folder."""
+"""Codes of an audit whose faults other rules find, with lines and with the packages of the folder; and those of
+conventions that files of other authors need not keep: scaled controls, key frames beyond limits, units of a stage."""
 
 
 @dataclass(frozen=True)
@@ -331,6 +333,8 @@ def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
     for finding in imported.findings:
         if finding.code == "import.inertia" and not printed:
             rule = "inertia/triangle" if "triangle" in finding.message else "inertia/positive"
+            if "principal moment 0 kg" in finding.message:
+                rule = "inertia/zero"
             yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
         if finding.code == "import.mesh" and not _ABSENT.search(finding.message):
             yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
