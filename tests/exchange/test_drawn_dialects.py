@@ -2,14 +2,14 @@
 
 made/dialects.py writes each robot as URDF, xacro, MJCF, SDF and USD with the elements of docs/usd-mapping.md. The poses
 of all bodies and frames are compared with those of the drawing, and with Pinocchio (a xacro: with the URDF that it
-means), MuJoCo and OpenUSD. No library reads SDF here. Tables of DH parameters are drawn in test_importing_dh.py.
-TWIN_DIALECTS=1000 draws
-that many robots of each format in the nightly lane.
+means), MuJoCo (also of URDF, where it reads it) and OpenUSD. No library reads SDF here. Tables of DH parameters are
+drawn in test_importing_dh.py. TWIN_DIALECTS=1000 draws that many robots of each format in the nightly lane.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 
 import numpy as np
@@ -70,6 +70,15 @@ def by_pinocchio(path, coordinates, planar):
     return poses
 
 
+def by_mujoco_of_urdf(path, coordinates):
+    """Return {body: T_world_body (4, 4)} of a URDF by MuJoCo's own reader; fixed links stay bodies."""
+    options = '<mujoco><compiler fusestatic="false" discardvisual="true" balanceinertia="true"/></mujoco>'
+    text = re.sub(r"<robot [^>]*>", lambda found: found[0] + options, path.read_text("utf-8"), count=1)
+    copy = path.with_name("mujoco.urdf")
+    copy.write_text(text, "utf-8")
+    return by_mujoco(copy, coordinates)[0]
+
+
 def check(format, seed, folder):
     """Import a drawn robot; fail at the first difference."""
     robot, rng = dialects.draw(seed, format)
@@ -106,6 +115,9 @@ def check(format, seed, folder):
         if format in ("urdf", "xacro"):
             theirs = by_pinocchio(written.plain or written.path, coordinates, written.planar)
             assert apart(found, by_name(theirs, rename)) < EXACT
+        if format == "urdf" and not written.planar and all(link.mass for link in robot.links):
+            # MuJoCo refuses moving links without mass, and has no planar joints
+            assert apart(found, by_name(by_mujoco_of_urdf(written.path, coordinates), rename)) < EXACT
         if format == "mjcf":
             theirs, gravity = by_mujoco(written.path, coordinates)
             assert apart(found, by_name(theirs, rename)) < EXACT
