@@ -84,7 +84,7 @@ def test_multiples_of_30_degrees_have_exact_cosines(k):
 
 
 def test_a_drawn_angle_is_on_the_unit_circle_and_within_its_range():
-    angle = draws.turn(np.random.default_rng(1), -0.4, 2.0, 500)
+    angle = draws.turn(np.random.default_rng(1), -0.4, 2.0, 500, "a")
     square = values.total(values.product(angle.cosine, angle.cosine), values.product(angle.sine, angle.sine))
     assert (square.residue == 1).all()
     np.testing.assert_allclose(np.cos(angle.real), angle.cosine.real, atol=1e-14)
@@ -123,8 +123,8 @@ WRONG = {
 
 def at_states(expression, states=400):
     generator = np.random.default_rng(3)
-    state = [draws.number(generator, -3, 4, states), draws.number(generator, -3, 4, states)]
-    state += [draws.turn(generator, -2, 2, states), draws.turn(generator, -3, 1, states)]
+    state = [draws.number(generator, -3, 4, states, "x"), draws.number(generator, -3, 4, states, "y")]
+    state += [draws.turn(generator, -2, 2, states, "a"), draws.turn(generator, -3, 1, states, "b")]
     function = ca.Function("f", [ca.vertcat(x, y, a, b)], [expression])
     (found,) = replay(function, [state], Notes())[0]
     reals = function(np.array([values.real_of(s) for s in state])).full()[0]
@@ -150,7 +150,7 @@ def test_what_is_no_identity_is_nowhere_zero(name):
 
 def test_what_is_not_algebraic_is_unknown_and_named():
     notes = Notes()
-    state = [draws.number(np.random.default_rng(3), 1, 4, 50)]
+    state = [draws.number(np.random.default_rng(3), 1, 4, 50, "x")]
     (found,) = replay(ca.Function("f", [x], [ca.log(x) - ca.log(x)]), [state], notes)[0]
     (other,) = replay(ca.Function("f", [x], [ca.sin(x)]), [state], notes)[0]
     assert not values.scalar(other).known.any()

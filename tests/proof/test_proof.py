@@ -52,8 +52,13 @@ def test_right_equations_are_proved_or_the_reason_is_named(name):
                 *("inverse: s1 to s2", "inverse: s1 to s3", "inverse: s2 to s3"),
             },
         ),
-        ("davinci_psm", {"table1": "printed"}, {"forward: joint q6", "forward of inverse"}),
-        ("raven_left", {"table": "davinci_tool"}, {"forward: joint yaw", "forward of inverse"}),
+        pytest.param(
+            *("davinci_psm", {"table1": "printed"}, {"forward: joint q6", "forward of inverse"}), marks=pytest.mark.slow
+        ),
+        pytest.param(
+            *("raven_left", {"table": "davinci_tool"}, {"forward: joint yaw", "forward of inverse"}),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_printed_errors_are_refuted_and_all_else_is_proved(name, variants, claims):
@@ -98,6 +103,7 @@ def test_an_error_of_a_nanometre_is_no_proof():
     assert wrong["inverse: point shoulder"] == "proved"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_proof():
     first = twin.prove("sils", states=256, seed=4)
     again = twin.prove("sils", states=256, seed=4)

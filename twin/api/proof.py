@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.robot import Progress, Robot, load, silent
@@ -38,12 +41,14 @@ class Proved(Result):
         robot: name of the robot.
         variants: the chosen variant of each equation.
         proof: the claims.
+        files: {file of equations or mechanism: SHA-256 of its bytes}; empty for a robot without files.
         findings: a disagreement for each refuted claim, an error for each reason why claims are not proved.
     """
 
     robot: str
     variants: Mapping[str, str]
     proof: Proof
+    files: Mapping[str, str]
     findings: tuple[Finding, ...]
 
     kind = "proof"
@@ -82,6 +87,17 @@ class Proved(Result):
             "claims": [_record(claim) for claim in proof.claims],
         }
 
+    def certificate(self) -> JsonObject:
+        """Return the certificate of the proved claims, which docs/check_certificate.py checks without twin."""
+        from twin.proof.certificate import certificate
+
+        return certificate(self.proof, self.robot, self.variants, self.files)
+
+    def write(self, folder: Path) -> None:
+        """Write the certificate."""
+        text = json.dumps(self.certificate(), ensure_ascii=True, allow_nan=False)
+        (folder / "certificate.json").write_text(text, encoding="ascii")
+
     def text(self) -> Iterator[Part]:
         """Yield the table of the claims, what they rest on, the findings and the verdict."""
         rows = []
@@ -101,6 +117,9 @@ class Proved(Result):
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
         for number, form in list(proof.recognised.items())[:_SHOWN]:
             yield f"  {number} is {form}"
+        missing = [claim.name for claim in proof.claims if claim.status == "proved" and not claim.nodes]
+        if missing:
+            yield f"  the certificate leaves out {', '.join(missing)}: a half angle is in them"
         if proof.uncovered:
             yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
         words = {
@@ -160,7 +179,15 @@ def prove(
         if len(claims) > _SHOWN:
             text += f" and {len(claims) - _SHOWN} more"
         findings.append(kind("proof.open", claims[0], f"{text}; {reason}"))
-    return Proved(robot.name, chosen, proof, tuple(findings))
+    return Proved(robot.name, chosen, proof, _hashes(robot), tuple(findings))
+
+
+def _hashes(robot: Robot) -> dict[str, str]:
+    """Return the SHA-256 of the files of equations and mechanism."""
+    if robot.files is None:
+        return {}
+    files = [robot.files.formula, robot.files.description, *sorted(robot.files.cad.glob("*.step"))]
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()}
 
 
 def _refuted(claim: Claim, drawn: tuple[str, ...]) -> Finding:

@@ -17,6 +17,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.proof.draws import STEPS
 from twin.proof.form import MOST_READ
+from twin.proof.program import Node
 from twin.proof.values import Scalar, Truths
 
 Status = Literal["proved", "refuted", "unproved"]
@@ -45,6 +46,8 @@ class Claim:
         reason: why a claim is not proved; "" if it is.
         error: what is not zero, as a formula of cosines, sines and lengths in m; "" if the claim is not refuted, or if
             there is no short formula.
+        nodes: the operations of the numbers that are zero, if the claim is proved and all of them are known.
+        reach: those of the margins that are not negative where it is claimed.
     """
 
     name: str
@@ -57,6 +60,8 @@ class Claim:
     witness: Mapping[str, float]
     reason: str
     error: str = ""
+    nodes: tuple[Node, ...] = ()
+    reach: tuple[Node, ...] = ()
 
 
 def judged(
@@ -82,7 +87,9 @@ def judged(
     largest = np.zeros(len(inside))
     degree = 1
     error = ""
+    nodes = []
     for number in numbers:
+        nodes.append(number.node)
         if number.form and len(number.form.terms) <= MOST_READ:
             error = min(error or str(number.form), str(number.form), key=len)
         known &= number.known
@@ -112,7 +119,10 @@ def judged(
         reason = f"only {exact} of {int(inside.sum())} states have roots in the field; draw more states"
     else:
         reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
-    return Claim(name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error)
+    kept: tuple[Node, ...] = ()
+    if status == "proved" and None not in nodes:
+        kept = tuple(node for node in nodes if node is not None)
+    return Claim(name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept)
 
 
 def _log_odds(zeros: int, states: int, degree: int) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from twin.proof import field, values
 from twin.proof import form as forms
 from twin.proof.constants import exact_angle
+from twin.proof.program import Node
 from twin.proof.values import Angle, Degree, Scalar, Value
 
 STEPS = 2**30
@@ -21,8 +22,10 @@ _OPEN = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
 
 
-def number(generator: np.random.Generator, low: float, high: float, states: int, name: str = "") -> Scalar:
-    """Return a random fraction from low to high at each of k states; with a name, it is a variable of formulas."""
+def number(
+    generator: np.random.Generator, low: float, high: float, states: int, name: str, formulas: bool = False
+) -> Scalar:
+    """Return a random fraction from low to high at each of k states; it may be a variable of formulas."""
     first = Fraction(low)
     step = (Fraction(high) - first) / STEPS
     multiples = generator.integers(0, STEPS, states).astype(np.uint64)
@@ -30,18 +33,21 @@ def number(generator: np.random.Generator, low: float, high: float, states: int,
     steps = np.full(states, field.residue(step), np.uint64)
     starts = np.full(states, field.residue(first), np.uint64)
     residue = field.add(field.multiply(multiples, steps), starts)
-    form = forms.variable(name) if name else None
-    return Scalar(residue, np.ones(states, bool), real, Degree(1), form=form)
+    form = forms.variable(name) if formulas else None
+    node = Node("input", text=name)
+    return Scalar(residue, np.ones(states, bool), real, Degree(1), form=form, node=node)
 
 
-def turn(generator: np.random.Generator, low: float, high: float, states: int, name: str = "") -> Angle:
+def turn(
+    generator: np.random.Generator, low: float, high: float, states: int, name: str, formulas: bool = False
+) -> Angle:
     """Return a random angle from low to high rad at each of k states, within half a turn of their middle.
 
     The tangent t of half its distance from the middle is a random fraction; cosine and sine are fractions of t.
     """
     middle = (low + high) / 2
     reach = min((high - low) / 2, _OPEN * math.pi)
-    t = number(generator, -math.tan(reach / 2), math.tan(reach / 2), states)
+    t = number(generator, -math.tan(reach / 2), math.tan(reach / 2), states, name)
     one = values.constant(1.0, states)
     square = values.product(t, t)
     scale = values.reciprocal(values.total(one, square))
@@ -50,10 +56,12 @@ def turn(generator: np.random.Generator, low: float, high: float, states: int, n
     real = 2 * np.arctan(t.real)
     start = fixed_angle(_nearest(middle), states)
     angle = values.turned(start, Angle(cosine, sine, real))
-    if not name:
-        return angle
-    cosine = replace(angle.cosine, form=forms.cosine(name))
-    return replace(angle, cosine=cosine, sine=replace(angle.sine, form=forms.sine(name)))
+    cosine = replace(angle.cosine, node=Node("cosine", text=name))
+    sine = replace(angle.sine, node=Node("sine", text=name))
+    if formulas:
+        cosine = replace(cosine, form=forms.cosine(name))
+        sine = replace(sine, form=forms.sine(name))
+    return replace(angle, cosine=cosine, sine=sine)
 
 
 def _nearest(angle: float) -> float:
@@ -80,5 +88,5 @@ def named(
     drawn: dict[str, Value] = {}
     for name, (is_angle, low, high) in ranges.items():
         draw = turn if is_angle else number
-        drawn[name] = draw(generator, low, high, states, name if formulas else "")
+        drawn[name] = draw(generator, low, high, states, name, formulas)
     return drawn

@@ -19,6 +19,7 @@ from twin.proof.constants import exact_angle, exact_number
 from twin.proof.drawing import Drawing
 from twin.proof.equations import Outputs
 from twin.proof.mechanism import ExactMechanism
+from twin.proof.program import Node
 from twin.proof.replay import Notes, replay
 from twin.proof.transforms import Matrix
 from twin.proof.values import Angle, Scalar, Truths, Value
@@ -68,6 +69,7 @@ class Proof:
         unrecognised: numbers of the CAD without an exact form.
         recognised: {length of the CAD as text: its exact form}, for lengths that are no decimals.
         uncovered: bodies that no claim covers.
+        ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
     """
 
     claims: tuple[Claim, ...]
@@ -81,6 +83,7 @@ class Proof:
     unrecognised: tuple[str, ...]
     recognised: Mapping[str, str]
     uncovered: tuple[str, ...]
+    ranges: Mapping[str, tuple[bool, float, float]]
 
     def count(self, status: str) -> int:
         """Return the number of claims with a status."""
@@ -102,8 +105,10 @@ class _Work:
     inexact: list[str] = field(default_factory=list)
     notes: Notes = field(default_factory=Notes)
     one_sided: int = 0
+    reach: list[Node] = field(default_factory=list)
     claims: list[Claim] = field(default_factory=list)
     uncovered: set[str] = field(default_factory=set)
+    ranges: dict[str, tuple[bool, float, float]] = field(default_factory=dict)
     shares: list[float] = field(default_factory=list)
 
 
@@ -165,7 +170,8 @@ def _either(published: Proof, general: Proof) -> Proof:
         claims.append(other if better and other.status != "refuted" else claim)
     if not any(claim.status == "proved" for claim in general.claims):
         return replace(published, claims=tuple(claims))
-    return replace(published, claims=tuple(claims), drawn=general.drawn, fixed=general.fixed)
+    drawn = general.drawn
+    return replace(published, claims=tuple(claims), drawn=drawn, fixed=general.fixed, ranges=general.ranges)
 
 
 def _angles(formula: Formula) -> list[str]:
@@ -179,6 +185,7 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
     _set_parameters(work, drawn)
     exact = _exact_mechanism(work)
     if formula.has("forward"):
+        work.ranges |= _joint_ranges(work)
         state = draws.named(work.generator, _joint_ranges(work), work.states, work.formulas)
         found = _replayed(work, equations.from_joints(formula, work.variants), list(state.values()))
         inside = _inside(work, found)
@@ -189,6 +196,7 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
             _claim_inverse(work, exact, again, inside & _inside(work, again), state)
     else:
         outputs = equations.from_pose(formula, work.variants, coordinates=True)
+        work.ranges |= _coordinate_ranges(formula)
         state = draws.named(work.generator, _coordinate_ranges(formula), work.states, work.formulas)
         found = _replayed(work, outputs, list(state.values()))
         _claim_inverse(work, exact, found, _inside(work, found), state)
@@ -204,6 +212,7 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
         unrecognised=tuple(dict.fromkeys(exact.drawing.unrecognised)),
         recognised=dict(exact.drawing.recognised),
         uncovered=tuple(sorted(work.uncovered)),
+        ranges=work.ranges,
     )
 
 
@@ -223,7 +232,10 @@ def _set_parameters(work: _Work, drawn: Collection[str]) -> None:
             if exact_number(value) is None:
                 work.inexact.append(name)
         elif name in drawn:
-            angle = draws.turn(work.generator, value - SPREAD_PARAMETER, value + SPREAD_PARAMETER, work.states)
+            low = value - SPREAD_PARAMETER
+            high = value + SPREAD_PARAMETER
+            work.ranges[name] = (True, low, high)
+            angle = draws.turn(work.generator, low, high, work.states, name)
             work.parameters[name] = replace(angle, published=value)
             work.drawn.append(name)
         else:
@@ -281,6 +293,9 @@ def _inside(work: _Work, found: Found) -> Truths:
             inside &= np.isfinite(values.real_of(value))
     for margin in found.get("reach", ()):
         inside &= values.real_of(margin) >= 0
+        node = values.scalar(margin).node
+        if node is not None:
+            work.reach.append(node)
     work.shares.append(float(inside.mean()))
     for answers in work.notes.conditions:
         work.one_sided += bool(answers[inside].all() or not answers[inside].any())
@@ -392,4 +407,5 @@ def _claim(
     reasons = [f"parameter {key}" for key in work.inexact]
     reasons += dict.fromkeys(exact.drawing.unrecognised)
     reasons += dict.fromkeys(work.notes.inexact)
-    work.claims.append(judged(name, sentence, numbers, inside, reals, reasons[:_REASONS]))
+    claim = judged(name, sentence, numbers, inside, reals, reasons[:_REASONS])
+    work.claims.append(replace(claim, reach=tuple(work.reach)))

@@ -22,7 +22,7 @@ _UNARY: dict[int, Callable[[Value], Value]] = {
     ca.OP_TAN: lambda a: values.divide(values.angle(a).sine, values.angle(a).cosine),
     ca.OP_FABS: values.magnitude,
     ca.OP_SIGN: values.sign,
-    ca.OP_NOT: lambda a: values.Truth(~values.truth(a)),
+    ca.OP_NOT: lambda a: values.negated(values.truth(a)),
 }
 
 _BINARY: dict[int, Callable[[Value, Value], Value]] = {
@@ -32,17 +32,19 @@ _BINARY: dict[int, Callable[[Value, Value], Value]] = {
     ca.OP_DIV: values.divide,
     ca.OP_POW: values.power,
     ca.OP_CONSTPOW: values.power,
-    ca.OP_LT: lambda a, b: values.compared(np.less, a, b),
-    ca.OP_LE: lambda a, b: values.compared(np.less_equal, a, b),
-    ca.OP_EQ: lambda a, b: values.compared(np.equal, a, b),
-    ca.OP_NE: lambda a, b: values.compared(np.not_equal, a, b),
-    ca.OP_AND: lambda a, b: values.Truth(values.truth(a) & values.truth(b)),
-    ca.OP_OR: lambda a, b: values.Truth(values.truth(a) | values.truth(b)),
-    ca.OP_FMIN: lambda a, b: values.choose(values.real_of(a) <= values.real_of(b), a, b),
-    ca.OP_FMAX: lambda a, b: values.choose(values.real_of(a) >= values.real_of(b), a, b),
+    ca.OP_LT: lambda a, b: values.compared("less", a, b),
+    ca.OP_LE: lambda a, b: values.compared("at most", a, b),
+    ca.OP_EQ: lambda a, b: values.compared("equal", a, b),
+    ca.OP_NE: lambda a, b: values.negated(values.compared("equal", a, b)),
+    ca.OP_AND: lambda a, b: values.both(values.truth(a), values.truth(b)),
+    ca.OP_OR: lambda a, b: values.one_of(values.truth(a), values.truth(b)),
+    ca.OP_FMIN: lambda a, b: values.choose(values.compared("at most", a, b), a, b),
+    ca.OP_FMAX: lambda a, b: values.choose(values.compared("at most", b, a), a, b),
     ca.OP_IF_ELSE_ZERO: lambda a, b: values.choose(values.truth(a), b, values.constant(0.0, len(a.real))),
     ca.OP_COPYSIGN: lambda a, b: values.choose(
-        np.signbit(values.real_of(b)), values.negative(values.magnitude(a)), values.magnitude(a)
+        values.compared("less", b, values.constant(0.0, len(b.real))),
+        values.negative(values.magnitude(a)),
+        values.magnitude(a),
     ),
 }
 
@@ -60,7 +62,7 @@ def _known(value: Value) -> bool:
 
 
 _CHOOSING: dict[int, Callable[..., Truths]] = {
-    ca.OP_IF_ELSE_ZERO: lambda condition, chosen: values.truth(condition),
+    ca.OP_IF_ELSE_ZERO: lambda condition, chosen: values.truth(condition).real,
     ca.OP_FABS: lambda a: values.real_of(a) < 0,
     ca.OP_FMIN: lambda a, b: values.real_of(a) <= values.real_of(b),
     ca.OP_FMAX: lambda a, b: values.real_of(a) >= values.real_of(b),

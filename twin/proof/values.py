@@ -7,9 +7,10 @@ the logarithm of a length, keeps its real value and is unknown in the field.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,12 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.proof import field as prime
 from twin.proof import form as forms
+from twin.proof import program
 from twin.proof.constants import ExactNumber, decimal, exact_angle, exact_number
+from twin.proof.constants import exact as exact_of
 from twin.proof.field import Residues
 from twin.proof.form import Form
+from twin.proof.program import Node
 
 Truths = NDArray[np.bool_]
 
@@ -104,6 +108,7 @@ class Scalar:
         degree: as an algebraic function of the random numbers.
         constant: the value if it is a constant of the equations; None otherwise.
         form: the value as a polynomial; None if it is none, or if nobody asked for it.
+        node: the operations that give the value; None if they have no exact form.
     """
 
     residue: Residues
@@ -112,6 +117,7 @@ class Scalar:
     degree: Degree = field(default_factory=Degree)
     constant: float | None = None
     form: Form | None = None
+    node: Node | None = None
 
 
 @dataclass(frozen=True)
@@ -132,9 +138,10 @@ class Angle:
 
 @dataclass(frozen=True)
 class Truth:
-    """A condition at k states; the real values decide it."""
+    """A condition at k states; the real values decide it. `node`: the operations that give it, as of a `Scalar`."""
 
     real: Truths
+    node: Node | None = None
 
 
 Value = Scalar | Angle | Truth
@@ -155,17 +162,21 @@ def constant(value: float, states: int) -> Scalar:
     known = np.full(states, exact is not None)
     residue = 0
     form = None
+    node = Node("real", text=repr(float(value)))
     if exact is not None:
         residue = exact.residue
         form = forms.number(exact)
+        node = program.number(exact)
     real = np.full(states, float(value))
-    return Scalar(np.full(states, residue, np.uint64), known, real, constant=float(value), form=form)
+    residues = np.full(states, residue, np.uint64)
+    return Scalar(residues, known, real, constant=float(value), form=form, node=node)
 
 
 def exact(number: ExactNumber, states: int) -> Scalar:
     """Return an exact number as a value."""
     residue = np.full(states, number.residue, np.uint64)
-    return Scalar(residue, np.ones(states, bool), np.full(states, float(number)), form=forms.number(number))
+    real = np.full(states, float(number))
+    return Scalar(residue, np.ones(states, bool), real, form=forms.number(number), node=program.number(number))
 
 
 def unknown(real: Array) -> Scalar:
@@ -183,14 +194,16 @@ def scalar(value: Value) -> Scalar:
     if isinstance(value, Scalar):
         return value
     if isinstance(value, Truth):
-        known = np.ones(len(value.real), bool)
-        return Scalar(value.real.astype(np.uint64), known, value.real.astype(float))
-    return unknown(value.real)
+        states = len(value.real)
+        return _either(value, constant(1.0, states), constant(0.0, states))
+    return replace(unknown(value.real), node=program.operation("angle", value.cosine.node, value.sine.node))
 
 
-def truth(value: Value) -> Truths:
-    """Return a value as a condition (k,)."""
-    return real_of(value) != 0
+def truth(value: Value) -> Truth:
+    """Return a value as a condition."""
+    if isinstance(value, Truth):
+        return value
+    return negated(compared("equal", value, constant(0.0, len(value.real))))
 
 
 # ------------------------------------------------------------------------------------------- numbers
@@ -215,7 +228,14 @@ def minus(a: Scalar) -> Scalar:
     negated = None
     if a.constant is not None:
         negated = -a.constant
-    return replace(a, residue=prime.negative(a.residue), real=-a.real, constant=negated, form=forms.minus(a.form))
+    return replace(
+        a,
+        residue=prime.negative(a.residue),
+        real=-a.real,
+        constant=negated,
+        form=forms.minus(a.form),
+        node=program.operation("negative", a.node),
+    )
 
 
 def multiply(a: Value, b: Value) -> Value:
@@ -230,14 +250,16 @@ def product(a: Scalar, b: Scalar) -> Scalar:
     """Return a b of two numbers."""
     residue = prime.multiply(a.residue, b.residue)
     form = forms.product(a.form, b.form)
-    return Scalar(residue, a.known & b.known, a.real * b.real, a.degree * b.degree, form=form)
+    node = program.operation("multiply", a.node, b.node)
+    return Scalar(residue, a.known & b.known, a.real * b.real, a.degree * b.degree, form=form, node=node)
 
 
 def total(a: Scalar, b: Scalar) -> Scalar:
     """Return a + b of two numbers."""
     residue = prime.add(a.residue, b.residue)
     form = forms.total(a.form, b.form)
-    return Scalar(residue, a.known & b.known, a.real + b.real, a.degree + b.degree, form=form)
+    node = program.operation("add", a.node, b.node)
+    return Scalar(residue, a.known & b.known, a.real + b.real, a.degree + b.degree, form=form, node=node)
 
 
 def difference(a: Scalar, b: Scalar) -> Scalar:
@@ -250,7 +272,9 @@ def reciprocal(a: Scalar) -> Scalar:
     with np.errstate(divide="ignore"):
         real = 1 / a.real
     known = a.known & (a.residue != 0)
-    return Scalar(prime.inverse(a.residue), known, real, a.degree.inverse(), form=forms.reciprocal(a.form))
+    form = forms.reciprocal(a.form)
+    node = program.operation("inverse", a.node)
+    return Scalar(prime.inverse(a.residue), known, real, a.degree.inverse(), form=form, node=node)
 
 
 def divide(a: Value, b: Value) -> Value:
@@ -269,20 +293,21 @@ def root(a: Value) -> Scalar:
     number = scalar(a)
     with np.errstate(invalid="ignore"):
         real = np.sqrt(number.real)
+    node = program.operation("root", number.node)
     same = number.residue[number.known]
     if len(same) and (same == same[0]).all():
         # a length that does not depend on the state, written as a root; in the field both signs are roots
         length = decimal(float(real[number.known][0]), ROUNDING)
         if length is not None and length.residue**2 % prime.PRIME == same[0]:
             residue = np.full(len(real), length.residue, np.uint64)
-            return Scalar(residue, number.known, real)
+            return Scalar(residue, number.known, real, node=node)
     residue = prime.root(number.residue)
     squares = prime.multiply(residue, residue) == number.residue
     known = number.known & squares
     if len(same) >= _MANY and squares[number.known].all():
         # the argument is the square of a fraction: at random states, each is one with a probability of a half only
-        return Scalar(residue, known, real, number.degree.rational_root())
-    return Scalar(residue, known, real, number.degree.root(_number_of(number)))
+        return Scalar(residue, known, real, number.degree.rational_root(), node=node)
+    return Scalar(residue, known, real, number.degree.root(_number_of(number)), node=node)
 
 
 def _number_of(argument: Scalar) -> int:
@@ -310,21 +335,23 @@ def power(a: Value, exponent: Value) -> Value:
     return replace(result, real=real, constant=None)
 
 
-def choose(condition: Truths, a: Value, b: Value) -> Value:
-    """Return a where a condition (k,) is true, and b elsewhere."""
+def choose(condition: Truth, a: Value, b: Value) -> Value:
+    """Return a where a condition is true, and b elsewhere."""
     if isinstance(a, Angle) or isinstance(b, Angle):
         first = angle(a)
         second = angle(b)
         cosine = _either(condition, first.cosine, second.cosine)
         sine = _either(condition, first.sine, second.sine)
-        return Angle(cosine, sine, np.where(condition, first.real, second.real))
+        return Angle(cosine, sine, np.where(condition.real, first.real, second.real))
     return _either(condition, scalar(a), scalar(b))
 
 
-def _either(condition: Truths, a: Scalar, b: Scalar) -> Scalar:
-    residue = np.where(condition, a.residue, b.residue)
-    known = np.where(condition, a.known, b.known)
-    return Scalar(residue, known, np.where(condition, a.real, b.real), a.degree.either(b.degree))
+def _either(condition: Truth, a: Scalar, b: Scalar) -> Scalar:
+    residue = np.where(condition.real, a.residue, b.residue)
+    known = np.where(condition.real, a.known, b.known)
+    real = np.where(condition.real, a.real, b.real)
+    node = program.operation("choose", condition.node, a.node, b.node)
+    return Scalar(residue, known, real, a.degree.either(b.degree), node=node)
 
 
 # ------------------------------------------------------------------------------------------- angles
@@ -342,8 +369,13 @@ def angle(value: Value) -> Angle:
             return Angle(exact(found[0], states), exact(found[1], states), number.real)
     # the part of a conditional expression that is not chosen is the number 0
     known = number.known & (number.residue == 0) & (number.real == 0)
-    cosine = Scalar(np.ones(states, np.uint64), known, np.cos(number.real))
-    return Angle(cosine, Scalar(np.zeros(states, np.uint64), known, np.sin(number.real)), number.real)
+    one = program.number(exact_of(1))
+    zero = program.number(exact_of(0))
+    if not known.all():
+        one = zero = None
+    cosine = Scalar(np.ones(states, np.uint64), known, np.cos(number.real), node=one)
+    sine = Scalar(np.zeros(states, np.uint64), known, np.sin(number.real), node=zero)
+    return Angle(cosine, sine, number.real)
 
 
 def turned_back(a: Angle) -> Angle:
@@ -390,7 +422,7 @@ def _half(a: Angle) -> Angle:
     two = constant(2.0, states)
     half = a.real / 2
     cosine = root(product(total(one, a.cosine), reciprocal(two)))
-    cosine = _either(np.cos(half) < 0, minus(cosine), cosine)
+    cosine = _either(Truth(np.cos(half) < 0), minus(cosine), cosine)
     sine = product(a.sine, reciprocal(product(two, cosine)))
     return Angle(replace(cosine, real=np.cos(half)), replace(sine, real=np.sin(half)), half)
 
@@ -433,17 +465,37 @@ def _rest(a: Scalar) -> Scalar:
 
 def magnitude(a: Value) -> Value:
     """Return |a|."""
-    return choose(real_of(a) < 0, negative(a), a)
+    return choose(compared("less", a, constant(0.0, len(a.real))), negative(a), a)
 
 
 def sign(a: Value) -> Scalar:
     """Return 1, 0 or -1."""
-    real = np.sign(real_of(a))
-    residue = np.where(real < 0, prime.PRIME - 1, np.where(real > 0, 1, 0)).astype(np.uint64)
-    return Scalar(residue, np.isfinite(real), real)
+    zero = constant(0.0, len(a.real))
+    one = constant(1.0, len(a.real))
+    not_above = _either(compared("less", a, zero), minus(one), zero)
+    return _either(compared("less", zero, a), one, not_above)
 
 
-def compared(relation: Callable[[Array, Array], Truths], a: Value, b: Value) -> Truth:
+_RELATIONS = {"less": np.less, "at most": np.less_equal, "equal": np.equal}
+
+
+def compared(relation: Literal["less", "at most", "equal"], a: Value, b: Value) -> Truth:
     """Return a condition on the real values."""
+    node = program.operation(relation, scalar(a).node, scalar(b).node)
     with np.errstate(invalid="ignore"):
-        return Truth(relation(real_of(a), real_of(b)))
+        return Truth(_RELATIONS[relation](real_of(a), real_of(b)), node)
+
+
+def negated(a: Truth) -> Truth:
+    """Return whether a condition is false."""
+    return Truth(~a.real, program.operation("not", a.node))
+
+
+def both(a: Truth, b: Truth) -> Truth:
+    """Return whether two conditions are true."""
+    return Truth(a.real & b.real, program.operation("both", a.node, b.node))
+
+
+def one_of(a: Truth, b: Truth) -> Truth:
+    """Return whether one of two conditions is true."""
+    return Truth(a.real | b.real, program.operation("one of", a.node, b.node))

@@ -1,0 +1,264 @@
+"""Check a certificate of `twin prove` without twin: only Python's standard library is used.
+
+    python docs/check_certificate.py sils.certificate.json [FOLDER]
+
+FOLDER contains the files of equations and mechanism; if it is given, their hashes are compared. The operations of each
+claim are repeated at random states, with numbers modulo another prime than that of the prover. The exit code is 0 if
+all claims hold, 1 if one does not, 2 if the certificate cannot be read or was changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import random
+import re
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+# 2^61 less these are primes of the form 24 k + 23: 2 and 3 have roots, and the root of a square is a power. They are
+# used in turn, because a constant that is no square in one of them may be one in the next.
+PRIMES = [2**61 - k for k in (465, 1281, 1425, 2385, 3081, 3105)]
+ENOUGH = 8
+STATES = 4000
+ROUNDING = 1e-6
+
+
+class OutsideError(Exception):
+    """A state is out of reach: a value is not defined."""
+
+
+def main(arguments):
+    """Check the certificate and print a line for each claim; return the exit code."""
+    try:
+        data = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
+        check_content(data)
+        if len(arguments) > 1:
+            check_files(data, Path(arguments[1]))
+        verdicts = check(data)
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+        print(f"the certificate cannot be checked: {type(error).__name__}: {error}", file=sys.stderr)
+        return 2
+    if not verdicts:
+        print("the certificate has no claim", file=sys.stderr)
+        return 2
+    for sentence, fault in verdicts:
+        print(f"{'holds' if not fault else 'FAILS'}: {sentence}{'; ' + fault if fault else ''}")
+    return int(any(fault for _, fault in verdicts))
+
+
+def check_content(data):
+    """Raise an error if the certificate is not as it was written."""
+    if data["schema"] != "twin/certificate/1":
+        raise ValueError(f"schema {data['schema']!r} is not twin/certificate/1")
+    content = {key: value for key, value in data.items() if key != "sha256"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    if hashlib.sha256(text.encode("ascii")).hexdigest() != data["sha256"]:
+        raise ValueError("its content does not have the SHA-256 that it states")
+
+
+def check_files(data, folder):
+    """Raise an error if a file of equations or mechanism is not the one that was proved."""
+    for name, expected in data["files"].items():
+        if hashlib.sha256((folder / name).read_bytes()).hexdigest() != expected:
+            raise ValueError(f"{name} is not the file that was proved")
+
+
+def check(data):
+    """Return [(claim, why it does not hold, or "")]."""
+    rows = data["rows"]
+    fields = [Field(prime) for prime in PRIMES]
+    constants = []
+    for field in fields:
+        constants.append({i: field.number(row[1]) for i, row in enumerate(rows) if row[0] == "number"})
+    generator = random.Random(data["sha256"])
+    zeros = [0] * len(data["claims"])
+    faults = {}
+    for turn in range(STATES):
+        open_claims = [k for k, count in enumerate(zeros) if count < ENOUGH and k not in faults]
+        if not open_claims:
+            break
+        field = fields[turn % len(fields)]
+        state = field.draw(data["ranges"], generator)
+        values = dict(constants[turn % len(fields)])
+        results = [i for k in open_claims for key in ("zero", "reach") for i in data["claims"][k][key]]
+        needed = operations(rows, results)
+        try:
+            for i in needed:
+                if i not in values:
+                    values[i] = field.evaluate(rows[i], values, state)
+        except OutsideError:
+            continue
+        for k in open_claims:
+            if any(not values[i][1] >= 0 for i in data["claims"][k]["reach"]):
+                continue
+            results = [values[i] for i in data["claims"][k]["zero"]]
+            real = max(abs(result[1]) for result in results)
+            if not real <= ROUNDING:
+                faults[k] = f"a number is {real:.3g} at {shown(state)}"
+            exact = [result[0] for result in results]
+            zeros[k] += None not in exact and not any(exact)
+    verdicts = []
+    for k, claim in enumerate(data["claims"]):
+        fault = faults.get(k, "")
+        if not fault and zeros[k] < ENOUGH:
+            fault = f"only {zeros[k]} exact zeros at {STATES} states"
+        verdicts.append((claim["claim"], fault))
+    return verdicts
+
+
+def operations(rows, results):
+    """Return the rows that results need, in order."""
+    needed = set()
+    waiting = list(results)
+    while waiting:
+        i = waiting.pop()
+        if not 0 <= i < len(rows):
+            raise ValueError(f"there is no row {i}")
+        if i not in needed:
+            needed.add(i)
+            operands = [operand for operand in rows[i][1:] if isinstance(operand, int)]
+            if any(operand >= i for operand in operands):
+                raise ValueError(f"row {i} needs a later row")
+            waiting += operands
+    return sorted(needed)
+
+
+class Field:
+    """Exact numbers modulo a prime, each beside its real value."""
+
+    def __init__(self, prime):
+        """Keep the prime and its roots."""
+        self.prime = prime
+        self.roots = {1: 1}
+        for radicand in (2, 3):
+            self.roots[radicand] = self.root(radicand)
+        self.roots[6] = self.roots[2] * self.roots[3] % prime
+        self.tenths = self.residue(Fraction(1, 10**7))  # of micrometres: decimals of drawings
+        self.exact = {
+            "add": lambda a, b: a + b,
+            "multiply": lambda a, b: a * b,
+            "negative": lambda a: -a,
+            "inverse": lambda a: pow(a, -1, prime),
+        }
+
+    def draw(self, ranges, generator):
+        """Return a random state: {name: (exact value, real value)}, for an angle those of its cosine and sine."""
+        state = {}
+        for name, (is_angle, low, high) in ranges.items():
+            if is_angle:
+                middle = round((low + high) / 2 / (math.pi / 6)) * 30
+                reach = min((high - low) / 2, 0.999 * math.pi)
+                t = Fraction(generator.randint(-(10**9), 10**9), 10**9) * Fraction(math.tan(reach / 2))
+                scale = 1 / (1 + t * t)
+                c, s = self.near(middle)
+                cosine, sine = (1 - t * t) * scale, 2 * t * scale
+                x, y = self.residue(cosine), self.residue(sine)
+                turn = math.radians(middle) + 2 * math.atan(t)
+                first = (c * x - s * y) % self.prime
+                second = (s * x + c * y) % self.prime
+                state[name] = (first, math.cos(turn)), (second, math.sin(turn))
+            else:
+                x = Fraction(low) + Fraction(generator.randint(0, 10**9), 10**9) * (Fraction(high) - Fraction(low))
+                state[name] = self.residue(x), float(x)
+        return state
+
+    def near(self, degrees):
+        """Return exact cosine and sine of a multiple of 30 degrees."""
+        half = self.residue(Fraction(1, 2))
+        tall = half * self.roots[3]
+        cosines = [1, tall, half, 0, -half, -tall, -1, -tall, -half, 0, half, tall]
+        k = degrees // 30
+        return cosines[k % 12], cosines[(k - 3) % 12]
+
+    def residue(self, x):
+        """Return a fraction in the field."""
+        return x.numerator * pow(x.denominator, -1, self.prime) % self.prime
+
+    def root(self, x):
+        """Return the root of a square in the field that is itself a square; None for other numbers."""
+        found = pow(x, (self.prime + 1) // 4, self.prime)
+        return found if found * found % self.prime == x % self.prime else None
+
+    def number(self, text):
+        """Return a constant such as "1/2*sqrt(3) + 5*sqrt(1)"."""
+        exact, real = 0, 0.0
+        for word in text.split(" + "):
+            fraction, radicand = re.fullmatch(r"(-?\d+(?:/\d+)?)\*sqrt\(([1236])\)", word).groups()
+            exact += self.residue(Fraction(fraction)) * self.roots[int(radicand)]
+            real += float(Fraction(fraction)) * math.sqrt(int(radicand))
+        return exact % self.prime, real
+
+    def evaluate(self, row, values, state):
+        """Return (exact value or None, real value) of a row; conditions have the real value alone, as True or False."""
+        name = row[0]
+        if name == "real":
+            return None, float(row[1])
+        if name == "input":
+            return state[row[1]]
+        if name in ("cosine", "sine"):
+            return state[row[1]][name == "sine"]
+        operands = [values[i] for i in row[1:]]
+        exact = [operand[0] for operand in operands]
+        real = [operand[1] for operand in operands]
+        if name == "choose":
+            return operands[1] if real[0] else operands[2]
+        if name in CONDITIONS:
+            return None, CONDITIONS[name](*real)
+        if name == "angle":
+            return None, math.atan2(real[1], real[0])
+        if name == "root":
+            return self.rooted(exact[0], real[0])
+        result = REAL[name](*real)
+        if None in exact or (name == "inverse" and not exact[0]):
+            return None, result
+        return self.exact[name](*exact) % self.prime, result
+
+    def rooted(self, exact, real):
+        """Return the root of a number; its sign is that of the real root if the root is a decimal."""
+        if real < -1e-9:
+            raise OutsideError
+        length = math.sqrt(max(real, 0.0))
+        if exact is None:
+            return None, length
+        for radicand, multiple in self.roots.items():
+            steps = round(length / math.sqrt(radicand) * 10**7)
+            found = steps * self.tenths * multiple % self.prime
+            if found * found % self.prime == exact:
+                return found, length
+        return self.root(exact), length
+
+
+def inverted(x):
+    """Return 1 / x; a state where x is 0 is outside."""
+    if x == 0:
+        raise OutsideError
+    return 1 / x
+
+
+CONDITIONS = {
+    "less": lambda a, b: a < b,
+    "at most": lambda a, b: a <= b,
+    "equal": lambda a, b: a == b,
+    "both": lambda a, b: a and b,
+    "one of": lambda a, b: a or b,
+    "not": lambda a: not a,
+}
+REAL = {"add": lambda a, b: a + b, "multiply": lambda a, b: a * b, "negative": lambda a: -a, "inverse": inverted}
+
+
+def shown(state):
+    """Return a state as text."""
+    words = []
+    for name, value in state.items():
+        real = math.atan2(value[1][1], value[0][1]) if isinstance(value[0], tuple) else value[1]
+        words.append(f"{name} = {real:.6g}")
+    return ", ".join(words)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) not in (2, 3):
+        sys.exit(__doc__)
+    sys.exit(main(sys.argv[1:]))

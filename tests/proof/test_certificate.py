@@ -1,0 +1,117 @@
+"""Certificates are checked by a program without twin, which refuses what was changed."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import twin
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "docs/check_certificate.py"
+
+
+@pytest.fixture(scope="module")
+def checker():
+    spec = importlib.util.spec_from_file_location("check_certificate", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def found():
+    return twin.prove("sils", states=1024)
+
+
+@pytest.fixture
+def certificate(found):
+    return json.loads(json.dumps(found.certificate()))
+
+
+def digest(data):
+    content = {key: value for key, value in data.items() if key != "sha256"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def checked(checker, path, data, *more):
+    path.write_text(json.dumps(data))
+    return checker.main([str(path), *more])
+
+
+def test_the_script_is_short_and_needs_the_standard_library_alone():
+    lines = SCRIPT.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 300
+    modules = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
+    assert modules <= set(sys.stdlib_module_names) | {"__future__"}
+
+
+def test_every_claim_of_sils_holds_for_the_script_in_a_process_of_its_own(tmp_path, found):
+    found.write(tmp_path)
+    line = [sys.executable, "-I", str(SCRIPT), str(tmp_path / "certificate.json")]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count("holds: ") == len(found.proof.claims) == 15
+
+
+def test_the_files_are_those_that_were_proved(tmp_path, checker, certificate):
+    files = twin.load("sils").files
+    for path in (files.formula, files.description, *files.cad.glob("*.step")):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    assert set(certificate["files"]) == {path.name for path in tmp_path.iterdir()}
+    path = tmp_path / "c.json"
+    assert checked(checker, path, certificate, str(tmp_path)) == 0
+    changed = tmp_path / "sils.py"
+    changed.write_bytes(changed.read_bytes() + b"\n")
+    assert checked(checker, path, certificate, str(tmp_path)) == 2
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_what_was_changed_is_refused(tmp_path, checker, certificate, capsys, seed):
+    generator = random.Random(seed)
+    text = json.dumps(certificate)
+    place = generator.randrange(len(text))
+    if seed % 2:
+        text = text[:place]
+    else:
+        text = text[:place] + chr(33 + (ord(text[place]) + 7) % 90) + text[place + 1 :]
+    path = tmp_path / "c.json"
+    path.write_text(text)
+    assert checker.main([str(path)]) == 2
+    assert "cannot be checked" in capsys.readouterr().err
+
+
+def test_a_wrong_number_with_a_new_hash_fails(tmp_path, checker, certificate, capsys):
+    (row,) = [row for row in certificate["rows"] if row[0] == "number" and row[1].startswith("27/200")][:1]
+    row[1] = row[1].replace("27/200", "27001/200000")
+    certificate["sha256"] = digest(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate) == 1
+    assert "FAILS" in capsys.readouterr().out
+
+
+def test_a_claim_without_proof_fails(tmp_path, checker, certificate):
+    certificate["claims"][0]["zero"] = [0]
+    certificate["sha256"] = digest(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate) == 1
+
+
+@pytest.mark.parametrize("zero", [[10**6], [-1], []])
+def test_rows_that_are_not_there_are_refused(tmp_path, checker, certificate, zero):
+    certificate["claims"][0]["zero"] = zero
+    certificate["sha256"] = digest(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in twin.names() if name not in ("sils", "sher")])
+def test_certificates_of_all_robots_hold(tmp_path, checker, name):
+    found = twin.prove(name)
+    assert checked(checker, tmp_path / "c.json", found.certificate()) == 0

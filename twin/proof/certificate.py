@@ -1,0 +1,55 @@
+"""The certificate of a proof: the operations of every claim, for programs that share no code with the prover."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+
+from twin.core.json_types import JsonObject
+from twin.proof import program
+from twin.proof.prove import Proof
+
+SCHEMA = "twin/certificate/1"
+
+
+def certificate(proof: Proof, robot: str, variants: Mapping[str, str], files: Mapping[str, str]) -> JsonObject:
+    """Return the certificate of the claims that are proved, as plain data.
+
+    Its rows are operations on exact numbers. A claim names the rows that are zero at all states: whoever repeats the
+    operations at random states, with any exact arithmetic, finds zeros.
+
+    Args:
+        proof: the proof.
+        robot: name of the robot.
+        variants: the chosen variant of each equation.
+        files: {file of equations or mechanism: SHA-256 of its bytes}.
+    """
+    proved = [claim for claim in proof.claims if claim.nodes]
+    nodes = []
+    for claim in proved:
+        nodes += [*claim.nodes, *claim.reach]
+    rows, places = program.rows(nodes)
+    row_of = dict(zip(map(id, nodes), places, strict=True))
+    claims = []
+    for claim in proved:
+        zero = [row_of[id(node)] for node in claim.nodes]
+        reach = [row_of[id(node)] for node in claim.reach]
+        claims.append({"name": claim.name, "claim": claim.sentence, "zero": zero, "reach": reach})
+    data: JsonObject = {
+        "schema": SCHEMA,
+        "robot": robot,
+        "variants": dict(variants),
+        "files": dict(files),
+        "ranges": {name: list(limits) for name, limits in proof.ranges.items()},
+        "rows": rows,
+        "claims": claims,
+    }
+    return {**data, "sha256": digest(data)}
+
+
+def digest(data: Mapping[str, object]) -> str:
+    """Return the SHA-256 of a certificate's content without its own entry `sha256`."""
+    content = {key: value for key, value in data.items() if key != "sha256"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
