@@ -11,7 +11,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from os.path import commonprefix
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -19,8 +18,11 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
+from twin.exchange.formats.urdf.read.bounds import Bounds, read_bounds
 from twin.exchange.formats.urdf.read.closures import Closures, read_closures
-from twin.exchange.read.shapes import GREY, SIZES, Color, link_meshes, mesh_file, placed, shows_all, sized, stated_color
+from twin.exchange.formats.urdf.read.gears import MOVING, read_gears
+from twin.exchange.formats.urdf.read.visuals import Visuals, origin
+from twin.exchange.read.shapes import shows_all
 from twin.exchange.read.source import (
     Findings,
     Imported,
@@ -28,15 +30,13 @@ from twin.exchange.read.source import (
     Options,
     along,
     assemble,
-    limits,
     named_apart,
     possible,
-    rpy,
 )
 from twin.exchange.read.start import moved
 from twin.exchange.read.xml import Xml
 from twin.exchange.xacro import SUFFIX, Expanded, XacroSettings, expand, is_xacro
-from twin.model.body import Body, Frame, Mesh
+from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
 from twin.model.mechanism import WORLD, Coupling
@@ -57,9 +57,6 @@ _PLANAR = "planar"
 
 _UNUSED = ("calibration", "joint_properties")
 """Elements of a joint that have no effect on the mechanism."""
-
-_MOVING = ("revolute", "continuous", "prismatic")
-"""Joint types of URDF with one coordinate, which a motor can drive."""
 
 _KNOWN = {
     "robot": {"link", "joint", "material", "transmission", "gazebo", "ros2_control"},
@@ -94,29 +91,6 @@ def read_urdf(path: Path, closures: Path | None = None, settings: XacroSettings 
     return imported
 
 
-_UNSTATED = 1e6
-"""Effort (N, N m) or speed (rad/s, m/s) from which a value counts as not stated. URDF requires numbers for both."""
-
-_UNLIMITED = 1e3
-"""Limits of a slide in m that count as none, if both are as far away as this. URDF requires limits of a slide."""
-
-
-class _Gear(NamedTuple):
-    """A motor that moves one joint. One turn of the joint is `ratio` turns of the motor."""
-
-    transmission: str
-    motor: str
-    ratio: float
-
-
-class _Bounds(NamedTuple):
-    """Bounds of a joint in m or rad, and of its speed; None if there is no bound."""
-
-    limits: tuple[float, float] | None = None
-    soft_limits: tuple[float, float] | None = None
-    max_speed: float | None = None
-
-
 class _Urdf:
     def __init__(
         self, path: Path, closures: Closures | None, closure_file: Path | None, expanded: Expanded | None
@@ -148,10 +122,10 @@ class _Urdf:
         self.marks = self._marks(base)
         held: dict[str, tuple[str, Array]] = {}
         for link, joint in self.marks.items():
-            held[link] = (self.ends[joint][0], _origin(self.xml, self.joints[joint], f"joint '{joint}'"))
+            held[link] = (self.ends[joint][0], origin(self.xml, self.joints[joint], f"joint '{joint}'"))
         inner = self._inner()
         for link, joint in inner.items():
-            T_link_body = _origin(self.xml, self.joints[joint], joint)
+            T_link_body = origin(self.xml, self.joints[joint], joint)
             held[link] = (self.ends[joint][1], spatial.inverse(T_link_body))
         closing = self._closing(held)
         for link, other in closing.items():
@@ -177,7 +151,7 @@ class _Urdf:
                 couplings.append(self._mimic(name, names))
         couplings += self._coupled(names)
         joints += self._loops(names, closing)
-        actuators, transmissions = self._geared(root, driven, names)
+        actuators, transmissions = self._geared(driven, names)
         efforts: dict[str, float] = {}
         for name, effort in self.efforts.items():
             if self.ends[name][1] not in self.marks:
@@ -222,7 +196,7 @@ class _Urdf:
         return joints
 
     def _bodies(self, body_names: Names, held: Collection[str]) -> list[Body]:
-        visuals = _Visuals(self.xml, self.findings)
+        visuals = Visuals(self.xml, self.findings)
         bodies: list[Body] = []
         for name, link in self.links.items():
             if name not in held:
@@ -363,7 +337,7 @@ class _Urdf:
                 if name not in self.above or other not in self.links or other in out:
                     continue
                 joint = self.above[name]
-                moving = joint not in self.retyped and self.joints[joint].get("type") in _MOVING
+                moving = joint not in self.retyped and self.joints[joint].get("type") in MOVING
                 leaf = name not in parents and name not in held and paired.count(name) == 1
                 if moving and leaf and not self._has_body(name):
                     out[name] = other
@@ -444,7 +418,7 @@ class _Urdf:
             return stated
         moving: set[str] = set()
         for name, joint in self.joints.items():
-            if joint.get("type") in _MOVING and joint.find("mimic") is None:
+            if joint.get("type") in MOVING and joint.find("mimic") is None:
                 moving.add(name)
         return moving
 
@@ -460,7 +434,7 @@ class _Urdf:
                 raise SourceError(f"{where}: {unknown('joint', motor, owners)}")
             name = owners[motor]
             kind = self.retyped.get(name, self.joints[name].get("type"))
-            if kind not in _MOVING and not str(kind).startswith("UJOINT"):
+            if kind not in MOVING and not str(kind).startswith("UJOINT"):
                 raise SourceError(f"{where}: joint '{motor}' is {kind} and cannot be driven")
 
     def _drop_mimics_of_fixed(self) -> None:
@@ -508,24 +482,13 @@ class _Urdf:
                 if name not in self.joints:
                     self.xml.fail("ros2_control", unknown("joint", name, self.joints))
                 joint = self.joints[name]
-                if joint.get("type") in _MOVING and joint.find("mimic") is None:
+                if joint.get("type") in MOVING and joint.find("mimic") is None:
                     out.add(name)
         return out
 
-    def _ratio(self, where: str, element: Element) -> float:
-        """Return a mechanicalReduction; a text that is not a number counts as 1, with a warning."""
-        try:
-            return self.xml.number(where, element.tag, element.text, 1.0)
-        except SourceError:
-            shown = " ".join(str(element.text).split())[:80]
-            self.findings.warn("gear", f"{where}: mechanicalReduction '{shown}' is not a number; 1 is used.", where)
-            return 1.0
-
-    def _geared(
-        self, root: Element, driven: Collection[str], names: Names
-    ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
+    def _geared(self, driven: Collection[str], names: Names) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
         """Return (motors, transmissions) of the joints whose gear ratio is not 1; other joints are driven directly."""
-        gears = self._gears(root, driven)
+        gears = read_gears(self.xml, self.joints, self.retyped, driven, self.findings)
         wanted = [(name, gear.motor) for name, gear in gears.items()]
         motors = named_apart("motor", wanted, set(names.values()), self.findings)
         wanted = [(name, gear.transmission) for name, gear in gears.items()]
@@ -535,43 +498,6 @@ class _Urdf:
             matrix = np.array([[1 / gear.ratio]])
             transmissions.append(Transmission(labels[name], (names[name],), (motors[name],), matrix))
         return tuple(map(Actuator, motors.values())), tuple(transmissions)
-
-    def _gears(self, root: Element, driven: Collection[str]) -> dict[str, _Gear]:
-        """Return {joint: its gear} for ratios other than 1; report what a transmission states beside that."""
-        gears: dict[str, _Gear] = {}
-        for transmission in root.findall("transmission"):
-            name = str(transmission.get("name"))
-            where = f"transmission '{name}'"
-            joints = [str(joint.get("name")) for joint in transmission.findall("joint")]
-            actuators = transmission.findall("actuator")
-            ratios = [self._ratio(where, element) for element in transmission.iter("mechanicalReduction")]
-            offsets = [
-                self.xml.number(where, element.tag, element.text, 0.0) for element in transmission.iter("offset")
-            ]
-            if any(offsets):
-                text = f"{where}: the offset is not imported; motor and joint get the same zero position."
-                self.findings.warn("gear", text, name)
-            single = len(joints) == len(actuators) == len(ratios) == 1 and ratios[0] != 0
-            if single and joints[0] in driven and joints[0] not in gears and joints[0] not in self.retyped:
-                # The name can be that of a part of a universal joint, which is no element of the file.
-                element = self.joints.get(joints[0])
-                kind = None if element is None else TYPES.get(str(element.get("type")))
-                if ratios[0] != 1 and kind in ("revolute", "prismatic"):
-                    gears[joints[0]] = _Gear(name, str(actuators[0].get("name")), ratios[0])
-            elif joints and self._all_fixed(joints):
-                continue  # `_transmitted` has warned
-            elif len(joints) > 1 or any(ratio != 1 for ratio in ratios):
-                what = "the assignment of motors to joints"
-                if ratios:
-                    listed = ", ".join(f"{ratio:g}" for ratio in ratios)
-                    what = f"mechanicalReduction {listed}"
-                self.findings.warn("gear", f"{where}: {what} is not imported: the joints are driven directly.", name)
-        return gears
-
-    def _all_fixed(self, names: Sequence[str]) -> bool:
-        """Return whether none of the joints with these names moves; names of no joint do not count."""
-        kinds = [self.joints[name].get("type") for name in names if name in self.joints]
-        return kinds.count("fixed") == len(kinds)
 
     # -- parts ----------------------------------------------------------------------------------------
 
@@ -588,10 +514,12 @@ class _Urdf:
         if kind not in TYPES:
             self.xml.fail(where, unknown("joint type", str(kind), (*TYPES, _PLANAR)))
         turn = np.eye(4)
-        bounds = _Bounds()
-        if kind in _MOVING:
+        bounds = Bounds()
+        if kind in MOVING:
             turn = along(self._axis(where, joint))
-            bounds = self._bounds(where, name, joint)
+            bounds = read_bounds(self.xml, name, joint, self.findings)
+            if bounds.max_effort is not None:
+                self.efforts[name] = bounds.max_effort
         if kind == "floating":
             self.findings.warn("free", f"{where} is a floating joint: the robot is not fixed to the world.", name)
         parent, child = self.ends[name]
@@ -602,7 +530,7 @@ class _Urdf:
             TYPES[kind],
             inner,
             outer,
-            T_inner_parent @ _origin(self.xml, joint, where) @ turn,
+            T_inner_parent @ origin(self.xml, joint, where) @ turn,
             T_outer_child @ turn,
             active=active,
             limits=bounds.limits,
@@ -615,7 +543,7 @@ class _Urdf:
         where = f"joint '{name}'"
         kind = self.retyped[name]
         parent, T_parent_link = self.home[self.ends[name][0]]
-        T = T_parent_link @ _origin(self.xml, self.joints[name], where)
+        T = T_parent_link @ origin(self.xml, self.joints[name], where)
         child, _ = self.home[self.ends[name][1]]
         text = f"{where}: the closure YAML sets the type {kind}, so the axis and limits of the URDF are not imported."
         self.findings.note("retyped", text, name)
@@ -653,7 +581,7 @@ class _Urdf:
             self.findings.warn("limits", text, name)
         x_axis = along(np.array([1.0, 0.0, 0.0]))
         y_axis = along(np.array([0.0, 1.0, 0.0]))
-        T_parent_plane = T_parent_home @ _origin(self.xml, joint, where) @ turn
+        T_parent_plane = T_parent_home @ origin(self.xml, joint, where) @ turn
         return [
             Joint(names[first], "prismatic", parent, moved_x, T_parent_plane @ x_axis, x_axis),
             Joint(names[second], "prismatic", moved_x, moved_y, y_axis, y_axis),
@@ -669,72 +597,6 @@ class _Urdf:
             body += "_1"
         self.crosses.append(Body(body))
         return body
-
-    def _value(self, where: str, element: Element, key: str) -> float | None:
-        text = element.get(key)
-        return None if text is None else self.xml.number(where, key, text)
-
-    def _bounds(self, where: str, name: str, joint: Element) -> _Bounds:
-        """Return the bounds of a joint with one coordinate; its maximum effort goes to `efforts`."""
-        limit = joint.find("limit")
-        hard = self._hard_limits(where, name, str(joint.get("type")), limit)
-        max_speed = None
-        if limit is not None:
-            speed = self._value(where, limit, "velocity")
-            effort = self._value(where, limit, "effort")
-            if speed is not None and speed < 0:
-                self.xml.fail(where, f"velocity {speed:g} is negative")
-            if speed and speed < _UNSTATED:
-                max_speed = speed
-            if effort and effort < _UNSTATED:
-                self.efforts[name] = effort
-        soft = None
-        safety = joint.find("safety_controller")
-        if safety is not None:
-            low = self._value(where, safety, "soft_lower_limit")
-            high = self._value(where, safety, "soft_upper_limit")
-            if low is not None and high is not None:
-                soft = limits(self.path, low, high, name, self.findings)
-        if hard is not None and soft is not None:
-            soft = self._within(hard, soft, name)
-        return _Bounds(hard, soft, max_speed)
-
-    def _hard_limits(self, where: str, name: str, kind: str, limit: Element | None) -> tuple[float, float] | None:
-        if kind == "continuous":
-            if limit is not None and (limit.get("lower") is not None or limit.get("upper") is not None):
-                self.findings.note("limits", f"{where} is continuous: the limits lower and upper are ignored.", name)
-            return None
-        if limit is None:
-            self.findings.warn("limits", f"{where} has no <limit>: the joint is unlimited.", name)
-            return None
-        low = self._value(where, limit, "lower")
-        high = self._value(where, limit, "upper")
-        if low is None and high is None:
-            text = f"{where}: <limit> has neither lower nor upper: the joint is unlimited."
-            self.findings.warn("limits", text, name)
-            return None
-        # In URDF a missing limit means zero.
-        low = low or 0.0
-        high = high or 0.0
-        if kind == "prismatic" and min(-low, high) >= _UNLIMITED:
-            return None
-        return limits(self.path, low, high, name, self.findings)
-
-    def _within(self, hard: tuple[float, float], soft: tuple[float, float], name: str) -> tuple[float, float] | None:
-        """Return the soft limits, clipped to the hard limits; None if the two intervals do not overlap."""
-        low, high = hard
-        first, last = soft
-        if low <= first and last <= high:
-            return soft
-        clipped = (max(low, first), min(high, last))
-        overlap = clipped[0] < clipped[1]
-        done = "clipped to the limits" if overlap else "left out"
-        text = (
-            f"joint '{name}': the soft limits {first:g} .. {last:g} exceed the limits {low:g} .. {high:g}; the soft "
-            f"limits are {done}."
-        )
-        self.findings.note("soft_limits", text, name)
-        return clipped if overlap else None
 
     def _mimic(self, name: str, names: Names) -> Coupling:
         where = f"joint '{name}', mimic"
@@ -795,7 +657,7 @@ class _Urdf:
         element = link.find("inertial")
         if element is None:
             return None
-        T = _origin(self.xml, element, where)
+        T = origin(self.xml, element, where)
         mass = element.find("mass")
         tensor = element.find("inertia")
         if mass is None or tensor is None:
@@ -808,91 +670,6 @@ class _Urdf:
         I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         # The mean with the transpose is symmetric in all digits, which rotations by rounded matrices are not.
         return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
-
-
-def _origin(xml: Xml, element: Element, where: str) -> Array:
-    """Return the pose (4, 4) of an element's <origin>; the identity without <origin>."""
-    origin = element.find("origin")
-    if origin is None:
-        return np.eye(4)
-    p = xml.numbers(where, "origin xyz", origin.get("xyz"), 3, (0, 0, 0))
-    angles = xml.numbers(where, "origin rpy", origin.get("rpy"), 3, (0, 0, 0))
-    return spatial.pose(rpy(angles), p)
-
-
-class _Visuals:
-    """Reader of the links' meshes in one URDF. Links may refer to colours that the URDF defines once, by name."""
-
-    def __init__(self, xml: Xml, findings: Findings) -> None:
-        self.xml = xml
-        self.findings = findings
-        self.taken: dict[str, int] = {}
-        self.colors: dict[str, Color] = {}
-        for material in xml.root.findall("material"):
-            where = f"material '{material.get('name')}'"
-            self._texture(material, where)
-            if material.find("color") is not None:
-                self.colors[material.get("name", "")] = self._color(material, where)
-
-    def _texture(self, material: Element, where: str) -> None:
-        texture = material.find("texture")
-        if texture is not None:
-            self.findings.warn("texture", f"{where}: texture {texture.get('filename')} is not imported.", where)
-
-    def _color(self, material: Element | None, where: str) -> Color:
-        if material is None:
-            return GREY
-        color = material.find("color")
-        if color is None:
-            return self.colors.get(material.get("name", ""), GREY)
-        return stated_color(color.get("rgba"), where, self.findings)
-
-    def _scale(self, mesh: Element, where: str) -> Array:
-        """Return the scale (3,) of a mesh; of more numbers, the first three, with a warning."""
-        text = mesh.get("scale")
-        words = (text or "").split()
-        if len(words) > 3:
-            self.findings.warn(
-                "shape", f"{where}: of the mesh scale '{text}', the first three numbers are used.", where
-            )
-            text = " ".join(words[:3])
-        return self.xml.numbers(where, "mesh scale", text, 3, (1, 1, 1))
-
-    def meshes(self, name: str, link: Element) -> list[Mesh]:
-        """Return the visual shapes of a link; if there are none, or none can be read, its collision shapes."""
-        ignored = f"link '{name}': its <collision> shapes are not imported; the visual meshes are used for collision."
-        return link_meshes(name, link, self._shapes, self.findings, ignored)
-
-    def _shapes(self, name: str, elements: list[Element]) -> list[Mesh]:
-        """Return the shapes that can be read of the <visual> or <collision> elements of a link."""
-        where = f"link '{name}'"
-        stem = identifier(f"{name}_shape")
-        meshes = []
-        for element in elements:
-            geometry = element.find("geometry")
-            if geometry is None or not len(geometry):
-                self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")
-            shape = geometry[0]
-            if shape.tag == "mesh":
-                scale = self._scale(shape, where)
-                solid = mesh_file(shape.get("filename", ""), self.xml.path.parent, scale, name, self.findings)
-            elif shape.tag in SIZES:
-                solid = sized(self.xml, where, shape.tag, shape.get, self.findings)
-            else:
-                self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZES, "mesh")))
-            if solid is None:
-                continue
-            vertices, triangles = solid
-            # Counted over all links, because different names of links may become the same identifier.
-            number = self.taken.get(stem, 0) + 1
-            self.taken[stem] = number
-            label = stem if number == 1 else f"{stem}_{number}"
-            material = element.find("material")
-            if material is not None:
-                self._texture(material, where)
-            color = self._color(material, where)
-            meshes.append(placed(label, vertices, triangles, _origin(self.xml, element, where), color))
-        return meshes
 
 
 def read(path: Path, options: Options) -> Imported:

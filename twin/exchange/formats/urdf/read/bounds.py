@@ -1,0 +1,109 @@
+"""Read the bounds of a joint of a URDF: limits, soft limits, maximum speed and effort."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+from twin.exchange.read.source import Findings, limits
+from twin.exchange.read.xml import Xml
+
+_UNSTATED = 1e6
+"""Effort (N, N m) or speed (rad/s, m/s) from which a value counts as not stated. URDF requires numbers for both."""
+
+_UNLIMITED = 1e3
+"""Limits of a slide in m that count as none, if both are as far away as this. URDF requires limits of a slide."""
+
+
+class Bounds(NamedTuple):
+    """Bounds of a joint in m or rad, of its speed per second, and of its effort in N or N m; None: no bound."""
+
+    limits: tuple[float, float] | None = None
+    soft_limits: tuple[float, float] | None = None
+    max_speed: float | None = None
+    max_effort: float | None = None
+
+
+def read_bounds(xml: Xml, name: str, joint: Element, findings: Findings) -> Bounds:
+    """Return the bounds of a joint with one coordinate.
+
+    Raises:
+        SourceError: a value is not a number, the speed is negative, or limits are in the wrong order.
+    """
+    where = f"joint '{name}'"
+    limit = joint.find("limit")
+    hard = _hard_limits(xml, name, str(joint.get("type")), limit, findings)
+    max_speed: float | None = None
+    max_effort: float | None = None
+    if limit is not None:
+        speed = _value(xml, where, limit, "velocity")
+        effort = _value(xml, where, limit, "effort")
+        if speed is not None and speed < 0:
+            xml.fail(where, f"velocity {speed:g} is negative")
+        if speed and speed < _UNSTATED:  # 0 counts as not stated, too
+            max_speed = speed
+        if effort and effort < _UNSTATED:
+            max_effort = effort
+    soft: tuple[float, float] | None = None
+    safety = joint.find("safety_controller")
+    if safety is not None:
+        low = _value(xml, where, safety, "soft_lower_limit")
+        high = _value(xml, where, safety, "soft_upper_limit")
+        if low is not None and high is not None:
+            soft = limits(xml.path, low, high, name, findings)
+    if hard is not None and soft is not None:
+        soft = _within(hard, soft, name, findings)
+    return Bounds(hard, soft, max_speed, max_effort)
+
+
+def _value(xml: Xml, where: str, element: Element, key: str) -> float | None:
+    text = element.get(key)
+    if text is None:
+        return None
+    return xml.number(where, key, text)
+
+
+def _hard_limits(
+    xml: Xml, name: str, kind: str, limit: Element | None, findings: Findings
+) -> tuple[float, float] | None:
+    where = f"joint '{name}'"
+    if kind == "continuous":
+        if limit is not None and (limit.get("lower") is not None or limit.get("upper") is not None):
+            findings.note("limits", f"{where} is continuous: the limits lower and upper are ignored.", name)
+        return None
+    if limit is None:
+        findings.warn("limits", f"{where} has no <limit>: the joint is unlimited.", name)
+        return None
+    low = _value(xml, where, limit, "lower")
+    high = _value(xml, where, limit, "upper")
+    if low is None and high is None:
+        findings.warn("limits", f"{where}: <limit> has neither lower nor upper: the joint is unlimited.", name)
+        return None
+    # In URDF a missing limit means zero.
+    low = low or 0.0
+    high = high or 0.0
+    if kind == "prismatic" and min(-low, high) >= _UNLIMITED:
+        return None
+    return limits(xml.path, low, high, name, findings)
+
+
+def _within(
+    hard: tuple[float, float], soft: tuple[float, float], name: str, findings: Findings
+) -> tuple[float, float] | None:
+    """Return the soft limits, clipped to the hard limits; None if the two intervals do not overlap."""
+    low, high = hard
+    first, last = soft
+    if low <= first and last <= high:
+        return soft
+    clipped_low = max(low, first)
+    clipped_high = min(high, last)
+    overlap = clipped_low < clipped_high
+    done = "clipped to the limits" if overlap else "left out"
+    text = (
+        f"joint '{name}': the soft limits {first:g} .. {last:g} exceed the limits {low:g} .. {high:g}; the soft "
+        f"limits are {done}."
+    )
+    findings.note("soft_limits", text, name)
+    if not overlap:
+        return None
+    return clipped_low, clipped_high
