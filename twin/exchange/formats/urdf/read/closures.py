@@ -31,7 +31,8 @@ TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
 
 _KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type", "home", "coupling")
 
-RETYPED = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b))
+_UNIVERSAL = tuple(f"UJOINT_{axes}" for axes in ("XY", "XZ", "YX", "YZ", "ZX", "ZY"))
+RETYPED = ("SPHERICAL", "FIXED", *_UNIVERSAL)
 """Joint types that can replace the type of a URDF joint."""
 
 
@@ -63,13 +64,15 @@ def read_closures(path: Path) -> Closures:
     for key in data:
         if key not in _KEYS:
             raise SourceError(f"{path}: {unknown('key', str(key), _KEYS)}")
-    pairs, types, motors = (_list(path, data, k) for k in ("closed_loop", "type", "name_mot"))
+    pairs = _list(path, data, "closed_loop")
+    types = _list(path, data, "type")
+    motors = _list(path, data, "name_mot")
     if len(types) != len(pairs):
         text = f"closed_loop has {len(pairs)} pairs, but type has {len(types)} entries; give one type for each pair"
         raise SourceError(f"{path}: {text}")
     loops = []
     for pair, kind in zip(pairs, types, strict=True):
-        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
+        if not _is_pair_of_names(pair):
             raise SourceError(f"{path}: closed_loop: {str(pair)[:80]} is not a pair of names")
         if pair[0] == pair[1]:
             raise SourceError(f"{path}: closed_loop: '{pair[0]}' is paired with itself")
@@ -79,7 +82,8 @@ def read_closures(path: Path) -> Closures:
     _distinct(path, "name_mot", motors)
     if not motors:
         raise SourceError(f"{path}: name_mot is empty; name at least one driven joint")
-    names, kinds = (_list(path, data, k) for k in ("joint_name", "joint_type"))
+    names = _list(path, data, "joint_name")
+    kinds = _list(path, data, "joint_type")
     _distinct(path, "joint_name", names)
     if len(kinds) != len(names):
         raise SourceError(
@@ -89,16 +93,19 @@ def read_closures(path: Path) -> Closures:
     for kind in kinds:
         if not isinstance(kind, str) or kind.upper() not in RETYPED:
             raise SourceError(f"{path}: joint_type: {unknown('joint type', str(kind)[:40], RETYPED)}")
-    retyped = {n: k.upper() for n, k in zip(names, kinds, strict=True)}
+    retyped = {}
+    for name, kind in zip(names, kinds, strict=True):
+        retyped[name] = kind.upper()
     return Closures(tuple(loops), tuple(motors), retyped, _home(path, data), _couplings(path, data))
 
 
 def _home(path: Path, data: dict) -> dict[str, float]:
-    values = _table(path, data, "home")
-    for name, value in values.items():
+    home = {}
+    for name, value in _table(path, data, "home").items():
         if not _is_number(value):
             raise SourceError(f"{path}: home: the value of '{name[:40]}' is {str(value)[:40]!r}, not a number")
-    return {name: float(value) for name, value in values.items()}
+        home[name] = float(value)
+    return home
 
 
 def _couplings(path: Path, data: dict) -> tuple[tuple[str, tuple[str, ...], tuple[float, ...], float], ...]:
@@ -107,14 +114,23 @@ def _couplings(path: Path, data: dict) -> tuple[tuple[str, tuple[str, ...], tupl
         where = f"{path}: coupling '{name[:40]}'"
         if not isinstance(entry, dict) or set(entry) != {"joints", "ratios", "sum"}:
             raise SourceError(f"{where}: expected the keys joints, ratios and sum")
-        joints, ratios = _list(path, entry, "joints"), _list(path, entry, "ratios")
+        joints = _list(path, entry, "joints")
+        ratios = _list(path, entry, "ratios")
         _distinct(path, "joints", joints)
-        if len(joints) != len(ratios) or len(joints) < 2 or not all(map(_is_number, (*ratios, entry["sum"]))):
+        numbers = (*ratios, entry["sum"])
+        if len(joints) != len(ratios) or len(joints) < 2 or not all(map(_is_number, numbers)):
             raise SourceError(f"{where}: expected two or more joints, a number in ratios for each of them, and a sum")
         if not all(ratios):
             raise SourceError(f"{where}: a ratio is 0; omit its joint")
-        out.append((name, tuple(joints), tuple(float(r) for r in ratios), float(entry["sum"])))
+        out.append((name, tuple(joints), tuple(map(float, ratios)), float(entry["sum"])))
     return tuple(out)
+
+
+def _is_pair_of_names(value: Any) -> bool:
+    if not isinstance(value, list) or len(value) != 2:
+        return False
+    first, second = value
+    return isinstance(first, str) and isinstance(second, str)
 
 
 def _is_number(value: Any) -> bool:
@@ -160,8 +176,9 @@ def _data(path: Path) -> Any:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise SourceError(f"{path}: the file is not YAML: {' '.join(str(error).split())[:200]}") from error
-    if own := _json(text):
-        return own
+    content = _json(text)
+    if content:  # without the package yaml, which is optional
+        return content
     yaml = require("yaml", f"{path}: a closure YAML")
     try:
         # Repeated aliases may expand to data far larger than the file.

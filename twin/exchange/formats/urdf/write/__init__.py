@@ -89,27 +89,30 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
     file = f"{mechanism.name}.urdf"
     found = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
     found += motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")
-    found += [
-        _TRANSMISSION(
-            t.name,
-            f"{file}: URDF cannot hold the matrix of transmission {t.name} ({t.equations}), only the names of its "
-            "joints and actuators",
-        )
-        for t in mechanism.transmissions
-        if not all(map(t.single, t.joints))
-    ]
-    cut = _cut(mechanism)
-    if cut:
-        names = ", ".join(f"{j.name} ({j.type}, {j.parent} to {j.child})" for j in cut)
+    for t in mechanism.transmissions:
+        if not all(map(t.single, t.joints)):
+            text = (
+                f"{file}: URDF cannot hold the matrix of transmission {t.name} ({t.equations}), only the names of its "
+                "joints and actuators"
+            )
+            found.append(_TRANSMISSION(t.name, text))
+    cut_names = []
+    cut_joints = []
+    for joint in _cut(mechanism):
+        cut_names.append(joint.name)
+        cut_joints.append(f"{joint.name} ({joint.type}, {joint.parent} to {joint.child})")
+    if cut_joints:
         text = (
-            f"{file}: URDF cannot close loops; {mechanism.name}.yaml closes them, at {names}. Programs that do not "
-            "read it have correct link poses only with the values of the passive joints from the tracks"
+            f"{file}: URDF cannot close loops; {mechanism.name}.yaml closes them, at {', '.join(cut_joints)}. Programs "
+            "that do not read it have correct link poses only with the values of the passive joints from the tracks"
         )
-        found.append(_LOOPS(", ".join(j.name for j in cut), text))
+        found.append(_LOOPS(", ".join(cut_names), text))
     for coupling in _unheld(mechanism):
-        terms = " + ".join(f"{r:g} {n}" for n, r in zip(coupling.joints, coupling.ratios, strict=True))
+        terms = []
+        for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+            terms.append(f"{ratio:g} {name}")
         text = (
-            f"{file}: URDF cannot hold coupling {coupling.name}: {terms} = {coupling.total:g}; it is in "
+            f"{file}: URDF cannot hold coupling {coupling.name}: {' + '.join(terms)} = {coupling.total:g}; it is in "
             f"{mechanism.name}.yaml"
         )
         found.append(warning("export.urdf_coupling", coupling.name, text))
@@ -119,25 +122,29 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
         text = f"{file}: the format cannot hold gravity, which is ({shown}) m/s2; set it in the simulator"
         found.append(info("export.left_out", "gravity", text))
     if mechanism.frames or mechanism.points:
-        names = ", ".join(x.name for x in (*mechanism.frames, *mechanism.points))
+        names = ", ".join(mark.name for mark in (*mechanism.frames, *mechanism.points))
         found.append(info("export.left_out", names, f"{file}: URDF cannot hold the frames and points {names}"))
     return found
 
 
 def _mimics(mechanism: Mechanism) -> dict[str, Following]:
     """Return {coupling: its leader and follower} for couplings of two joints of the tree; URDF can hold no others."""
-    return following(mechanism, {j.name for j in spanning(mechanism).tree if j.type in ("revolute", "prismatic")})
+    singles = set()
+    for joint in spanning(mechanism).tree:
+        if joint.type in ("revolute", "prismatic"):
+            singles.add(joint.name)
+    return following(mechanism, singles)
 
 
 def _unheld(mechanism: Mechanism) -> list[Coupling]:
     """Return the couplings that are no mimics of URDF."""
     held = _mimics(mechanism)
-    return [c for c in mechanism.couplings if c.name not in held]
+    return [coupling for coupling in mechanism.couplings if coupling.name not in held]
 
 
 def _cut(mechanism: Mechanism) -> list[Joint]:
     """Return the joints that close loops; a free joint closes none."""
-    return [j for j in spanning(mechanism).cut if j.type != "free"]
+    return [joint for joint in spanning(mechanism).cut if joint.type != "free"]
 
 
 def _values(joints: Iterable[Joint], home: Mapping[str, Array]) -> dict[str, float]:
@@ -161,15 +168,18 @@ def _document(mechanism: Mechanism, home: Mapping[str, Array]) -> ET.Element:
         material = ET.SubElement(root, "material", name=look.name)
         ET.SubElement(material, "color", rgba=srgb(look.color_rgba))
     for body in mechanism.bodies:
-        _link(root, body, mechanism.materials, weighed=body.name != mechanism.base or body.inertia is not None)
+        # The base does not move, so no mass is assumed for it.
+        weighed = body.name != mechanism.base or body.inertia is not None
+        _link(root, body, mechanism.materials, weighed)
     _transmissions(root, mechanism)
-    for joint in (_as_driven(mechanism, j) for j in spanning(mechanism).tree):
-        _joint(root, joint, joint.relative(home[joint.parent], home[joint.child]))
+    for joint in spanning(mechanism).tree:
+        _joint(root, _as_driven(mechanism, joint), joint.relative(home[joint.parent], home[joint.child]))
     for joint in _cut(mechanism):
         _closing(root, _as_driven(mechanism, joint))
+    elements = {element.get("name"): element for element in root.findall("joint")}
     for f in _mimics(mechanism).values():
         line = {"joint": f.leader, "multiplier": numbers([f.multiplier]), "offset": numbers([f.offset])}
-        ET.SubElement(next(j for j in root.findall("joint") if j.get("name") == f.joint), "mimic", line)
+        ET.SubElement(elements[f.joint], "mimic", line)
     return root
 
 
@@ -179,24 +189,40 @@ def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
     single = t and t.single(joint.name)
     if not single:
         return joint
-    motor, ratio = mechanism.actuator(single[0]), abs(single[1])
-    drive = None if motor.max_effort is None else Drive(0.0, 0.0, motor.max_effort / ratio)
-    return replace(joint, drive=drive, max_speed=joint.max_speed or (motor.max_speed and motor.max_speed * ratio))
+    actuator, signed_ratio = single
+    motor = mechanism.actuator(actuator)
+    ratio = abs(signed_ratio)
+    drive: Drive | None = None
+    if motor.max_effort is not None:
+        drive = Drive(0.0, 0.0, motor.max_effort / ratio)
+    max_speed = joint.max_speed or (motor.max_speed and motor.max_speed * ratio)
+    return replace(joint, drive=drive, max_speed=max_speed)
 
 
 def _transmissions(root: ET.Element, mechanism: Mechanism) -> None:
     """Write a transmission for every driven joint; joints without a transmission are passive."""
     for joint in mechanism.active:
         t = mechanism.transmission_of(joint.name)
-        single = (joint.name, 1.0) if t is None else t.single(joint.name)
+        name = f"{joint.name}_transmission"
+        single: tuple[str, float] | None = (joint.name, 1.0)  # a drive at the joint itself is written as a motor, too
+        if t is not None:
+            single = t.single(joint.name)
+            if len(t.joints) == 1:
+                name = t.name
         if single:
-            name = t.name if t and len(t.joints) == 1 else f"{joint.name}_transmission"
-            _transmission(root, name, SIMPLE, [joint.name], {single[0]: 1 / single[1]})
+            actuator, ratio = single
+            _transmission(root, name, SIMPLE, [joint.name], {actuator: 1 / ratio})
     for t in mechanism.transmissions:
-        joints = [n for n in t.joints if not t.single(n)]
-        alone = {single[0] for n in t.joints if (single := t.single(n))}
+        joints = []
+        coupled = dict.fromkeys(t.actuators)  # those without a transmission of their own above
+        for name in t.joints:
+            single = t.single(name)
+            if single:
+                coupled.pop(single[0], None)
+            else:
+                joints.append(name)
         if joints:
-            _transmission(root, t.name, COUPLED, joints, dict.fromkeys(a for a in t.actuators if a not in alone))
+            _transmission(root, t.name, COUPLED, joints, coupled)
 
 
 def _transmission(
@@ -208,7 +234,10 @@ def _transmission(
         for each in names:
             element = ET.SubElement(out, parts, name=each)
             ET.SubElement(element, "hardwareInterface").text = "hardware_interface/PositionJointInterface"
-            if parts == "actuator" and (reduction := motors[each]) is not None:
+            if parts == "joint":
+                continue
+            reduction = motors[each]
+            if reduction is not None:
                 ET.SubElement(element, "mechanicalReduction").text = f"{reduction:.12g}"
 
 
@@ -226,7 +255,9 @@ def _link(root: ET.Element, body: Body, materials: Mapping[str, Material], weigh
 
 def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
     """Write a joint of the tree as one URDF joint, or as a chain of URDF joints over auxiliary links."""
-    name, at = joint.name, joint.T_child_joint
+    name = joint.name
+    at = joint.T_child_joint
+    # A joint of URDF is at the origin of its child: another pin needs an auxiliary link on its axis.
     through_origin = np.linalg.norm(np.cross(at[:3, 3], at[:3, 2])) < _ON_AXIS
     if joint.type in ("fixed", "prismatic") or (joint.type == "revolute" and through_origin):
         T = joint.T_parent_joint @ spatial.inverse(at)
@@ -238,17 +269,20 @@ def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
     if joint.type == "cylindrical":
         steps = [(f"{name}_slide", "prismatic", z), (name, "revolute", z)]
     elif joint.type == "spherical":
-        steps = [(f"{name}_{a}", "revolute", v) for a, v in zip("xyz", (x, y, z), strict=True)]
+        steps = [(f"{name}_x", "revolute", x), (f"{name}_y", "revolute", y), (f"{name}_z", "revolute", z)]
         T = T @ spatial.pose(T_home[:3, :3])
     inner = joint.parent
     if joint.type == "free":
         _single(root, joint, name, "floating", (inner, joint.child), T @ T_home @ spatial.inverse(at), z)
         return
     for step, (part, kind, axis) in enumerate(steps):
-        outer = f"{name}_axis" if step == len(steps) - 1 else f"{part}_axis"
+        outer = f"{part}_axis"
+        if step == len(steps) - 1:
+            outer = f"{name}_axis"
         _inertial(ET.SubElement(root, "link", name=outer), SMALL)
         _single(root, joint, part, kind, (inner, outer), T, axis)
-        inner, T = outer, np.eye(4)
+        inner = outer
+        T = np.eye(4)  # the further axes are at the same place
     _single(root, joint, f"{name}_body", "fixed", (inner, joint.child), spatial.inverse(at), z)
 
 
@@ -296,8 +330,11 @@ def _inertial(link: ET.Element, inertia: Inertia) -> None:
     ET.SubElement(out, "origin", xyz=numbers(inertia.p_body_com), rpy="0 0 0")
     ET.SubElement(out, "mass", value=f"{inertia.mass:.12g}")
     I = inertia.I_com  # noqa: E741 - the symbol of the field
-    parts = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2], "izz": I[2, 2]}
-    ET.SubElement(out, "inertia", {k: f"{v:.12g}" for k, v in parts.items()})
+    entries = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2], "izz": I[2, 2]}
+    attributes = {}
+    for name, value in entries.items():
+        attributes[name] = f"{value:.12g}"
+    ET.SubElement(out, "inertia", attributes)
 
 
 def write(order: Order, folder: Path) -> list[Finding]:
