@@ -100,6 +100,7 @@ class Proved(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield the table of the claims, what they rest on, the findings and the verdict."""
+        yield f"{self.robot}: claims about its equations and its mechanism"
         rows = []
         for claim in self.proof.claims:
             odds = "-"
