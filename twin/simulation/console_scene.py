@@ -122,7 +122,8 @@ def world(
     for hand in HANDS:
         controllers += _hand_controllers(setup, hand, q, limits, camera, planned=bool(planned), dt=dt)
     machines = machine_scene.Machined(scene, parts or {})
-    controllers += machines.controllers(PEDALS, {name: member.kin for name, member in members.items()}, dt)
+    kins = {name: member.kin for name, member in members.items()}
+    controllers += machines.controllers(PEDALS, kins, dt)
     plants: list[Block] = []
     for name, x in q.items():
         if name in machines.parts:
@@ -199,7 +200,11 @@ def _following(setup: Setup, hand: str, q: Mapping[str, Array]) -> list[Followin
 
 def _planned(device: Block) -> list[str]:
     """Return the arms whose planned motions a device writes."""
-    return [name.removesuffix(".planned") for name in device.outputs if name.endswith(".planned")]
+    arms = []
+    for name in device.outputs:
+        if name.endswith(".planned"):
+            arms.append(name.removesuffix(".planned"))
+    return arms
 
 
 def _jaws(
@@ -220,11 +225,16 @@ def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.Ope
     """Return the operating field of a procedure, and for each robot with a tool, the block that closes its jaws."""
     procedure = operating_scene.procedure_of(setup.scene, setup.task)
     hands = hands_of(setup.scene)
-    without = [name for name in procedure.start if name not in hands]
+    grips: list[Block] = []
+    without = []
+    for name in procedure.start:
+        if name in hands:
+            grips.append(GripToTool(hands[name], name))
+        else:
+            without.append(name)
     if without:
         raise TwinError(f"{setup.label}: no hand of [console] moves {', '.join(without)}")
-    field = operating_scene.field(setup, q, ORGANS)
-    return field, [GripToTool(hands[name], name) for name in procedure.start]
+    return operating_scene.field(setup, q, ORGANS), grips
 
 
 def console_of(scene: Scene) -> ConsoleTable:
@@ -320,9 +330,12 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask |
 def led_by(scene: Scene) -> list[Place]:
     """Return the robots that a scene's console moves: the right hand's, then the left hand's, then the camera's."""
     table = console_of(scene)
-    places = {place.name: place for place in scene.places}
+    by_name = {place.name: place for place in scene.places}
     camera = scene.cameras[table.camera].robot
-    return [places[name] for name in (*table.right, *table.left, camera)]
+    places = []
+    for name in (*table.right, *table.left, camera):
+        places.append(by_name[name])
+    return places
 
 
 def identity(setup: Setup, dt: float = TICK) -> str:
@@ -355,7 +368,7 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     if scene.trainer is not None:
         about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
     if setup.haptics is not None:
-        about.append([plain(x) for x in astuple(surface(scene))])
+        about.append(list(map(plain, astuple(surface(scene)))))
     grasps = task is not None and task.kind.grasps
     if (setup.felt or grasps) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))

@@ -112,7 +112,9 @@ def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
     for finding in ordered:  # warnings and notes are listed only under a cause that they name
         if finding.severity in ("warning", "info") and finding.cause and _key(finding) in groups:
             groups[_key(finding)].append(finding)
-    found = [_cause(faulty, name, group) for (faulty, name), group in groups.items()]
+    found = []
+    for (faulty, name), group in groups.items():
+        found.append(_cause(faulty, name, group))
     sides = list(SIDES)
     found.sort(key=lambda cause: (cause.head.severity != "error", sides.index(cause.side)))
     return _after_cad(found)

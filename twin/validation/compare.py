@@ -124,7 +124,9 @@ def compare(
         check.loops(out.driven)
     if out.driven is not None and not joints.row:
         # The planned rates are those of the path: they are compared at its own joint values.
-        states = model.run(trajectory.q).x if chosen else out.driven.x
+        states = out.driven.x
+        if chosen:
+            states = model.run(trajectory.q).x
         _rates(check, states[out.coarse])
     return out
 
@@ -170,7 +172,9 @@ def _posed(
 
     if q is None and trajectory.followed:  # the poses were computed by driving the mechanism with these joint values
         return model.run(trajectory.q[rows], progress=report)
-    near = trajectory.q if q is None else q
+    near = trajectory.q
+    if q is not None:
+        near = q
     return model.run_poses(trajectory.Ts_base_tool[rows], progress=report, near=near[rows])
 
 
@@ -210,7 +214,9 @@ def _reading(kin: Kinematics, equation: Equation) -> str:
 
 def _equation_of(kin: Kinematics, symbols: str | tuple[str, ...]) -> str:
     """Return the equation that computes one of the symbols, as "name (variant)"; "" if there is none."""
-    asked = {symbols} if isinstance(symbols, str) else set(symbols)
+    if isinstance(symbols, str):
+        symbols = (symbols,)
+    asked = set(symbols)
     for equation in kin.formula.equations:
         if equation.stage != "helper" and asked & set(equation.outputs):
             return _reading(kin, equation)
@@ -264,7 +270,9 @@ class _Check:
             # If no equation computes a point, its error follows from the wrong points that equations compute.
             if not equations[name] and blame.points:
                 r = replace(r, consequence_of=blame.row)
-            by = f" by {equations[name]}" if equations[name] else ""
+            by = ""
+            if equations[name]:
+                by = f" by {equations[name]}"
             what = f"point {name}{by} differs from its position in the CAD in {r.component}"
             self.out.differs(r, what, equations[name] or blame.cause)
         self._distances(points, blame)
@@ -343,8 +351,10 @@ class _Check:
         true = self.posed.q
         alone = self._from_points(kin)
         if alone is not None:  # without full turns, which are no disagreement
-            turns_alone = [self._turns(joint, alone[:, i], true[:, i]) for i, joint in enumerate(kin.joints)]
-            alone = alone - 2 * np.pi * np.array(turns_alone)
+            turns_alone = np.zeros(len(kin.joints))
+            for i, joint in enumerate(kin.joints):
+                turns_alone[i] = self._turns(joint, alone[:, i], true[:, i])
+            alone = alone - 2 * np.pi * turns_alone
         wrong: dict[str, tuple[Residual, str]] = {}
         for i, joint in enumerate(kin.joints):
             if kin.auxiliary[i] or not np.isfinite(q[:, i]).any():
@@ -404,8 +414,9 @@ class _Check:
         described = self.model.mechanism.joint(joint)
         if not described.is_angle:
             return 0
-        if any(joint in coupling.joints for coupling in self.model.mechanism.couplings):
-            return 0  # a full turn of one joint moves the others
+        for coupling in self.model.mechanism.couplings:
+            if joint in coupling.joints:
+                return 0  # a full turn of one joint moves the others
         finite = np.isfinite(q)
         if not finite.any():
             return 0

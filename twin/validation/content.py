@@ -125,11 +125,15 @@ def _values(joint: Joint) -> dict[str, tuple[float | None, str]]:
     unit, scale = display_unit(joint.is_angle)
 
     def shown(value: float | None) -> float | None:
-        return None if value is None else value / scale
+        if value is None:
+            return None
+        return value / scale
 
     lower, upper = joint.limits or (None, None)
     soft_lower, soft_upper = joint.soft_limits or (None, None)
-    cone = None if joint.cone is None else joint.cone / DEG
+    cone = None
+    if joint.cone is not None:
+        cone = joint.cone / DEG
     values: dict[str, tuple[float | None, str]] = {
         "largest speed": (shown(joint.max_speed), f"{unit}/s"),
         "largest acceleration": (shown(joint.max_acceleration), f"{unit}/s2"),

@@ -163,7 +163,9 @@ def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None =
         bodies = tuple(replace(body, meshes=()) for body in mechanism.bodies)
         bare = replace(mechanism, bodies=bodies)
         write_stage(bare, Path(folder), home.link_poses, home.q_full)
-        baked = links if samples.links is None else samples.links
+        baked = links
+        if samples.links is not None:
+            baked = samples.links
         files = write_motion(bare, Path(folder), BakedMotion(samples.name, samples.keys, baked))
         times, back = read_motion(files.root)
     position = np.zeros(len(samples.keys))

@@ -79,7 +79,10 @@ def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
 
 def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
     """Return the distances of the shaft from the RCM, for each phase with an RCM."""
-    spans = [s for s in trajectory.phases if s.rcm is not None and s.stop > s.start]
+    spans = []
+    for span in trajectory.phases:
+        if span.rcm is not None and span.stop > span.start:
+            spans.append(span)
     at = [_suspects(trajectory, s) for s in spans]
     if not spans:
         return []

@@ -345,7 +345,11 @@ class Strokes(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """One finding per stroke over which the equations disagree with the mechanism."""
-        return tuple(_disagreement(s) for s in self.sweeps if not s.agrees)
+        findings = []
+        for sweep in self.sweeps:
+            if not sweep.agrees:
+                findings.append(_disagreement(sweep))
+        return tuple(findings)
 
     def content(self) -> JsonObject:
         """Return all comparisons as plain data."""
@@ -392,15 +396,20 @@ class Strokes(Result):
         if not self.requirement:
             return ""
         required = self.requirement[0]
-        side = "within" if largest <= required else "over"
-        return f"{side} {required / UM:g} µm"
+        if largest <= required:
+            return f"within {required / UM:g} µm"
+        return f"over {required / UM:g} µm"
 
     def write(self, folder: Path) -> None:
         """Write one CSV file per joint with the position errors in µm."""
         for s in self.sweeps:
-            unit = "deg" if s.angle else "mm"
+            unit = "mm"
+            scale = MM
+            if s.angle:
+                unit = "deg"
+                scale = DEG
             names = [f"{s.joint}_{unit}"]
-            columns = [s.q / (DEG if s.angle else MM)]
+            columns = [s.q / scale]
             for model, curve in s.curves.items():
                 if len(curve.offset):
                     names += [f"{model}_x_um", f"{model}_y_um", f"{model}_z_um"]

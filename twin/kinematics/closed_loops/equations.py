@@ -123,9 +123,9 @@ class LoopEquations:
             state = ca.SX.sym(joint.name, STATES[joint.type])
             step = ca.SX.sym(f"d_{joint.name}", STEPS[joint.type])
             self.passive.append(Passive(joint, state, step))
-        self._passive = {p.name: p for p in self.passive}
-        self.states = _stack(p.state for p in self.passive)
-        self.steps = _stack(p.step for p in self.passive)
+        self._passive = {passive.name: passive for passive in self.passive}
+        self.states = _stack([passive.state for passive in self.passive])
+        self.steps = _stack([passive.step for passive in self.passive])
 
         names: list[str] = []
         rows: list[ca.SX] = []
@@ -239,7 +239,11 @@ class LoopEquations:
             T = joint.relative(T_base_parent, T_base_child)
             angle = joint.angle(T)
             if joint.name in self._active:
-                q[self._active[joint.name]] = angle if joint.is_angle else T[2, 3]
+                i = self._active[joint.name]
+                if joint.is_angle:
+                    q[i] = angle
+                else:
+                    q[i] = T[2, 3]
             elif joint.name in self._passive:
                 states.append(_state(joint.type, T, angle))
         return q, states
@@ -251,7 +255,7 @@ class LoopEquations:
         """
         chain_parent, chain_child, common = self._sides(joint)
         gap = self._origin(chain_child, stepping) - self._origin(chain_parent, stepping)
-        locked = [i for i in range(6) if i not in joint.free_axes]
+        locked = sorted(set(range(6)) - set(joint.free_axes))
         frame = self._axes(chain_parent, stepping)
         if locked[:3] == [0, 1, 2]:
             # The gap is expressed in a fixed frame (that of the rest poses), so that the out-of-plane components of a
@@ -309,7 +313,9 @@ class LoopEquations:
 
     def _frame(self, joint: Joint, side: str, back: bool = False) -> Chain:
         """Return the chain from a body to its joint frame; `back`: the inverse chain."""
-        T = joint.T_parent_joint if side == "parent" else joint.T_child_joint
+        T = joint.T_child_joint
+        if side == "parent":
+            T = joint.T_parent_joint
         symbols = self.errors.get((joint.name, side))
         errors: Chain = []
         if symbols is not None:
@@ -336,7 +342,10 @@ class LoopEquations:
 
     def _axes(self, chain: Chain, stepping: bool = False) -> list[ca.SX]:
         """Return the axes x, y, z (3,) of the frame at the end of a chain, in the frame at its start."""
-        return [self._carried(chain, ca.SX(axis), False, stepping) for axis in np.eye(3)]
+        axes = []
+        for axis in np.eye(3):
+            axes.append(self._carried(chain, ca.SX(axis), False, stepping))
+        return axes
 
     def _origin(self, chain: Chain, stepping: bool = False) -> ca.SX:
         """Return the origin (3,) of the frame at the end of a chain, in the frame at its start, in m."""
@@ -347,7 +356,9 @@ class LoopEquations:
         fixed: Array | None = None  # product of the fixed poses since the last moving part
         for part in reversed(chain):
             if isinstance(part, np.ndarray):
-                fixed = part if fixed is None else part @ fixed
+                if fixed is not None:
+                    part = part @ fixed
+                fixed = part
                 continue
             if fixed is not None:
                 v = _moved(_rounded(fixed), v, point)

@@ -75,7 +75,10 @@ def slacks(equations: LoopEquations, limits: tuple[PassiveLimit, ...], stepping:
     """
     if not limits:
         return ca.SX(0, 1)
-    return ca.vertcat(*[_slack(equations, limit, stepping) for limit in limits])
+    rows = []
+    for limit in limits:
+        rows.append(_slack(equations, limit, stepping))
+    return ca.vertcat(*rows)
 
 
 def _slack(equations: LoopEquations, limit: PassiveLimit, stepping: bool) -> ca.SX:
@@ -89,7 +92,9 @@ def _slack(equations: LoopEquations, limit: PassiveLimit, stepping: bool) -> ca.
     low, high = joint.limits or (-np.inf, np.inf)
     if joint.type == "prismatic":
         shift = ca.dot(z0, p1 - p0)
-        return shift - low if limit.kind == "lower" else high - shift
+        if limit.kind == "lower":
+            return shift - low
+        return high - shift
     cosine = ca.dot(x0, x1)
     sine = ca.dot(y0, x1)
     if limit.kind == "range":
@@ -99,7 +104,9 @@ def _slack(equations: LoopEquations, limit: PassiveLimit, stepping: bool) -> ca.
         cosine_from_middle = np.cos(middle) * cosine + np.sin(middle) * sine
         return (cosine_from_middle - np.cos(half)) / np.sin(half)
     angle = ca.atan2(sine, cosine)
-    return angle - low if limit.kind == "lower" else high - angle
+    if limit.kind == "lower":
+        return angle - low
+    return high - angle
 
 
 class PassiveCheck:

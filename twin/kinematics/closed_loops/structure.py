@@ -47,7 +47,10 @@ def blocks(equations: LoopEquations) -> list[EquationBlock]:
     values, slopes = _tried(e)
     kept = np.flatnonzero(np.abs(values).max(axis=0) > _NOTHING)
     pattern = np.abs(slopes[:, kept]).max(axis=0) > _FLAT
-    owner = np.repeat(np.arange(len(e.passive)), [STEPS[p.joint.type] for p in e.passive])
+    owners = []
+    for k, passive in enumerate(e.passive):
+        owners.append(np.full(STEPS[passive.joint.type], k))
+    owner = np.concatenate(owners)  # of each step
     whole = pattern.copy()  # all unknowns of a joint are solved for in one block
     for k in range(len(e.passive)):
         own = owner == k
@@ -100,7 +103,9 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
         for block in range(count):
             block_rows = row_order[row_ends[block] : row_ends[block + 1]]
             block_columns = column_order[column_ends[block] : column_ends[block + 1]]
-            out.append(([rows[i] for i in block_rows], [columns[i] for i in block_columns]))
+            own_rows = [rows[i] for i in block_rows]
+            own_columns = [columns[i] for i in block_columns]
+            out.append((own_rows, own_columns))
     return out
 
 

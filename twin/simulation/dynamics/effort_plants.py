@@ -127,6 +127,7 @@ class MujocoPlant:
         ids = [model.joint(name).id for name in joints]
         self._places = model.jnt_qposadr[ids]
         self._rates = model.jnt_dofadr[ids]
+        # the rates of the passive joints, which follow from the loops
         self._free = np.setdiff1d(np.arange(model.nv), self._rates)
         model.dof_armature[self._rates] += np.asarray(rotor, float)
         damping = model.dof_damping
@@ -165,6 +166,7 @@ class MujocoPlant:
         home = self.q.copy()
         largest_strides = np.where(self._angles, _ANGLE_STRIDE, _LENGTH_STRIDE)
         strides = np.abs(q - home) / largest_strides
+        # at least one step: the loops are closed also if q is the home posture
         steps = max(1, int(np.ceil(np.max(strides))))
         J = np.zeros((0, self.model.nv))
         for share in np.linspace(0, 1, steps + 1)[1:]:

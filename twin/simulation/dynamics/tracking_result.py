@@ -143,7 +143,7 @@ class Tracking(Result):
                 rows.append((inertia_error, *_tip_errors(run)))
             yield TextTable((name, "tip error max µm", "tip error RMS µm"), rows)
             yield ""
-        yield TextTable(("all runs", "unit", "peak", "RMS", "limit", "margin"), [_effort(row) for row in self.efforts])
+        yield TextTable(("all runs", "unit", "peak", "RMS", "limit", "margin"), list(map(_effort, self.efforts)))
         yield ""
         yield from by_severity(self.findings)
 

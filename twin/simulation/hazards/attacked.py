@@ -219,6 +219,7 @@ class Arena:
         hand = Hand(self._parts.settings, session.scale)
         trainee = HazardTrainee(reaction)
         deviation = _UnbrakedDeviation(pair, self._parts.kin.forward)
+        # number of the packet after which the trainee can no longer notice a fault
         last = session.start + session.length + _AFTER
         number = 0
         pair.step(0.0)
@@ -229,7 +230,7 @@ class Arena:
                 number += 1
                 packets = [(hand.packet(number, trainee.pace, trainee.pedal), "trainee")]
             pair.step(tick * TICK, packets)
-            if number <= _FOLLOWS:
+            if number <= _FOLLOWS:  # the arm does not follow yet, also without a fault
                 continue
             deviation.step()
             # The display shows the level of the one that follows less.

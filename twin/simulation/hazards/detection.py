@@ -33,6 +33,7 @@ class Adaptive:
 
     def limits(self, tips: Array) -> Array:
         """Return the limit (k,) in m in each tick, for the tips (k, 3) of the model in m."""
+        # prepended, so that there is a speed for each tick; the first one is 0
         steps = np.diff(tips, axis=0, prepend=tips[:1])
         speeds = np.linalg.norm(steps, axis=1) / TICK
         # first-order low-pass: each tick adds this share of the difference

@@ -67,6 +67,7 @@ class Fault(Hazard):
     def change(self, t: float, value: Array) -> Array:
         """Return the value that readers of the signal get at t instead of `value` (n,)."""
         acts = self._acts(t)
+        # before the fault, too: it shows values from before its start
         if self.operation == "delay":
             self._past.append(value.copy())
             if len(self._past) > int(np.asarray(self.value)) + 1:

@@ -57,6 +57,7 @@ class Log:
             self._read(complete.decode("utf-8", "replace"), head)
         elif not _line(head).startswith(data):
             raise OutputError(f"{self.path} is not the log of a campaign; give another --out")
+        # the next line begins where the last complete one ends
         self._file.truncate(len(complete))
         if not complete:
             self._write(head)

@@ -70,10 +70,10 @@ def curves(rows: Sequence[JsonMapping], cue: float) -> list[Roc]:
 
     The list is empty if no session is dangerous.
     """
-    dangerous_rows = [row for row in rows if dangerous(row)]
+    dangerous_rows = list(filter(dangerous, rows))
     if not dangerous_rows:
         return []
-    stopped_in_time = np.array([in_time(row) for row in dangerous_rows])
+    stopped_in_time = np.array(list(map(in_time, dangerous_rows)))
     results = []
     for name, unit, before, during, limit, with_checks in (
         ("fixed limit", "mm", "residual", "seen", cue, False),

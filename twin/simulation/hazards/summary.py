@@ -207,8 +207,8 @@ class Hazards(Result):
             "sessions": len(self.rows),
             "expected": self.expected,
             "scenarios": [scenario.model_dump() for scenario in self.table.scenario],
-            "classes": [asdict(row) for row in self.classes],
-            "responses": [asdict(row) for row in self.responses],
+            "classes": list(map(asdict, self.classes)),
+            "responses": list(map(asdict, self.responses)),
             "detectors": detectors,
             "assumed": list(self.assumed),
         }
@@ -240,7 +240,7 @@ class Hazards(Result):
         if self.responses:
             yield "\nResponses of the scripted trainee (medians)"
             head = ("class", "sessions", "noticed ms", "acted ms", "peak mm", "without", f"> {HARM:g} mm")
-            yield TextTable((*head, "performed", "works again", "converted"), [_response(r) for r in self.responses])
+            yield TextTable((*head, "performed", "works again", "converted"), list(map(_response, self.responses)))
         yield ""
         yield from self.assumed
         yield self.word or "No session without a fault has run: false cues cannot be counted"

@@ -167,10 +167,10 @@ class Trends(Result):
         return {
             "robot": self.robot,
             "published_mm": list(PUBLISHED),
-            "scales": [asdict(r) for r in self.scales],
-            "stuck": [asdict(r) for r in self.stuck],
+            "scales": list(map(asdict, self.scales)),
+            "stuck": list(map(asdict, self.stuck)),
             "grows_with_scale": self.grows,
-            "as_published": [asdict(r) for r in self.as_published],
+            "as_published": list(map(asdict, self.as_published)),
         }
 
     def text(self) -> Iterator[Part]:
@@ -229,7 +229,8 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
     packets = stuck.every * stuck.times + stuck.cycles + stuck.watched
     motor = parts.settings.of_motors(parts.arm.mechanism)[0]
     largest_counts = getattr(motor.dac, parts.settings.mode)
-    begins = [stuck.every * (number + 1) for number in range(stuck.times)]
+    # packet numbers: a fault begins at the end of each period
+    begins = list(range(stuck.every, stuck.every * stuck.times + 1, stuck.every))
     stuck_rows: list[StuckRow] = []
     curves = {}
     for hand in stuck.hand:

@@ -138,7 +138,10 @@ class Settings(Table):
     def of_motors(self, mechanism: Mechanism) -> list[Motor]:
         """Return the motors in the order of `mechanism.motor_names`."""
         by_name = {motor.name: motor for motor in self.motor}
-        return list(map(by_name.__getitem__, mechanism.motor_names))
+        motors = []
+        for name in mechanism.motor_names:
+            motors.append(by_name[name])
+        return motors
 
     def of_joints(self, mechanism: Mechanism) -> list[JointFriction]:
         """Return the friction of each joint, in the order of q."""

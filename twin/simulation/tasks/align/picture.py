@@ -86,9 +86,10 @@ def draw(surfaces: Sequence[ColouredSurface], name: str, T_world_camera: Array, 
         box.draw(flat[k], owner[k], shade[k])
         if wanted[k]:
             alone.draw(flat[k], owner[k], shade[k])
-    colors = [np.asarray(surface.rgb[:3], float) for surface in surfaces]
-    colors.append(np.zeros(3))  # index -1: nothing
-    samples = np.array(colors)[box.owner] * box.shade[..., None]
+    colors = np.zeros((len(surfaces) + 1, 3))  # the last one, index -1: nothing
+    for i, surface in enumerate(surfaces):
+        colors[i] = surface.rgb[:3]
+    samples = colors[box.owner] * box.shade[..., None]
     picture[low[1] : high[1], low[0] : high[0]] = samples.mean(axis=0)
     return Picture(picture, _covered(surfaces, box, alone))
 
@@ -111,8 +112,13 @@ def _project(
 
     A corner is given by column, row and inverse depth. A triangle that reaches behind the lens is cut.
     """
-    owner = np.repeat(np.arange(len(surfaces)), [len(surface.triangles) for surface in surfaces])
-    corners = np.concatenate([surface.vertices[surface.triangles] for surface in surfaces]) - T_world_camera[:3, 3]
+    owners = []
+    triangles = []
+    for i, surface in enumerate(surfaces):
+        owners.append(np.full(len(surface.triangles), i))
+        triangles.append(surface.vertices[surface.triangles])
+    owner = np.concatenate(owners)
+    corners = np.concatenate(triangles) - T_world_camera[:3, 3]
     corners = corners @ T_world_camera[:3, :3]
     facing = np.sum(_normals(corners) * corners[:, 0], axis=1) < 0
     owner = owner[facing]

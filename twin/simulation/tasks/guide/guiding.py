@@ -305,7 +305,9 @@ class GuidingReferee(InstrumentReferee):
         times: dict[str, float | None] = {}
         for name, k in self._steps.items():
             times[name] = None if k is None else k * self.period
-        end = times[STEPS[-1]] if self.complete else None
+        end = None
+        if self.complete:
+            end = times[STEPS[-1]]
         touching = self._rubbing * self.period
         allowed = self._guide.allowed
         errors = (

@@ -120,7 +120,9 @@ class ProcedureSurgeon(Block):
         self._spared = next(organ for organ in setup.organs if organ.name == self.procedure.spare[0])
         self._vessels = {vessel.name: vessel for vessel in scene.vessels}
         self._holder = self._carrier("grasper", list(self._arms))
-        others = [robot for robot in self._arms if robot != self._holder]
+        # the grasper holds the organ while the other robot works
+        others = list(self._arms)
+        others.remove(self._holder)
         self._worker = self._carrier("clip_applier", others)
         for kind in ("scissors", "cautery"):
             if self._carrier(kind, others) != self._worker:
@@ -372,7 +374,9 @@ class ProcedureSurgeon(Block):
         cells = np.argsort(distances)
         if self.mistake == "bed_left":
             cells = cells[:-1]
-        power = max(tool.power_w or 0.0 for tool in self._tools.values())
+        power = 0.0
+        for tool in self._tools.values():
+            power = max(power, tool.power_w or 0.0)
         heating_time = self.procedure.bed_j / power
         for cell in cells.tolist():
             for _ in range(_TRIES):

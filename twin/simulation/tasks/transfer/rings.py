@@ -66,7 +66,10 @@ class BoardMeasures:
     @property
     def dropped(self) -> int:
         """Number of drops of all rings (n_RD in the paper)."""
-        return sum(ring.drops for ring in self.rings)
+        drops = 0
+        for ring in self.rings:
+            drops += ring.drops
+        return drops
 
     @property
     def errors(self) -> int:
