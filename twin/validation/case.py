@@ -85,16 +85,22 @@ class Known:
 
 def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
     """Return the phases of a trajectory as summaries for the report."""
-    return tuple(
-        PhaseSummary(
-            p.name,
-            p.type,
-            p.t0,
-            p.t1,
-            None if p.rcm is None else (float(p.rcm[0]), float(p.rcm[1]), float(p.rcm[2])),
-            p.rcm_mode or "",
-            p.rounds,
-            p.solver or "",
+    summaries = []
+    for phase in trajectory.phases:
+        rcm = None
+        if phase.rcm is not None:
+            x, y, z = phase.rcm
+            rcm = (float(x), float(y), float(z))
+        summaries.append(
+            PhaseSummary(
+                phase.name,
+                phase.type,
+                phase.t0,
+                phase.t1,
+                rcm,
+                phase.rcm_mode or "",
+                phase.rounds,
+                phase.solver or "",
+            )
         )
-        for p in trajectory.phases
-    )
+    return tuple(summaries)

@@ -147,8 +147,11 @@ def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
         else:
             follows.append(finding)
     head = _largest(alike)
-    also = tuple(finding for finding in alike if finding is not head)
-    return Cause(first.cause or first.where or first.code, faulty, head, also, tuple(follows))
+    also = []
+    for finding in alike:
+        if finding is not head:  # by identity: two findings can have the same content
+            also.append(finding)
+    return Cause(first.cause or first.where or first.code, faulty, head, tuple(also), tuple(follows))
 
 
 def _largest(findings: list[Finding]) -> Finding:

@@ -87,7 +87,11 @@ class Contract(Result):
     @property
     def findings(self) -> Sequence[Finding]:
         """One finding per violated clause."""
-        return [_finding(c, self.variants) for c in self.clauses if not c.holds]
+        findings = []
+        for clause in self.clauses:
+            if not clause.holds:
+                findings.append(_finding(clause, self.variants))
+        return findings
 
     def content(self) -> JsonObject:
         """Return the result as plain data, without `path`."""

@@ -27,7 +27,10 @@ def commands(
     options: list[str] = []
     if kin is not None:
         default = {equation.name: equation.default for equation in kin.formula.equations}
-        changed = {name: variant for name, variant in kin.variants.items() if variant != default[name]}
+        changed = {}
+        for name, variant in kin.variants.items():
+            if variant != default[name]:
+                changed[name] = variant
         options += _variant_options(changed)
     if tolerances is not None:
         options += ["--tolerance-um", f"{tolerances.position / UM:g}"]

@@ -134,7 +134,8 @@ def compare(
 def _coarse_rows(trajectory: Trajectory) -> Index:
     count = len(trajectory.t)
     every_tenth = range(0, count, COARSE)
-    ends = [p.stop for p in trajectory.phases]
+    # with the ends of the phases, where a motion changes
+    ends = [phase.stop for phase in trajectory.phases]
     return np.unique(np.array([*every_tenth, *ends, count - 1], np.intp))
 
 
@@ -513,7 +514,10 @@ class _Check:
 
     def loops(self, run: SolvedSamples, cause: str = "") -> None:
         """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
-        balls = {j.name for j in self.model.mechanism.loops if j.type == "spherical"}
+        balls = set()
+        for joint in self.model.mechanism.loops:
+            if joint.type == "spherical":
+                balls.add(joint.name)
         for i, loop in enumerate(run.loop_names):
             what = f"loop {loop} does not close: its parts do not fit together (least-squares solution)"
             shift = run.gaps[:, i, 0]

@@ -177,7 +177,10 @@ def _poses(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner:
             poses["turn the shaft, keep the tip"] = spatial.pose(turned, tip)
         smallest = nearest(T, axis, span.rcm, max(length, 10 * MM))
         poses["the smallest move and turn of the tool"] = smallest
-    return [_planned_fix(protocol, trajectory, span, name, T_new, planner) for name, T_new in poses.items()]
+    fixes = []
+    for name, T_new in poses.items():
+        fixes.append(_planned_fix(protocol, trajectory, span, name, T_new, planner))
+    return fixes
 
 
 def _planned_fix(
@@ -197,11 +200,16 @@ def _planned_fix(
     angles = angles_of(R_new, protocol.rotation, waypoint.angles)
     position_text = ", ".join(f"{x:.3f}" for x in tip / MM)
     angles_text = ", ".join(f"{x:.3f}" for x in angles / DEG)
+    # a rounding error is no motion
+    if moved <= _NO_CHANGE:
+        moved = 0.0
+    if turned <= _NO_CHANGE:
+        turned = 0.0
     fix = Fix(
         name,
         waypoint=waypoint.name,
-        moved=moved if moved > _NO_CHANGE else 0.0,
-        turned=turned if turned > _NO_CHANGE else 0.0,
+        moved=moved,
+        turned=turned,
         value=f"({position_text}) mm, ({angles_text}) deg, depth {depth / MM:.3f} mm",
         reachable=False,
         why="",

@@ -53,7 +53,9 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         ("actuator", mechanism.actuators, stage.actuators),
         ("transmission", mechanism.transmissions, stage.transmissions),
     ):
-        findings += _names(kind, {item.name for item in in_cad}, {item.name for item in on_stage})
+        names_in_cad = {item.name for item in in_cad}
+        names_on_stage = {item.name for item in on_stage}
+        findings += _names(kind, names_in_cad, names_on_stage)
     for name in sorted(set(mechanism.trocars) - set(stage.trocars)):
         findings.append(_CONTENT(name, f"trocar '{name}' is not marked as a trocar on the stage"))
     for name in sorted(set(stage.trocars) - set(mechanism.trocars)):

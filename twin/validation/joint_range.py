@@ -162,7 +162,11 @@ def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
     if kin.closed_forward:
         for name, margin in kin.reach(qs=run.q).items():
             beyond[name] = beyond.get(name, margin < 0) | (margin < 0)
-    return {name: states for name, states in beyond.items() if states.any()}
+    excluding = {}
+    for name, states in beyond.items():
+        if states.any():
+            excluding[name] = states
+    return excluding
 
 
 def _of_inverse(

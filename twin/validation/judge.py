@@ -307,7 +307,8 @@ def _environment(case: Case, parts: frozenset[Part]) -> dict[str, str]:
             timed_by.append(span.solver)
     judges: list[str] = []
     if "protocol" in parts:
-        judges = [OTHERS[solver][0] for solver in timed_by]
+        for solver in timed_by:
+            judges.append(OTHERS[solver][0])
     packages = ["numpy", "pin"]
     if case.kinematics is not None or "passes" in timed_by:
         packages += ["casadi", "llvmlite"]

@@ -160,8 +160,10 @@ def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None =
     with Scratch() as folder:
         home = model.home()
         # meshes have no influence on the motion
-        bodies = tuple(replace(body, meshes=()) for body in mechanism.bodies)
-        bare = replace(mechanism, bodies=bodies)
+        bodies = []
+        for body in mechanism.bodies:
+            bodies.append(replace(body, meshes=()))
+        bare = replace(mechanism, bodies=tuple(bodies))
         write_stage(bare, Path(folder), home.link_poses, home.q_full)
         baked = links
         if samples.links is not None:
@@ -200,10 +202,13 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
         times, back = read_motion(root)
     except StageError as error:
         return Written(f"{root.name}: {error}", np.zeros(0), np.zeros(0), np.zeros(0))
-    missing = tuple(name for name in links if name not in back)
+    missing = []
+    for name in links:
+        if name not in back:
+            missing.append(name)
     if len(times) != len(keys) or np.abs(times - keys).max() > TIME:
-        return Written(root.name, times, np.zeros(0), np.zeros(0), missing)
-    return Written(root.name, times, *_errors(links, back, len(keys)), missing)
+        return Written(root.name, times, np.zeros(0), np.zeros(0), tuple(missing))
+    return Written(root.name, times, *_errors(links, back, len(keys)), tuple(missing))
 
 
 def _errors(links: Mapping[str, Array], back: Mapping[str, Array], count: int) -> tuple[Array, Array]:

@@ -117,8 +117,11 @@ def of_protocol(case: Case, out: EquationsComparison) -> list[Finding]:
     if case.paths is None or not has_clock:
         return [*of_plan, *from_samples]
     # A trajectory may be older than the robot or come from another program, so its own findings are recomputed.
-    recomputed = check(trajectory, case.protocol, case.paths)
-    of_plan += [finding for finding in recomputed if finding not in of_plan]
+    added = []
+    for finding in check(trajectory, case.protocol, case.paths):
+        if finding not in of_plan:
+            added.append(finding)
+    of_plan += added
     along_path = margins(trajectory, mechanism, case.paths, case.clock)
     out.facts["margins along the path"] = along_path | out.facts.get("margins along the path", {})
     ways, notes = fixes(case.protocol, trajectory, case.paths, mechanism.frame_in_tool(trajectory.frame))

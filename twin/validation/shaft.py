@@ -79,18 +79,23 @@ def offset(Ts: Array, axis: Array, rcm: Array) -> Array:
 
 def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
     """Return the distances of the shaft from the RCM, for each phase with an RCM."""
-    spans = []
+    spans: list[PhaseSpan] = []
+    suspects: list[Index] = []
+    indices: list[Array] = []
     for span in trajectory.phases:
-        if span.rcm is not None and span.stop > span.start:
-            spans.append(span)
-    at = [_suspects(trajectory, s) for s in spans]
+        if span.rcm is None or span.stop <= span.start:
+            continue
+        intervals = _suspects(trajectory, span)
+        spans.append(span)
+        suspects.append(intervals)
+        indices.append(np.add.outer(intervals, _INSIDE).ravel())
     if not spans:
         return []
-    times = np.concatenate([np.add.outer(k, _INSIDE).ravel() for k in at])
+    times = np.concatenate(indices)
     Ts = _poses(model, trajectory, times) @ model.mechanism.frame_in_tool(trajectory.frame)
     out: list[Passage] = []
     first = 0
-    for span, intervals in zip(spans, at, strict=True):
+    for span, intervals in zip(spans, suspects, strict=True):
         count = len(intervals) * len(_INSIDE)
         Ts_inside = Ts[first : first + count].reshape(len(intervals), len(_INSIDE), 4, 4)
         first += count

@@ -191,14 +191,17 @@ def _rating(rating: Rating, users: int) -> StudyRow:
 def _unreproduced(row: StudyRow) -> list[Finding]:
     if row.test():
         return []
-    recomputed = ", ".join(f"{test} {p:.3f}" for test, p in row.tests.items())
-    nearest = min(abs(p - row.printed_p) for p in row.tests.values())
+    recomputed = []
+    nearest = np.inf
+    for test, p in row.tests.items():
+        recomputed.append(f"{test} {p:.3f}")
+        nearest = min(nearest, abs(p - row.printed_p))
     return [
         disagreement(
             "study.p",
             row.name,
             f"{row.name}: p = {row.printed_p:.2f} is printed; no test gives this value from the printed rows "
-            f"({recomputed})",
+            f"({', '.join(recomputed)})",
             Quantity(nearest, "1"),
             2 * _HALF_DIGIT,
             "single trials are not published; a test of the single trials may give the printed value",

@@ -303,8 +303,11 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
             continue
         # Without a limit, quantities of different units cannot be compared.
         note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
-        for unit in dict.fromkeys(load.unit for load in alike):
-            most = max((load for load in alike if load.unit == unit), key=lambda load: load.size)
+        largest: dict[str, Load] = {}  # by unit
+        for load in alike:
+            if load.unit not in largest or load.size > largest[load.unit].size:
+                largest[load.unit] = load
+        for unit, most in largest.items():
             out[f"{name}, maximum in {unit}"] = f"{most.what}: {most.text}{note}"
     return out
 
