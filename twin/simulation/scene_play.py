@@ -129,8 +129,11 @@ class Played(Result):
             distance = clearance.distance[k]
             least = min(least, float(distance))
             # without the owners, which the first column has
-            bodies = " - ".join(name.split("/")[1] for name in clearance.pair[k])
-            lines.append((f"{first} - {second}", f"{distance / MM:.1f} mm", bodies, f"t = {self.t[k]:.1f} s"))
+            bodies = []
+            for name in clearance.pair[k]:
+                bodies.append(name.split("/")[1])
+            where = " - ".join(bodies)
+            lines.append((f"{first} - {second}", f"{distance / MM:.1f} mm", where, f"t = {self.t[k]:.1f} s"))
         yield TextTable(("pair", "minimum clearance", "between", ""), lines)
         yield ""
         yield from by_severity(self.findings)

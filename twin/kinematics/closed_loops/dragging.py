@@ -208,7 +208,9 @@ class Dragger:
         names = self.solver.equations.row_names
         self._loops: list[str] = []
         for block in self.solver.blocks:
-            members = dict.fromkeys(names[row] for row in block.rows)
+            members: dict[str, None] = {}  # in their order, each once
+            for row in block.rows:
+                members[names[row]] = None
             self._loops.append(" ".join(members))
 
     # -- by a point -----------------------------------------------------------------------------------

@@ -266,7 +266,11 @@ class LoopEquations:
             R = _rounded(T_common_joint[:3, :3])
             length = ca.SX(R.T) @ gap
         else:
-            length = ca.vertcat(*[ca.dot(frame[i], gap) for i in locked if i < 3])
+            lengths = []
+            for i in locked:
+                if i < 3:  # a direction of translation
+                    lengths.append(ca.dot(frame[i], gap))
+            length = ca.vertcat(*lengths)
 
         if 3 in joint.free_axes:  # a ball joint: no direction of rotation is locked
             return length, ca.SX(0, 1), ca.SX(1)

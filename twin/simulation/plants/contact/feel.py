@@ -173,7 +173,9 @@ class Feel:
         changed = []
         for arm, touches in enumerate(self._touches()):
             arm_proxy = self._proxies[arm]
-            deepest = max((touch.depth for touch in touches), default=0.0)
+            deepest = 0.0
+            for touch in touches:
+                deepest = max(deepest, touch.depth)
             if (deepest > 0) == arm_proxy.away:
                 continue
             changed.append(arm)

@@ -150,10 +150,10 @@ def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n:
 def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
     """Return the joints from the tool to the shaft (see `Gripper.links`), beginning with the joint of the tool."""
     path = mechanism.path(body)
-    sliding = [i for i, j in enumerate(path) if j.type == "prismatic"]
     first = len(path)
-    if sliding:
-        first = sliding[-1] + 2  # the joint after the prismatic one moves the shaft; the next one moves the wrist
+    for i, joint in enumerate(path):
+        if joint.type == "prismatic":
+            first = i + 2  # the joint after the prismatic one moves the shaft; the next one moves the wrist
     wrist = path[first:]
     for joint in wrist:
         if joint.type != "revolute" or not joint.active:

@@ -49,7 +49,9 @@ class ToolLevers:
         unused = step - self._last_call
         self._last_call = step
         if unused >= _OLD:
-            self._joints = [i for i in range(len(q)) if i != self._gripper.jaw]
+            self._joints = list(range(len(q)))
+            if self._gripper.jaw >= 0:
+                self._joints.remove(self._gripper.jaw)
             self._columns = np.zeros((6 + 6 * len(self._gripper.links), len(self._joints)))
             self._renewed = step + self._phase
             self._compute(q, range(len(self._joints)))
@@ -65,7 +67,7 @@ class ToolLevers:
         for k in joints:
             shifted = q.copy()
             shifted[self._joints[k]] += _SMALL
-            twists = [_twist(T, T_shifted) for T, T_shifted in zip(start, self._poses(shifted), strict=True)]
+            twists = list(map(_twist, start, self._poses(shifted)))
             self._columns[:, k] = np.concatenate(twists) / _SMALL
         # Small singular values: joints that hardly move the tool do not carry the links either.
         joints_per_twist = np.linalg.pinv(self._columns[:6], rcond=1e-6)

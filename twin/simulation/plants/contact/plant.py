@@ -192,7 +192,9 @@ class Contact(Block):
         for robot, values in q.items():
             q_start[robot] = np.asarray(values, float)
         self._links = _Links(self._grippers, self._model, self._data, q_start, self.period)
-        self._q_names = [f"{gripper.robot}.q" for gripper in self._grippers]
+        self._q_names: list[str] = []
+        for gripper in self._grippers:
+            self._q_names.append(f"{gripper.robot}.q")
         self._R = np.zeros(9)
         self._places: list[tuple[str, Array]] = []  # name of the signal, view on the object's pose in qpos
         for item in self._objects:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
@@ -132,8 +132,13 @@ class Organs:
         self._data = mujoco.MjData(self._model)
         for organ in self._organs.values():
             organ.connect(self._model, self._data)
-        self._soft = _joined(organ.qpos for organ in self._organs.values())
-        self._soft_dofs = _joined(organ.dofs for organ in self._organs.values())
+        qpos = [np.zeros(0, int)]
+        dofs = [np.zeros(0, int)]
+        for organ in self._organs.values():
+            qpos.append(organ.qpos)
+            dofs.append(organ.dofs)
+        self._soft = np.concatenate(qpos)
+        self._soft_dofs = np.concatenate(dofs)
         self._find_links()
         self._wanted = np.zeros(len(self._qpos))
         self._v = np.zeros(self._model.nv)
@@ -285,7 +290,7 @@ class Organs:
         else:
             for organ in organs:
                 organ.end()
-        return not all(map(np.array_equal, (organ.nodes for organ in organs), last))
+        return any(not np.array_equal(organ.nodes, nodes) for organ, nodes in zip(organs, last, strict=True))
 
     def _begin_holds(self) -> bool:
         """Set the constraints of bed and jaws; return whether they may move the operable organ."""
@@ -505,10 +510,6 @@ def _corners(points: Array) -> Array:
     low = points.min(axis=0)
     high = points.max(axis=0)
     return np.array([np.where(corner, high, low) for corner in np.ndindex(2, 2, 2)])
-
-
-def _joined(parts: Iterable[Array]) -> Array:
-    return np.concatenate([np.zeros(0, int), *parts])
 
 
 def _moved(points: Array, before: Array, after: Array) -> float:
