@@ -1,4 +1,4 @@
-"""The score of compare on the published errors: some entries by default, all of them in the slow lane."""
+"""The score of compare on the published errors: some entries by default, all of them in the nightly lane."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_published_wrong_equation_is_explained(tmp_path: Path) -> None:
     assert not score._same_statement("S2 = np.sqrt(1 + C2**2)", entry.data["equation"]["after"])
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_score_reaches_what_is_required() -> None:
     outcomes = score.score_all()
     assert score.missed(score.totals(outcomes)) == []
