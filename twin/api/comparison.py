@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,14 +11,40 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, RobotSource, load, names, silent
-from twin.core.errors import TwinError
+from twin.core import spatial
+from twin.core.errors import AssemblyError, TwinError, unknown
+from twin.core.spatial import Array
 
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
-    from twin.comparison.side import RobotSide, TableRow
+    from twin.comparison.side import PoseRows, RobotSide, TableRow
     from twin.exchange.read.source import DhOptions
     from twin.exchange.xacro import XacroSettings
+    from twin.kinematics import Kinematics
+    from twin.model.mechanism import Mechanism
+
+EQUATIONS = "@equations"
+"""End of the name of a side that is the equations of a robot: pa10@equations."""
+
+_ROWS = 100
+"""Number of states at which equations without joint lines are computed."""
+
+_FEWEST = 12
+"""Fewest of these states that must have a pose."""
+
+_SEED = 11
+
+_TURN = 0.4
+"""Largest distance from home of these states in rad."""
+
+_SLIDE = 0.02
+"""Largest distance from home of these states in m."""
+
+_TILT = 0.15
+"""Largest rotation about an axis from the home pose in rad."""
 
 TOLERANCE = 1e-5
 """Distance in m up to which two joint lines coincide: files round rotations to four or five digits."""
@@ -36,14 +63,15 @@ def compare(
     """Compare two or more descriptions of one robot, pair by pair.
 
     Args:
-        sides: names of built-in robots, robots, robot folders, or files of formats that `twin new` reads.
+        sides: names of built-in robots, robots, robot folders, files of formats that `twin new` reads, or tables of
+            poses (CSV). A name or a folder with "@equations" at its end is its equations instead of its mechanism.
         tolerance: distance in m up to which two joint lines coincide; angles count by the distance at half a metre.
         only: joints to compare; all others are held at zero.
         strict: count a difference of convention (base frame, zero, sign, tool frame, name, order) as a disagreement.
         xacro: arguments and package folders for the xacros among the sides.
         dh: convention of the tables of Denavit-Hartenberg parameters among the sides, if they do not state it:
             "standard", "modified", "khalil" or "hayati".
-        units: their units, as "mm,deg", if they do not state them.
+        units: units of these tables and of tables of poses, as "mm,deg", if they do not state them.
         progress: see `Progress`.
 
     Raises:
@@ -96,7 +124,7 @@ def _is_table(given: str | Path | Robot) -> bool:
     """Return whether a side is a file with a table."""
     from twin.exchange.read import format_of
 
-    if isinstance(given, Robot) or Path(given).is_dir() or str(given) in names():
+    if isinstance(given, Robot) or Path(given).is_dir() or str(given) in names() or str(given).endswith(EQUATIONS):
         return False
     return Path(given).suffix.lower() not in STAGE_SUFFIXES and "table" in format_of(Path(given)).takes
 
@@ -104,9 +132,15 @@ def _is_table(given: str | Path | Robot) -> bool:
 def _side(
     given: str | Path | Robot, label: str, only: Sequence[str], xacro: XacroSettings | None, table: DhOptions
 ) -> RobotSide:
+    from twin.exchange.read.pose_table import is_pose_table
+
     if isinstance(given, Robot):
         return _robot_side(given, label, only)
+    if str(given).endswith(EQUATIONS):
+        return _equations_side(str(given).removesuffix(EQUATIONS), label, only)
     path = Path(given)
+    if is_pose_table(path):
+        return _table_side(path, label, only, table)
     if path.suffix.lower() in STAGE_SUFFIXES and path.is_file():
         return replace(_robot_side(load(given), label, only), path=path, reread=_reread_stage(path, label, only))
     if str(given) in names() or path.is_dir() or path.suffix.lower() in STAGE_SUFFIXES:
@@ -161,7 +195,7 @@ def _file_side(
     )
     if _is_table(path):
         return replace(side, rows=_rows(path, table, [joint.name for joint in imported.mechanism.tree]))
-    return side
+    return replace(side, tool_poses=_poses_of(imported.mechanism, side))
 
 
 def _reread(path: Path, label: str, only: Sequence[str], table: DhOptions) -> Callable[[bytes], RobotSide]:
@@ -220,7 +254,132 @@ def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
     from twin.comparison.side import from_mechanism
 
     if robot.files is None:
-        return from_mechanism(
-            robot.mechanism, label, path=robot.source.stage, only=only, guessed_tool=bool(robot.tool_note)
+        mechanism = robot.mechanism
+        side = from_mechanism(mechanism, label, path=robot.source.stage, only=only, guessed_tool=bool(robot.tool_note))
+    else:
+        mechanism = robot.weighed().mechanism
+        side = from_mechanism(mechanism, label, path=robot.files.description, only=only)
+    return replace(side, tool_poses=_poses_of(mechanism, side))
+
+
+def _poses_of(mechanism: Mechanism, side: RobotSide) -> Callable[[Array], Array] | None:
+    """Return the function that closes the loops of a mechanism by the reference model; None without loops."""
+    if not side.looped:
+        return None
+
+    def poses(q: Array) -> Array:
+        from twin.reference import ReferenceModel
+
+        model = ReferenceModel(mechanism)
+        states = np.repeat(model.home().q[None], len(q), axis=0)
+        columns = {joint.name: i for i, joint in enumerate(mechanism.active)}
+        for k, name in enumerate(side.order):
+            given = np.isfinite(q[:, k])
+            states[given, columns[name]] = q[given, k]
+        try:
+            return model.solve_many(states).Ts_base_tool
+        except AssemblyError:  # one state opens the loops: the others are still comparable
+            pass
+        Ts = np.full((len(q), 4, 4), np.nan)
+        for k, state in enumerate(states):
+            with contextlib.suppress(AssemblyError):
+                Ts[k] = model.solve_many(state[None]).Ts_base_tool[0]
+        return Ts
+
+    return poses
+
+
+def _table_side(path: Path, label: str, only: Sequence[str], table: DhOptions) -> RobotSide:
+    """Return the side of a table of poses."""
+    from twin.comparison.side import JointGroup, PoseRows, RobotSide
+    from twin.exchange.read.pose_table import read_poses
+
+    read = read_poses(path, table.length, table.angle)
+    chosen = [i for i, name in enumerate(read.joints) if not only or name in only]
+    rows = PoseRows(
+        tuple(read.joints[i] for i in chosen),
+        tuple(read.angles[i] for i in chosen),
+        read.q[:, chosen],
+        read.T,
+        read.rotations,
+        read.lines,
+        read.noise,
+    )
+    base = (JointGroup(("base",)),)
+    return RobotSide(
+        label,
+        path.stem,
+        (),
+        base,
+        {"base": (0, np.eye(4))},
+        tool="base",
+        order=rows.joints,
+        path=path,
+        sampled=lambda: rows,
+    )
+
+
+def _equations_side(given: str, label: str, only: Sequence[str]) -> RobotSide:
+    """Return the side of the equations of a robot; its formula.py is executed, with the consent of the user."""
+    from twin.comparison.screws import NotAChainError, chain_of
+    from twin.comparison.side import JointGroup, RobotSide
+
+    robot = load(given)
+    if robot.unwritten:
+        raise TwinError(f"{given}: formula.py is still the empty template: write the equations, or omit {EQUATIONS}")
+    kin = robot.kinematics()
+    joints = kin.formula.joints
+    order = tuple(joint.name for joint in joints)
+    kinds = tuple(joint.kind for joint in joints)
+    for name in only:
+        if name not in order:
+            raise TwinError(f"{label}: {unknown('joint of the equations', name, order)}")
+    columns = [kin.joints.index(name) for name in order]
+
+    def forward(q: Array) -> Array:
+        every = np.zeros((len(q), len(kin.joints)))
+        every[:, columns] = q
+        return kin.forward_many(every)
+
+    base = (JointGroup(("base",)),)
+    side = RobotSide(label, robot.name, (), base, {"base": (0, np.eye(4))}, tool="base", order=order)
+    if kin.closed_forward:
+        with contextlib.suppress(NotAChainError):
+            side = chain_of(forward, order, kinds, label, robot.name, only)
+    return replace(side, sampled=lambda: _computed(robot, kin, forward))
+
+
+def _computed(robot: Robot, kin: Kinematics, forward: Callable[[Array], Array]) -> PoseRows:
+    """Return poses that the equations compute about the home state of the robot.
+
+    The forward equations give them at drawn joint values; equations with only an inverse give joint values at drawn
+    poses.
+    """
+    from twin.comparison.side import PoseRows
+
+    names = tuple(joint.name for joint in kin.formula.joints)
+    angles = tuple(joint.kind == "revolute" for joint in kin.formula.joints)
+    mechanism = robot.mechanism
+    home = robot.reference().home()
+    columns = [robot.joints.index(name) for name in names]
+    rng = np.random.default_rng(_SEED)
+    if kin.closed_forward:
+        centre = home.q[columns]
+        half = np.where(angles, _TURN, _SLIDE)
+        limits = mechanism.limits[columns]
+        low = np.maximum(limits[:, 0], centre - half)
+        high = np.minimum(limits[:, 1], centre + half)
+        q = rng.uniform(low, high, (_ROWS, len(names)))
+        T = forward(q)
+    else:
+        steps = spatial.pose(
+            spatial.exp_so3(rng.uniform(-_TILT, _TILT, (_ROWS, 3))), rng.uniform(-_SLIDE, _SLIDE, (_ROWS, 3))
         )
-    return from_mechanism(robot.weighed().mechanism, label, path=robot.files.description, only=only)
+        T = home.T_base_tool @ steps
+        q = kin.inverse_many(T)[:, [kin.joints.index(name) for name in names]]
+        low, high = mechanism.limits[columns].T
+        q[((q < low) | (q > high)).any(axis=1)] = np.nan
+    known = np.isfinite(q).all(axis=1) & np.isfinite(T).all(axis=(1, 2))
+    if known.sum() < _FEWEST:
+        raise TwinError(f"{robot.name}: its equations have no poses at {_ROWS} states about home")
+    return PoseRows(names, angles, q[known], T[known], computed=True)

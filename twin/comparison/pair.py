@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from twin.comparison.edits import with_edits
 from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.items import ComparedItem, items
 from twin.comparison.matching import match
+from twin.comparison.poses import PoseFit, compare_rows
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.property_edits import with_property_edits
 from twin.comparison.range import Worst, worst
@@ -37,7 +38,8 @@ class SidePair:
         ties: other explanations with as many changes, each as texts.
         properties: limits, speeds, efforts, masses, couplings; None if the kinematics are unexplained.
         worst: the largest difference of the tools; None if there is none, or no tool.
-        solution, problem: the fit.
+        solution, problem: the fit; None for poses that are compared without joint lines.
+        poses: the comparison of rows of poses, if one side is a table of poses, or equations of a robot with loops.
     """
 
     first: RobotSide
@@ -47,8 +49,9 @@ class SidePair:
     ties: tuple[tuple[str, ...], ...]
     properties: Properties | None
     worst: Worst | None
-    problem: Problem = field(repr=False)
+    problem: Problem | None = field(repr=False)
     solution: FitSolution | None = field(repr=False)
+    poses: PoseFit | None = None
 
     @property
     def conventions(self) -> tuple[ComparedItem, ...]:
@@ -83,6 +86,7 @@ class SidePair:
             "differences": [item.as_dict() for item in self.differences],
             "ties": [list(texts) for texts in self.ties],
             "worst": largest,
+            "poses": None if self.poses is None else self.poses.as_dict(),
             "properties": verdicts,
             "property_rows": rows,
         }
@@ -97,6 +101,58 @@ def compare_pair(first: RobotSide, second: RobotSide, tolerance: float) -> SideP
     if not 0.0 < tolerance <= LARGEST_TOLERANCE:
         limit = f"give a number above 0 and up to {LARGEST_TOLERANCE:g} m"
         raise TwinError(f"tolerance {tolerance:g} m: {limit}: with more, all robots agree")
+    rows = _by_rows(first, second)
+    if rows is not None:
+        return _compare_poses(first, second, rows, tolerance)
+    return _compare_lines(first, second, tolerance)
+
+
+def _by_rows(first: RobotSide, second: RobotSide) -> RobotSide | None:
+    """Return the side whose rows of poses are compared with the other side; None if joint lines are compared.
+
+    A table has only rows. Equations also have joint lines if they are those of a chain, but a robot with loops, or with
+    further joints, has others.
+    """
+    sampled = [side for side in (first, second) if side.sampled is not None]
+    if not sampled:
+        return None
+    tables = [side for side in sampled if not side.axes]
+    if len(tables) == 2:
+        way_out = "compare each with a description: a file, or the CAD of a robot"
+        raise TwinError(f"{first.label} and {second.label} both have only poses, at their own joint values: {way_out}")
+    if tables:
+        return tables[0]
+    chain = sampled[0]
+    other = second if chain is first else first
+    if other.looped or len(other.axes) != len(chain.axes):
+        return chain
+    return None
+
+
+def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolerance: float) -> SidePair:
+    """Compare the rows of one side with the poses, and then with the joint lines, of the other."""
+    assert table.sampled is not None
+    robot = second if table is first else first
+    found = compare_rows(table.sampled(), table.label, robot, tolerance)
+    fit = found.fit
+    largest = Worst(robot.tool, fit.distance, fit.angle, found.q, found.q, fit.rows)
+    if found.identified is None:
+        kinematics: Kinematics = "agree" if fit.agrees else "disagree"
+        return SidePair(first, second, kinematics, (), (), None, largest, None, None, fit)
+    sides = (found.identified, robot)
+    if table is second:
+        sides = (robot, found.identified)
+    pair = _compare_lines(*sides, found.tolerance)
+    if pair.agrees and not pair.items:
+        # the remainder is more than noise, but less than the tolerance of joint lines
+        return replace(
+            pair, first=first, second=second, kinematics="disagree", worst=largest, properties=None, poses=fit
+        )
+    return replace(pair, first=first, second=second, worst=largest, properties=None, poses=fit)
+
+
+def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
+    """Compare the joint lines of two sides."""
     matching = match(first, second)
     problem = Problem(first, second, matching, tolerance)
     found_solutions = solutions(problem)

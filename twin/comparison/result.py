@@ -6,18 +6,27 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.pair import SidePair
+from twin.comparison.poses import PoseFit
 from twin.comparison.properties import KINDS
 from twin.comparison.side import RobotSide
+from twin.core import spatial
 from twin.core.findings import Finding, disagreement, error, info, warning
 from twin.core.json_types import JsonObject
 from twin.core.quantity import deg, mm
 from twin.core.result import Line, Part, Result, TextTable
+from twin.core.spatial import Array
 from twin.core.units import MM
 
 _SHOWN_EDITS = 3
 """Number of edits of each side that the text of an item shows."""
+
+
+_MOVED = 1e-9
+"""Shift in m and rotation in rad below which a fitted frame is not moved."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +68,17 @@ class Comparison(Result):
         convention = disagreement if self.strict else warning
         for item in pair.conventions:
             yield convention("compare.convention", where, _sentence(item.text), suggestion=_suggestion(item))
+        if pair.poses is not None and pair.kinematics == "disagree" and not pair.differences:
+            text = f"The poses differ by up to {_remainder(pair.poses)} after the fit of base and tool frame."
+            yield disagreement("compare.poses", where, text, when=where)
         for item in pair.differences:
+            assert pair.problem is not None
             size = mm(item.shift) if item.shift > pair.problem.tolerance else deg(item.turn)
             yield disagreement(
                 "compare.link", item.joint, _sentence(item.text), size, None, _suggestion(item), when=where, word=""
             )
-        assert pair.properties is not None
-        for row in pair.properties.rows:
+        rows = () if pair.properties is None else pair.properties.rows
+        for row in rows:
             if row.stated:
                 labels = (pair.first.label, pair.second.label)
                 text = f"{row.kind} of '{row.where}': {row.first} in {labels[0]}, {row.second} in {labels[1]}"
@@ -125,7 +138,9 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
         yield from _item_text(item)
     for texts in pair.ties:
         yield f"  or, equally well: {'; '.join(texts)}"
-    if pair.worst is not None and pair.differences:
+    if pair.poses is not None:
+        yield from _poses_text(pair.poses)
+    elif pair.worst is not None and pair.differences:
         largest = pair.worst
         yield f"  largest difference of '{largest.frame}': {mm(largest.distance)} and {deg(largest.angle)}"
     if pair.properties is None:
@@ -143,7 +158,44 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
                 yield f"      {row.kind} of '{row.where}': {text}"
 
 
+def _poses_text(fit: PoseFit) -> Iterator[str]:
+    """Yield the fitted frames, the noise and the remainder."""
+    kind = "computed" if fit.computed else "measured"
+    what = "poses" if fit.rotations else "positions"
+    yield f"  {fit.rows} {kind} {what}; fitted: base {_motion(fit.base)}, tool {_motion(fit.tool)}"
+    if fit.computed:
+        noise = "the rows have no noise"
+    elif fit.noise is None:
+        noise = "noise not stated, and too few rows to estimate it"
+    else:
+        source = "stated by the table" if fit.stated else "estimated from the rows"
+        noise = f"noise {mm(fit.noise[0])}"
+        if fit.rotations:
+            noise += f" and {deg(fit.noise[1])}"
+        noise += f" (standard deviation, {source})"
+    place = f" in line {fit.line}" if fit.line else ""
+    if fit.uncertainty:
+        yield f"  standard deviation of these differences: up to {mm(fit.uncertainty)}, of angles at half a metre"
+    yield f"  largest remainder {_remainder(fit)}{place}; {noise}"
+
+
+def _remainder(fit: PoseFit) -> str:
+    if fit.rotations:
+        return f"{mm(fit.distance)} and {deg(fit.angle)}"
+    return str(mm(fit.distance))
+
+
+def _motion(T: Array) -> str:
+    shift = float(np.linalg.norm(T[:3, 3]))
+    turn = float(spatial.rotation_angle(T[:3, :3]))
+    if shift < _MOVED and turn < _MOVED:
+        return "as it is"
+    return f"moved {mm(shift)} and {deg(turn)}"
+
+
 def _verdict(pair: SidePair) -> str:
+    if pair.poses is not None and not pair.items:
+        return "poses agree" if pair.agrees else "poses disagree"
     texts = {
         "agree": "joints and links agree",
         "agree after conventions": "joints and links agree after these conventions",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +91,36 @@ class TableRow:
 
 
 @dataclass(frozen=True)
+class PoseRows:
+    """Joint values and the tool poses that were measured, or computed by equations, at them.
+
+    Attributes:
+        joints: names of the joints, in the order of the columns of q.
+        angles: whether each joint is an angle.
+        q: (k, joints) values in rad or m.
+        T: (k, 4, 4) T_base_tool, in frames of the one who measured.
+        rotations: whether the rotations are known.
+        lines: lines of a table; () for computed rows.
+        noise: standard deviations of a coordinate in m and of a rotation about an axis in rad; None: not stated.
+        computed: whether equations compute the poses.
+    """
+
+    joints: tuple[str, ...]
+    angles: tuple[bool, ...]
+    q: Array
+    T: Array
+    rotations: bool = True
+    lines: tuple[int, ...] = ()
+    noise: tuple[float | None, float | None] = (None, None)
+    computed: bool = False
+
+    def chosen(self, rows: Array) -> PoseRows:
+        """Return some of the rows (k,), given as bool."""
+        lines = tuple(line for line, kept in zip(self.lines, rows, strict=False) if kept)
+        return replace(self, q=self.q[rows], T=self.T[rows], lines=lines)
+
+
+@dataclass(frozen=True)
 class RobotSide:
     """One description of a robot.
 
@@ -110,9 +140,11 @@ class RobotSide:
         rows: the rows, if the file is a table of Denavit-Hartenberg parameters.
         notes: texts on data that the reader left out.
         efforts: {joint: maximum effort in N or N m}.
-        mechanism: the mechanism, for pictures; None if the side is only equations.
+        mechanism: the mechanism, for pictures; None if the side is only equations or poses.
         reread: a function that reads a changed text of the file, or of `text`; it raises a TwinError if it cannot.
             None for files without text.
+        sampled: function that returns rows of poses, for measured poses and for equations; else None.
+        tool_poses: function from q (k, order) to T_base_tool (k, 4, 4), for a robot with loops; NaN where they open.
     """
 
     label: str
@@ -132,6 +164,8 @@ class RobotSide:
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None
     reread: Callable[[bytes], RobotSide] | None = field(default=None, repr=False, compare=False)
+    sampled: Callable[[], PoseRows] | None = None
+    tool_poses: Callable[[Array], Array] | None = None
 
     @property
     def tree(self) -> tuple[Axis, ...]:

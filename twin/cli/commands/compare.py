@@ -12,6 +12,8 @@ EXAMPLES = """\
   twin compare robot.urdf robot.xml             a URDF and an MJCF of one arm
   twin compare robot.urdf robot.xml robot.sdf   which of three stands alone
   twin compare table.csv arm.urdf --dh modified --units mm,deg
+  twin compare pa10@equations arm.urdf          the equations of a robot and a file
+  twin compare poses.csv arm.urdf               measured poses (columns: joints, x, y, z, rotation)
   twin compare pa10 my_arm.urdf                 a built-in robot and a file
   twin compare a.urdf b.urdf --strict           also base frames, zeros and signs must be the same
   twin compare arm.urdf hand_arm.urdf --only joint_1,joint_2,joint_3
@@ -21,7 +23,10 @@ EXAMPLES = """\
 def arguments(command: Command) -> None:
     """Add the arguments of `twin compare`."""
     known = ", ".join(format.title for format in imported())
-    text = f"two or more sides: name of a built-in robot, robot folder, or file of one of these formats: {known}"
+    text = (
+        "two or more sides: name of a built-in robot or robot folder (its equations with @equations behind it), table of "
+        f"poses, or file of one of these formats: {known}"
+    )
     command.add_argument("sides", nargs="+", metavar="SIDE", help=text)
     command.number("--tolerance-um", "UM", "distance in µm up to which two joint axes coincide", 10.0)
     command.text("--only", "JOINT,...", "compare only these joints; all others are held at zero")

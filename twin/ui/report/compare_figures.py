@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.comparison.pair import SidePair
+from twin.comparison.poses import PoseFit
 from twin.comparison.result import Comparison
 from twin.comparison.side import RobotSide
 from twin.core import spatial
@@ -40,8 +41,17 @@ def figure(found: Comparison) -> Figure:
         X = spatial.pose(spatial.exp_so3(base[:3]), base[3:])
     first = _points(pair.first, q_first, X) / MM
     second = _points(pair.second, q_second, np.eye(4)) / MM
-    ax.plot(*first.T, "o-", color=PALETTE[0], linewidth=4, alpha=0.6, label=pair.first.label)
-    ax.plot(*second.T, "o--", color=PALETTE[4], linewidth=2, label=pair.second.label)
+    if pair.poses is not None:
+        if not pair.first.axes:
+            first = _measured(pair.first, pair.poses) / MM
+        if not pair.second.axes:
+            second = _measured(pair.second, pair.poses) / MM
+    styles = ["o-", "o--"]
+    for k, side in enumerate((pair.first, pair.second)):
+        if not side.axes:
+            styles[k] = "."  # rows are no chain
+    ax.plot(*first.T, styles[0], color=PALETTE[0], linewidth=4, alpha=0.6, label=pair.first.label)
+    ax.plot(*second.T, styles[1], color=PALETTE[4], linewidth=2, label=pair.second.label)
     ends = np.vstack([first, second])
     middle = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
     half = 0.5 * float(np.ptp(ends, axis=0).max())
@@ -58,6 +68,13 @@ def _distance(pair: SidePair) -> float:
     if pair.worst is None:
         return 0.0
     return pair.worst.distance
+
+
+def _measured(side: RobotSide, fit: PoseFit) -> Array:
+    """Return the tool positions (k, 3) in m of rows of poses, in the base frame of the robot."""
+    assert side.sampled is not None
+    T = spatial.inverse(fit.base) @ side.sampled().T @ spatial.inverse(fit.tool)
+    return T[:, :3, 3]
 
 
 def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> Array:

@@ -1,0 +1,315 @@
+"""Tables of poses: a CSV whose rows are joint values and the pose that was measured, or computed, at them.
+
+    # noise: 0.05 mm, 0.01 deg
+    joint_1 [deg], joint_2 [deg], slide [mm], x [mm], y [mm], z [mm], qw, qx, qy, qz
+
+The rotation is a quaternion (qw, qx, qy, qz), a matrix (r11 to r33), or roll, pitch and yaw as in a URDF; without one,
+only positions are compared. Poses are those of the tool in the base frame of whoever measured them.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import SourceError
+from twin.core.foreign.text import read_text
+from twin.core.spatial import Array
+from twin.core.units import DEG, LENGTH, MM
+
+ROWS = 100_000
+"""Maximum number of rows of a table."""
+
+_FEWEST = 4
+"""Fewest rows: base and tool frame are fitted, which three poses can always do."""
+
+_SIZES = {"mm": MM, "cm": LENGTH["cm"], "m": 1.0, "deg": DEG, "°": DEG, "rad": 1.0}
+_LENGTHS = ("mm", "cm", "m")
+_ANGLES = ("deg", "°", "rad")
+
+_POSITION = ("x", "y", "z")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_MATRIX = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+_RPY = ("roll", "pitch", "yaw")
+
+_UNIT = 0.01
+"""Largest difference of a quaternion's length, or of a matrix's columns, from 1: files round to three digits."""
+
+_NOISE = re.compile(r"^\s*#\s*noise\s*[:=]\s*(.*?)\s*$", re.IGNORECASE)
+_STATED_UNITS = re.compile(r"^\s*#\s*units?\s*[:=]\s*(.*?)\s*$", re.IGNORECASE)
+_HEADING = re.compile(r"^(.*?)\s*[\[(]\s*([A-Za-z°]+)\s*[\])]$")
+
+
+@dataclass(frozen=True)
+class ReadPoses:
+    """The rows of a table of poses, in SI units.
+
+    Attributes:
+        path: the file.
+        joints: names of the joints, in the order of their columns.
+        angles: whether each joint is an angle.
+        q: (k, joints) values in rad or m.
+        T: (k, 4, 4) poses; without rotations, their rotation parts are identity.
+        rotations: whether the table has rotations.
+        lines: line of each row.
+        noise: stated standard deviation of a coordinate in m and of a rotation about an axis in rad; None: not stated.
+    """
+
+    path: Path
+    joints: tuple[str, ...]
+    angles: tuple[bool, ...]
+    q: Array
+    T: Array
+    rotations: bool
+    lines: tuple[int, ...]
+    noise: tuple[float | None, float | None]
+
+
+def is_pose_table(path: Path) -> bool:
+    """Return whether a CSV has the columns x, y and z, as a table of poses has."""
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
+    try:
+        lines = _rows(path, read_text(path, "text", encoding="utf-8-sig"))
+    except (UnicodeDecodeError, OSError, SourceError):
+        return False  # the reader of the other kind of table states the fault
+    if not lines:
+        return False
+    names = {_split(heading)[0].lower() for heading in lines[0][1]}
+    return set(_POSITION) <= names
+
+
+def read_poses(path: Path, length: str | None = None, angle: str | None = None) -> ReadPoses:
+    """Return a table of poses.
+
+    Args:
+        path: a CSV.
+        length: unit of lengths without one in their heading, "mm", "cm" or "m".
+        angle: unit of such angles, "deg" or "rad".
+
+    Raises:
+        SourceError: a column is missing, has no unit, or a cell is no number; the message names file and line.
+    """
+    try:
+        text = read_text(path, "text", encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SourceError(f"{path}: the file is not text in UTF-8: {error.reason} at byte {error.start}") from error
+    return _Reader(path, text, length, angle).read()
+
+
+def _rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
+    """Return (line, cells) of the lines that are neither empty nor comments."""
+    kept: list[tuple[int, list[str]]] = []
+    separator = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if not separator:
+            separator = ","
+            for candidate in ("\t", ";"):
+                if candidate in line:
+                    separator = candidate
+        try:
+            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        except csv.Error as error:
+            raise SourceError(f"{path}:{number}: the line is not CSV: {error}") from error
+        kept.append((number, [cell.strip() for cell in cells]))
+        if len(kept) > ROWS + 1:
+            raise SourceError(f"{path}: the table has more than {ROWS} rows")
+    return kept
+
+
+def _split(heading: str) -> tuple[str, str]:
+    """Return (name, unit or "") of a heading such as "x [mm]"."""
+    found = _HEADING.match(heading.strip())
+    if found is None:
+        return heading.strip(), ""
+    return found[1].strip(), found[2].lower()
+
+
+class _Reader:
+    def __init__(self, path: Path, text: str, length: str | None, angle: str | None) -> None:
+        self.path = path
+        self.units = {"length": length, "angle": angle}
+        self.noise: list[float | None] = [None, None]
+        self.lines = _rows(path, text)
+        self._comments(text)
+
+    def fail(self, line: int, message: str) -> NoReturn:
+        raise SourceError(f"{self.path}:{line}: {message}")
+
+    def _comments(self, text: str) -> None:
+        """Read the comments "# units: mm, deg" and "# noise: 0.05 mm, 0.01 deg"."""
+        for number, line in enumerate(text.splitlines(), 1):
+            units = _STATED_UNITS.match(line)
+            if units:
+                for unit in re.split(r"[,;\s]+", units[1].lower()):
+                    kind = "length" if unit in _LENGTHS else "angle"
+                    if unit not in _SIZES:
+                        self.fail(number, f"there is no unit '{unit}'; use two of {', '.join(_SIZES)}")
+                    self.units[kind] = unit
+            noise = _NOISE.match(line)
+            if noise:
+                for part in noise[1].split(","):
+                    self._noise(number, part.strip())
+
+    def _noise(self, number: int, part: str) -> None:
+        found = re.fullmatch(r"([0-9.eE+-]+)\s*([A-Za-z°]+)", part)
+        unit = found[2].lower() if found else ""
+        value = _number(found[1]) if found else None
+        if unit not in _SIZES or value is None or not value > 0:
+            self.fail(number, f"noise '{part}': write a positive number and a unit, as in # noise: 0.05 mm, 0.01 deg")
+        self.noise[unit in _ANGLES] = value * _SIZES[unit]
+
+    def read(self) -> ReadPoses:
+        """Return the table."""
+        if not self.lines:
+            raise SourceError(f"{self.path}: the file has no table: a line of headings, then a line for each pose")
+        (line, headings), *rest = self.lines
+        names = []
+        units = []
+        for heading in headings:
+            name, unit = _split(heading)
+            if not name:
+                self.fail(line, "a heading is empty: name the joint, or remove the column")
+            if name.lower() in [known.lower() for known in names]:
+                self.fail(line, f"the heading '{name}' stands twice: remove one of the columns")
+            if unit and unit not in _SIZES:
+                self.fail(line, f"the heading '{heading}' has no known unit: use one of {', '.join(_SIZES)}")
+            names.append(name)
+            units.append(unit)
+        plain = [name.lower() for name in names]
+        rotation = self._rotation(line, plain)
+        pose = {*_POSITION, *rotation}
+        joints = [i for i, name in enumerate(plain) if name not in pose]
+        if not joints:
+            self.fail(line, "the table has no column with joint values: add one for each joint, as in joint_1 [deg]")
+        for name in _POSITION:
+            if name not in plain:
+                self.fail(line, f"the table has no column '{name}': the position needs x, y and z")
+        if len(rest) < _FEWEST:
+            self.fail(line, f"the table has {len(rest)} rows; at least {_FEWEST} are needed, and more to judge a robot")
+        values = self._values(headings, rest)
+        angles = []
+        for i in joints:
+            unit = units[i] or self._unit(line, headings[i], angle=True)
+            angles.append(unit in _ANGLES)
+            values[:, i] *= _SIZES[unit]
+        lines = tuple(number for number, _ in rest)
+        p = np.zeros((len(rest), 3))
+        for k, name in enumerate(_POSITION):
+            i = plain.index(name)
+            unit = units[i] or self._unit(line, headings[i], angle=False)
+            if unit not in _LENGTHS:
+                self.fail(line, f"the heading '{headings[i]}' is in {unit}, but {name} is a length")
+            p[:, k] = values[:, i] * _SIZES[unit]
+        R = self._rotations(line, plain, units, rotation, values, lines)
+        return ReadPoses(
+            self.path,
+            tuple(names[i] for i in joints),
+            tuple(angles),
+            values[:, joints],
+            spatial.pose(R, p),
+            bool(rotation),
+            lines,
+            (self.noise[0], self.noise[1]),
+        )
+
+    def _unit(self, line: int, heading: str, *, angle: bool) -> str:
+        """Return the unit of a column without one: that of --units or of the comment."""
+        unit = self.units["angle" if angle else "length"]
+        if unit is None:
+            example = "deg" if angle else "mm"
+            self.fail(line, f"the unit of '{heading}' is not stated: write '{heading} [{example}]', or give --units")
+        return unit
+
+    def _rotation(self, line: int, plain: Sequence[str]) -> tuple[str, ...]:
+        """Return the columns of the rotation, () without one."""
+        found: list[tuple[str, ...]] = []
+        for columns in (_QUATERNION, _MATRIX, _RPY):
+            missing = [name for name in columns if name not in plain]
+            if not missing:
+                found.append(columns)
+            elif len(missing) < len(columns):
+                stated = ", ".join(name for name in columns if name in plain)
+                self.fail(line, f"the rotation has {stated}, but not {', '.join(missing)}: write all of them or none")
+        if len(found) > 1:
+            self.fail(line, f"the rotation is stated twice, by {found[0][0]}.. and {found[1][0]}..: remove one")
+        return found[0] if found else ()
+
+    def _values(self, headings: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> Array:
+        """Return the numbers (k, columns) of the rows."""
+        values = np.zeros((len(rows), len(headings)))
+        for k, (number, cells) in enumerate(rows):
+            if len(cells) != len(headings):
+                self.fail(number, f"the row has {len(cells)} cells, but there are {len(headings)} headings")
+            for i, cell in enumerate(cells):
+                value = _number(cell)
+                if value is None:
+                    self.fail(
+                        number, f"{headings[i]} = '{cell[:40]}' is not a number: correct the cell, or remove the row"
+                    )
+                values[k, i] = value
+        return values
+
+    def _rotations(
+        self,
+        line: int,
+        plain: list[str],
+        units: Sequence[str],
+        rotation: Sequence[str],
+        values: Array,
+        lines: Sequence[int],
+    ) -> Array:
+        """Return the rotations (k, 3, 3); identity for a table without them."""
+        if not rotation:
+            return np.broadcast_to(np.eye(3), (len(values), 3, 3))
+        columns = [plain.index(name) for name in rotation]
+        numbers = values[:, columns]
+        if rotation == _RPY:
+            sizes = []
+            for i in columns:
+                unit = units[i] or self._unit(line, plain[i], angle=True)
+                if unit not in _ANGLES:
+                    self.fail(line, f"the heading '{plain[i]}' is in {unit}, but is an angle")
+                sizes.append(_SIZES[unit])
+            roll, pitch, yaw = (numbers * sizes).T
+            x, y, z = np.eye(3)
+            Rz = spatial.exp_so3(yaw[:, None] * z)
+            Ry = spatial.exp_so3(pitch[:, None] * y)
+            return Rz @ Ry @ spatial.exp_so3(roll[:, None] * x)
+        if rotation == _QUATERNION:
+            lengths = np.linalg.norm(numbers, axis=1)
+            wrong = np.flatnonzero(np.abs(lengths - 1.0) > _UNIT)
+            if len(wrong):
+                k = int(wrong[0])
+                self.fail(lines[k], f"the quaternion has the length {lengths[k]:.4g} instead of 1")
+            return np.array([spatial.matrix_from_quat_wxyz(row) for row in numbers])
+        M = numbers.reshape(-1, 3, 3)
+        gaps = np.abs(np.swapaxes(M, 1, 2) @ M - np.eye(3)).max(axis=(1, 2))
+        wrong = np.flatnonzero((gaps > 2 * _UNIT) | (np.linalg.det(M) < 0))
+        if len(wrong):
+            self.fail(
+                lines[int(wrong[0])], "r11 to r33 are no rotation: its columns must be unit vectors, right-handed"
+            )
+        U, _, Vt = np.linalg.svd(M)
+        return U @ Vt
+
+
+def _number(text: str) -> float | None:
+    """Return a finite number, or None."""
+    if not re.fullmatch(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?", text):
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
