@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from twin.comparison.fit import ANGLE_PER_LENGTH
@@ -146,7 +147,7 @@ def compare_rows(rows: PoseRows, label: str, side: RobotSide, tolerance: float) 
     _require_range(rows, q, label, side)
     if side.tool_poses is not None:
         T = side.tool_poses(q)
-        closed = np.isfinite(T).all(axis=(1, 2))
+        closed = np.asarray(np.isfinite(T).all(axis=(1, 2)))
         if closed.mean() < _CLOSED:
             text = f"{side.label}: its loops close at only {int(closed.sum())} of the {len(T)} states of {label}"
             raise TwinError(f"{text}. Correct the joint values, or the links of the loops")
@@ -339,7 +340,7 @@ class _State:
     signs: Array
     changes: tuple[Change, ...]
     x: Array
-    free: Array
+    free: NDArray[np.bool_]
     r: Array
     J: Array
 
@@ -396,7 +397,7 @@ class _Comparison:
             values.append(self.lever * turns.ravel())
         return np.concatenate(values) / self.scale
 
-    def fit(self, signs: Array, changes: tuple[Change, ...], x: Array, free: Array | None = None) -> _State:
+    def fit(self, signs: Array, changes: tuple[Change, ...], x: Array, free: NDArray[np.bool_] | None = None) -> _State:
         """Return the unknowns after damped Gauss-Newton steps."""
         if free is None:
             free = np.ones(len(x), bool)
@@ -429,7 +430,9 @@ class _Comparison:
                     break
         return _State(signs, changes, x, free, r, J)
 
-    def _derivatives(self, x: Array, signs: Array, changes: Sequence[Change], columns: Array, r: Array) -> Array:
+    def _derivatives(
+        self, x: Array, signs: Array, changes: Sequence[Change], columns: NDArray[np.intp], r: Array
+    ) -> Array:
         J = np.zeros((len(r), len(columns)))
         for k, column in enumerate(columns):
             shifted = x.copy()
@@ -796,7 +799,8 @@ def _hand_eye(T: Array, target: Array) -> Array:
     p = np.linalg.lstsq(M, c, rcond=1e-9)[0]
     X = spatial.pose(R, p)
     Y = spatial.inverse(X @ T[0]) @ target[0]
-    return np.concatenate([spatial.log_so3(R), p, spatial.log_so3(Y[:3, :3]), Y[:3, 3]])
+    start: Array = np.concatenate([spatial.log_so3(R), p, spatial.log_so3(Y[:3, :3]), Y[:3, 3]])
+    return start
 
 
 def _placed(points: Array, targets: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
@@ -114,9 +115,10 @@ class PoseRows:
     noise: tuple[float | None, float | None] = (None, None)
     computed: bool = False
 
-    def chosen(self, rows: Array) -> PoseRows:
+    def chosen(self, kept: NDArray[np.bool_]) -> PoseRows:
         """Return some of the rows (k,), given as bool."""
-        lines = tuple(line for line, kept in zip(self.lines, rows, strict=False) if kept)
+        rows = np.flatnonzero(kept)
+        lines = tuple(self.lines[k] for k in rows) if self.lines else ()
         return replace(self, q=self.q[rows], T=self.T[rows], lines=lines)
 
 

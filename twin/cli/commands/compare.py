@@ -24,8 +24,8 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin compare`."""
     known = ", ".join(format.title for format in imported())
     text = (
-        "two or more sides: name of a built-in robot or robot folder (its equations with @equations behind it), table of "
-        f"poses, or file of one of these formats: {known}"
+        "two or more sides: name of a built-in robot or robot folder (its equations with @equations behind it), "
+        f"table of poses, or file of one of these formats: {known}"
     )
     command.add_argument("sides", nargs="+", metavar="SIDE", help=text)
     command.number("--tolerance-um", "UM", "distance in µm up to which two joint axes coincide", 10.0)

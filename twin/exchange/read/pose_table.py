@@ -96,7 +96,7 @@ def read_poses(path: Path, length: str | None = None, angle: str | None = None) 
         angle: unit of such angles, "deg" or "rad".
 
     Raises:
-        SourceError: a column is missing, has no unit, or a cell is no number; the message names file and line.
+        SourceError: a column is missing, has no unit, or a cell is not a number; the message names file and line.
     """
     try:
         text = read_text(path, "text", encoding="utf-8-sig")
