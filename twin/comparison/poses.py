@@ -799,8 +799,8 @@ def _hand_eye(T: Array, target: Array) -> Array:
     p = np.linalg.lstsq(M, c, rcond=1e-9)[0]
     X = spatial.pose(R, p)
     Y = spatial.inverse(X @ T[0]) @ target[0]
-    start: Array = np.concatenate([spatial.log_so3(R), p, spatial.log_so3(Y[:3, :3]), Y[:3, 3]])
-    return start
+    parts = [spatial.log_so3(R), p, spatial.log_so3(Y[:3, :3]), Y[:3, 3]]
+    return np.concatenate([np.asarray(part, float) for part in parts])
 
 
 def _placed(points: Array, targets: Array) -> tuple[Array, Array]:
