@@ -39,7 +39,7 @@ class FolderFiles:
     @property
     def count(self) -> int:
         """Number of files that can be audited without other files."""
-        return len(self.proofs) + sum(len(files) for files in self.files.values())
+        return len(self.proofs) + sum(map(len, self.files.values()))
 
     def name(self, path: Path) -> str:
         """Return a path as reports show it: relative to the audited folder."""
@@ -73,10 +73,12 @@ def find(path: Path) -> FolderFiles:
                 check_size(file, syntax)
         if len(files) > MOST_FILES:
             raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
-    single = files
-    for format, folders in _wholes(files):
+    wholes = _wholes(files)
+    whole_folders: list[Path] = []
+    for format, folders in wholes:
         out.files[format.name] = folders
-        single = [file for file in single if not _within(file, folders)]
+        whole_folders += folders
+    single = [file for file in files if not _within(file, whole_folders)]
     _sort(out, single, alone=False)
     if not out.count:
         known = ", ".join(format.title for format in audited())
@@ -89,29 +91,35 @@ def _hidden(path: Path) -> bool:
 
 
 def _within(path: Path, folders: Sequence[Path]) -> bool:
-    return any(path.is_relative_to(folder) for folder in folders)
+    return any(map(path.is_relative_to, folders))
 
 
 def _shown(format: Format) -> str:
     """Return the suffixes of a format for a message, with its name if others use the suffixes too."""
     suffixes = ", ".join(variant.suffix for variant in format.variants)
-    return suffixes if format.recognise is None else f"{format.title} ({suffixes})"
+    if format.recognise is None:
+        return suffixes
+    return f"{format.title} ({suffixes})"
 
 
 def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     """Return (format, folders) for each format whose folders are audited as one; a folder in another is part of it."""
-    found = []
+    wholes = []
     for format in audited():
-        if format.marker:
-            folders = [f.parent for f in files if f.name == format.marker and format.accepts(f)]
-            outer = []
-            for folder in folders:
-                # The working directory "." is its own parent: only other folders can contain a folder.
-                others = [other for other in folders if other != folder]
-                if not _within(folder, others):
-                    outer.append(folder)
-            found.append((format, outer))
-    return found
+        if not format.marker:
+            continue
+        folders = []
+        for file in files:
+            if file.name == format.marker and format.accepts(file):
+                folders.append(file.parent)
+        outer = []
+        for folder in folders:
+            # The working directory "." is its own parent: only other folders can contain a folder.
+            others = set(folders) - {folder}
+            if others.isdisjoint(folder.parents):
+                outer.append(folder)
+        wholes.append((format, outer))
+    return wholes
 
 
 def _sort(out: FolderFiles, files: Sequence[Path], alone: bool) -> None:
@@ -132,15 +140,19 @@ def _sort(out: FolderFiles, files: Sequence[Path], alone: bool) -> None:
                 by_format.setdefault(format.name, []).append((variant.rank, file))
     for format in formats:
         rows = by_format.get(format.name, [])
-        rows.sort(key=lambda row: row[0])
+        rows.sort(key=lambda row: row[0])  # by rank alone, so that files of one rank stay in the order of their names
         chosen = format.outermost([file for _, file in rows])
         if chosen:
             out.files[format.name] = chosen
 
 
 def _format_of(file: Path, formats: Sequence[Format], alone: bool) -> Format | None:
-    having = [format for format in formats if format.variant(file) is not None]
-    for format in having:
+    first: Format | None = None
+    for format in formats:
+        if format.variant(file) is None:
+            continue
         if format.accepts(file):
             return format
-    return having[0] if alone and having else None
+        if first is None:
+            first = format
+    return first if alone else None

@@ -145,7 +145,9 @@ def felt(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | N
             stiffness += factor * factor * (motor.stiffness or 0.0)
             damping += factor * factor * (motor.damping or 0.0)
             moved = True
-    return (stiffness, damping) if moved else None
+    if not moved:
+        return None
+    return stiffness, damping
 
 
 @dataclass(frozen=True)
@@ -193,32 +195,40 @@ class FileJoint:
         sign = 1.0 if self.parent < self.child else -1.0
         at_parent = link == self.parent
         if self.tied:
-            points = [on_parent if at_parent else on_child for on_parent, on_child in self.tied]
+            points = []
+            for on_parent, on_child in self.tied:
+                points.append(on_parent if at_parent else on_child)
             if len(points) < 2:
                 return points[0], None
             return points[0], sign * unit(points[1] - points[0])
         if self.T is None or not self.motions:
             return None
-        turns = [line for line in self.motions if line.kind == "turn"]
+        turns, _ = _turns_and_slides(self.motions)
         if self.kind == "spherical":
             center = meeting(turns)
             if not at_parent:
                 center = _moved(center, poses.inverse(self.T))
             return center, None
-        # In a cylindrical joint, both lines are the same; the axis of a turn has a place, that of a slide has none.
-        line = turns[-1] if turns else self.motions[-1]
+        line = self.motions[-1]
+        if turns:
+            # In a cylindrical joint, both lines are the same; the axis of a turn has a place, that of a slide has none.
+            line = turns[-1]
         if link == self.child:
             line = line.seen(poses.inverse(self.T))
         return line.point, sign * line.direction
 
     def turned(self) -> FileJoint:
         """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
-        tied = tuple((on_child, on_parent) for on_parent, on_child in self.tied)
+        tied = [(on_child, on_parent) for on_parent, on_child in self.tied]
+        exchanged = replace(self, parent=self.child, child=self.parent, tied=tuple(tied))
         if self.T is None:
-            return replace(self, parent=self.child, child=self.parent, tied=tied)
-        back = poses.inverse(self.T)
-        motions = tuple(line.seen(back, -1.0) for line in reversed(self.motions))
-        return replace(self, parent=self.child, child=self.parent, T=back, motions=motions, tied=tied)
+            return exchanged
+        T_child_parent = poses.inverse(self.T)
+        motions = []
+        for line in reversed(self.motions):
+            # Seen from the child, the parent moves the other way: the same coordinate needs the opposite direction.
+            motions.append(line.seen(T_child_parent, -1.0))
+        return replace(exchanged, T=T_child_parent, motions=tuple(motions))
 
 
 @dataclass(frozen=True)
@@ -311,7 +321,7 @@ class FilePhysics:
         joints = [joint for joint in self.joints if not joint.tied]
         if WORLD not in known:
             joints = _onto_base(joints)
-        pending = []
+        pending: list[str] = []
         for joint in joints:
             for link in (joint.parent, joint.child):
                 if link and link not in known and link not in pending:
@@ -346,15 +356,20 @@ class FilePhysics:
         `reduced` leaves them out together with the links, because some formats need such links: they are almost
         without mass.
         """
-        whole = sum(mass.mass for mass in self.masses.values())
-        out: list[FileJoint] = []
+        whole = 0.0
+        for mass in self.masses.values():
+            whole += mass.mass
+        added: list[FileJoint] = []
         for link, mass in self.masses.items():
             if link in known or not mass.mass > _HELPER * whole:
                 continue
             joints = _at(link, self.joints)
-            if len(joints) == 1 and joints[0].names and joints[0].kind not in ("", "fixed"):
-                out.append(joints[0])
-        return out
+            if len(joints) != 1:
+                continue
+            joint = joints[0]
+            if joint.names and joint.kind not in ("", "fixed"):
+                added.append(joint)
+        return added
 
 
 def _at(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
@@ -372,8 +387,13 @@ def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str 
 
 def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
     """Return joints without a link: if two joints have it, they become one, with the motions of both."""
-    others = [joint for joint in joints if link not in (joint.parent, joint.child)]
-    joined = _at(link, joints)
+    joined: list[FileJoint] = []
+    others: list[FileJoint] = []
+    for joint in joints:
+        if link in (joint.parent, joint.child):
+            joined.append(joint)
+        else:
+            others.append(joint)
     if len(joined) != 2:
         return others
     first, second = joined
@@ -388,10 +408,9 @@ def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
 
 def _onto_base(joints: list[FileJoint]) -> list[FileJoint]:
     """Return joints on the link that is fixed to the world instead of on the world; others are unchanged."""
-    mounts = [j for j in joints if j.parent == WORLD and j.kind == "fixed" and j.T is not None]
-    if not mounts:
+    mount = _mount(joints)
+    if mount is None:
         return joints
-    mount = mounts[0]
     base = mount.turned()
     moved = []
     for joint in joints:
@@ -404,20 +423,28 @@ def _onto_base(joints: list[FileJoint]) -> list[FileJoint]:
     return moved
 
 
+def _mount(joints: list[FileJoint]) -> FileJoint | None:
+    """Return the first joint that fixes a link to the world; None if there is none."""
+    for joint in joints:
+        if joint.parent == WORLD and joint.kind == "fixed" and joint.T is not None:
+            return joint
+    return None
+
+
 def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
     """Return two joints as one; it has the drive of the one that moves, and none if both or neither do."""
     assert first.T is not None
     assert second.T is not None
-    drives = [joint.drive for joint in (first, second) if joint.motions]
-    seen = tuple(line.seen(first.T) for line in second.motions)
-    return FileJoint(
-        first.names + second.names,
-        first.parent,
-        second.child,
-        first.T @ second.T,
-        first.motions + seen,
-        drives[0] if len(drives) == 1 else FileDrive(),
-    )
+    drive = FileDrive()
+    if first.motions and not second.motions:
+        drive = first.drive
+    elif second.motions and not first.motions:
+        drive = second.drive
+    motions = list(first.motions)
+    for line in second.motions:
+        motions.append(line.seen(first.T))
+    names = first.names + second.names
+    return FileJoint(names, first.parent, second.child, first.T @ second.T, tuple(motions), drive)
 
 
 def _kind_of_ties(tied: tuple[tuple[Array, Array], ...]) -> str:
@@ -429,7 +456,9 @@ def _kind_of_ties(tied: tuple[tuple[Array, Array], ...]) -> str:
             apart += 1
     if apart == 0:
         return "spherical"
-    return "revolute" if apart == 1 else "fixed"
+    if apart == 1:
+        return "revolute"
+    return "fixed"
 
 
 _KINDS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "free"}
@@ -437,8 +466,7 @@ _KINDS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "fre
 
 
 def _kind(motions: tuple[JointLine, ...]) -> str:
-    turns = [line for line in motions if line.kind == "turn"]
-    slides = [line for line in motions if line.kind == "slide"]
+    turns, slides = _turns_and_slides(motions)
     count = (len(turns), len(slides))
     if count in _KINDS:
         return _KINDS[count]
@@ -449,6 +477,17 @@ def _kind(motions: tuple[JointLine, ...]) -> str:
     if count == (3, 0) and _meet(turns):
         return "spherical"
     return f"chain of {len(turns)} turns and {len(slides)} slides"
+
+
+def _turns_and_slides(motions: tuple[JointLine, ...]) -> tuple[list[JointLine], list[JointLine]]:
+    turns = []
+    slides = []
+    for line in motions:
+        if line.kind == "turn":
+            turns.append(line)
+        else:
+            slides.append(line)
+    return turns, slides
 
 
 def _meet(turns: list[JointLine]) -> bool:
@@ -483,7 +522,9 @@ def _moved(p: Array, T: Array) -> Array:
 def unit(v: Array) -> Array:
     """Return the unit vector of v (3,); a zero vector is unchanged."""
     size = float(np.linalg.norm(v))
-    return v / size if size > 0 else v
+    if size > 0:
+        return v / size
+    return v
 
 
 def along(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
@@ -493,13 +534,11 @@ def along(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
     """
     point = T[:3, 3]
     axes = T[:3, :3].T
-    slides = tuple(JointLine("slide", point, direction) for direction in axes)
-    turns = tuple(JointLine("turn", point, direction) for direction in axes)
-    lines = {
-        "revolute": (turns[axis],),
-        "prismatic": (slides[axis],),
-        "cylindrical": (slides[axis], turns[axis]),
-        "spherical": turns,
-        "free": slides + turns,
-    }
-    return lines.get(kind, ())
+    if kind in ("revolute", "prismatic", "cylindrical"):
+        axes = axes[axis, None]  # the only axis, as rows (1, 3)
+    lines: list[JointLine] = []
+    if kind in ("prismatic", "cylindrical", "free"):
+        lines += [JointLine("slide", point, direction) for direction in axes]
+    if kind in ("revolute", "cylindrical", "spherical", "free"):
+        lines += [JointLine("turn", point, direction) for direction in axes]
+    return tuple(lines)
