@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -162,6 +162,13 @@ class Compared:
     unit: str = ""
     relative: bool = False
 
+    @property
+    def unit_of_difference(self) -> str:
+        """Unit of what `apart` returns; "" for a relative difference."""
+        if self.relative:
+            return ""
+        return self.unit
+
 
 QUANTITIES: Mapping[str, Compared] = {
     "weighed": Compared(_word, 0.0),
@@ -268,20 +275,21 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
     _check_transmissions(views)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
     for subject, name in _keys(views):
-        stating = [v for v in views if (subject, name) in v.said]
+        stating = [view for view in views if (subject, name) in view.said]
         if len(stating) > 1:
             _compare_values(subject, name, stating, worst)
-    # With one file and the mechanism, the row states the mechanism as the source of the values.
-    others = MECHANISM if truth is not None and len(views) == 2 else "the other files"
+    others = "the other files"
+    if truth is not None and len(views) == 2:
+        # With one file and the mechanism, the row states the mechanism as the source of the values.
+        others = MECHANISM
     for view in views:
         if view.ledger is None:
             continue
         for name, (difference, subject) in worst.get(view.file, {}).items():
             q = QUANTITIES[name]
-            unit = "" if q.relative else q.unit
             check = f"{_WORDS.get(name, name)} against {others}"
-            finite = min(difference, 1e300)
-            view.ledger.row(check, finite, unit, q.tolerance, where=subject, against=others)
+            finite = min(difference, 1e300)  # JSON has no infinity
+            view.ledger.row(check, finite, q.unit_of_difference, q.tolerance, where=subject, against=others)
 
 
 def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
@@ -300,12 +308,12 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
         _state(view, canonical, known, movable)
         if view.holds(Holds.JOINT_TREE) and _is_for_one_motion(view, views):
             _forget_held_places(view)
-    subjects = [subject for subject, name in _keys(views) if name == "existence"]
+    keys = _keys(views)
     for view in views:
         listed = _listed_kinds(view.physics)
-        for subject in subjects:
-            if subject.startswith(listed):
-                view.said.setdefault((subject, "existence"), False)
+        for subject, name in keys:
+            if name == "existence" and subject.startswith(listed):
+                view.said.setdefault((subject, name), False)
 
 
 def _keys(views: Sequence[View]) -> list[tuple[str, str]]:
@@ -361,10 +369,10 @@ def _check_transmissions(views: Sequence[View]) -> None:
     for view in views:
         if not view.holds(Holds.TRANSMISSIONS) or view.physics.reductions is not None or view.ledger is None:
             continue
-        others = [v for v in views if v is not view]
+        others = [other for other in views if other is not view]
         driven = _driven(view.physics.joints, others)
         if driven:
-            sources = _listed([v.file for v in others])
+            sources = _listed(others)
             names = ", ".join(sorted(driven))
             text = f"the file has no transmissions; in {sources} the driven joints are {names}."
             severity = "disagreement" if len(views) > 2 else "warning"
@@ -394,18 +402,22 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
     Files with auxiliary links, for example between the hinges of a ball joint, are used only if there are no others.
     """
-    exact = [v for v in views if v.physics.links and (v.expected or v.holds(Holds.LINKS))]
+    links: set[str] = set()
+    exact: list[View] = []
+    for view in views:
+        links.update(view.physics.links)
+        if view.physics.links and (view.expected or view.holds(Holds.LINKS)):
+            exact.append(view)
     if exact:
         return set(min(exact, key=_order).physics.links)
-    links = set()
-    for view in views:
-        links |= set(view.physics.links)
     return links
 
 
 def _order(view: View) -> int:
     """Return the smallest rank of the files in the format of a source, 0 for the mechanism."""
-    return 0 if view.expected else family_rank(view.format)
+    if view.expected:
+        return 0
+    return family_rank(view.format)
 
 
 def _canonical(views: Sequence[View], known: set[str]) -> dict[str, FileJoint]:
@@ -452,8 +464,10 @@ def _stem(joint: FileJoint) -> str:
     `setup_1` can be the name of a joint.
     """
     first, *others = joint.names
+    if not others and not joint.tied:
+        return first
     if not others:
-        return re.sub(r"_\d+$", "", first) if joint.tied else first
+        return re.sub(r"_\d+$", "", first)
     short = min(joint.names, key=len)
     if _parts(joint, short):
         return short
@@ -482,7 +496,9 @@ def _match(joint: FileJoint, canonical: Mapping[str, FileJoint], view: View) -> 
     for name, other in canonical.items():
         if {other.parent, other.child} == ends and name not in taken:
             candidates.append(name)
-    return candidates[0] if len(candidates) == 1 else ""
+    if len(candidates) != 1:  # several joints between two links: which one is meant is not known
+        return ""
+    return candidates[0]
 
 
 def _divided(joint: FileJoint, canonical: Mapping[str, FileJoint]) -> str:
@@ -527,16 +543,19 @@ def _state(view: View, canonical: Mapping[str, FileJoint], known: set[str], mova
             view.say(f"frame '{name}'", {"existence": True, "link": frame.link, "frame pose": frame.T})
     for name, point in physics.points.items():
         view.say(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
-    held = None if still is None else tuple(sorted(still))
-    view.say("the world", {"gravity": physics.gravity, "held": held})
+    view.say("the world", {"gravity": physics.gravity})
+    if still is not None:
+        view.say("the world", {"held": tuple(sorted(still))})
     view.say("the loops", {"opening": physics.opening})
     for name, (ratios, total) in solved(physics.couplings or {}).items():
         joints = tuple(sorted(ratios))
         numbers = np.array([ratios[joint] for joint in joints])
         view.say(f"coupling of '{name}'", {"existence": True, "links": joints, "ratios": numbers, "sum": total})
     for name, motor in (physics.motors or {}).items():
+        subject = f"motor '{name}'"
+        if physics.all_motors:
+            view.say(subject, {"existence": True})
         values = {
-            "existence": True if physics.all_motors else None,
             "row": motor.row,
             "kind": motor.kind,
             "limits": motor.limits,
@@ -546,7 +565,7 @@ def _state(view: View, canonical: Mapping[str, FileJoint], known: set[str], mova
             "stiffness": motor.stiffness,
             "damping": motor.damping,
         }
-        view.say(f"motor '{name}'", values)
+        view.say(subject, values)
 
 
 def _state_joints(view: View, canonical: Mapping[str, FileJoint], known: set[str], movable: set[str]) -> None:
@@ -567,7 +586,10 @@ def _state_joints(view: View, canonical: Mapping[str, FileJoint], known: set[str
         elif joint.kind != "fixed" or joint.tied:
             view.say(f"joint '{_stem(joint)}'", {"existence": True})
     # A GLB states only names of joints, an MJCF has no names for fixed joints.
-    names_only = [name for name, joint in canonical.items() if not (name in found or joint.kind or joint.parent)]
+    names_only = []
+    for name, joint in canonical.items():
+        if name not in found and not joint.kind and not joint.parent:
+            names_only.append(name)
     if len(names_only) <= nameless:
         found.update(names_only)
         for name in names_only:
@@ -640,9 +662,10 @@ def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> N
             view.say(f"link '{link}'", {"shown": physics.shown.get(link, True)})
     for link, shape in view.shapes.items():
         if link in known:
+            view.say(f"link '{link}'", {"surface": shape.points})
             # Whether a mesh is closed counts only if the rounding of its points has no influence on it.
-            closed = shape.closed if shape.closed == shape.nearly_closed else None
-            view.say(f"link '{link}'", {"surface": shape.points, "closed": closed})
+            if shape.closed == shape.nearly_closed:
+                view.say(f"link '{link}'", {"closed": shape.closed})
     for link, shares in view.colors.items():
         if link in known:
             view.say(f"link '{link}'", {"colours": shares})
@@ -664,13 +687,14 @@ def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> N
 
 def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, movable: bool) -> None:
     subject = f"joint '{name}'"
-    coordinate = joint.kind_said and joint.names != canonical.names  # one coordinate of a ball joint, in a track
-    identity = {
-        "existence": True,
-        "name": _stated_name(name, joint) if joint.names and not coordinate else None,
-        "kind": joint.kind if joint.kind and not coordinate else None,
-        "links": tuple(sorted((joint.parent, joint.child))) if joint.parent else None,
-    }
+    identity: dict[str, Any] = {"existence": True}
+    if not joint.kind_said or joint.names == canonical.names:  # else one coordinate of a ball joint, in a track
+        if joint.names:
+            identity["name"] = _stated_name(name, joint)
+        if joint.kind:
+            identity["kind"] = joint.kind
+    if joint.parent:
+        identity["links"] = tuple(sorted((joint.parent, joint.child)))
     view.say(subject, identity)
     if joint.parent and not joint.kind.startswith(("chain", "free")):
         for link in (joint.parent, joint.child):
@@ -680,16 +704,20 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
     posed = joint.kind in ("fixed", *_SINGLE) and not joint.tied
     if posed and joint.T is not None and joint.parent and not movable:
         # Files may exchange parent and child: the pose is that from the first link in alphabetical order.
-        ordered = joint if joint.parent < joint.child else joint.turned()
+        ordered = joint
+        if joint.parent >= joint.child:
+            ordered = joint.turned()
         quantity = "pose" if joint.kind == "fixed" else "zero"
         view.say(subject, {quantity: ordered.T})
     if joint.kind in _SINGLE:
         drive = joint.drive
+        if joint.tied:  # a tie is between points, and has no coordinate of its own
+            drive = replace(drive, limits=None, passive=None)
         values = {
-            "limits": None if joint.tied else drive.limits,
+            "limits": drive.limits,
             "driven": drive.driven,
             "reduction": _reduction(view.physics, joint),
-            "passive": None if joint.tied else drive.passive,
+            "passive": drive.passive,
             "law": drive.law,
             "breaks": drive.breaks,
             "stiffness": drive.stiffness,
@@ -734,8 +762,9 @@ def _reduction(physics: FilePhysics, joint: FileJoint) -> float | None:
             rows.append(motor.row)
     if not rows:
         return 1.0
-    own = len(rows) == 1 and len(rows[0]) == 1
-    return rows[0][name] if own else None
+    if len(rows) > 1 or len(rows[0]) > 1:  # several motors move the joint, or the motor moves several joints
+        return None
+    return rows[0][name]
 
 
 # --------------------------------------------------------------------------------------------- the comparison
@@ -762,16 +791,18 @@ def _compare_values(
             row[name] = (difference, subject)
         if view in right or view.ledger is None:
             continue
-        others = _listed([v.file for v in right])
+        others = _listed(right)
         text = _text(subject, name, q, view.said[key], reference.said[key], others)
-        families = {v.family for v in right}
+        families = {agreeing.family for agreeing in right}
         if len(families) == 1 and not reference.expected:
             text += " One of the two statements is wrong."
         advice = "find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism"
         if reference.expected:
             advice = "export the file again; if its value is the right one, correct the robot"
-        value = difference if np.isfinite(difference) else None
-        size = Measured(value, q.tolerance, "" if q.relative else q.unit)
+        value: float | None = None
+        if np.isfinite(difference):
+            value = difference
+        size = Measured(value, q.tolerance, q.unit_of_difference)
         view.ledger.wrong(f"physics.{name.replace(' ', '_')}", text, subject, suggestion=advice, size=size)
 
 
@@ -789,7 +820,9 @@ def _groups(key: tuple[str, str], q: Compared, views: Sequence[View]) -> list[li
 
 
 def _trust(view: View) -> int:
-    return 0 if view.expected else trust(view.format)
+    if view.expected:
+        return 0
+    return trust(view.format)
 
 
 def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
@@ -798,12 +831,15 @@ def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
     return "truth" in families, len(families), -min(map(_trust, group))
 
 
-def _listed(files: Sequence[str]) -> str:
-    shown = list(files)
+def _listed(views: Sequence[View]) -> str:
+    """Return the names of files as text; of more than three, the first two and the number of the others."""
+    shown = [view.file for view in views]
     if len(shown) > 3:
-        shown = [*files[:2], f"{len(files) - 2} more"]
+        shown = [*shown[:2], f"{len(views) - 2} more"]
     *first, last = shown
-    return f"{', '.join(first)} and {last}" if first else last
+    if not first:
+        return last
+    return f"{', '.join(first)} and {last}"
 
 
 def _text(subject: str, name: str, q: Compared, own: Any, right: Any, others: str) -> str:
