@@ -80,7 +80,7 @@ class AuditReport(Result):
 
     def content(self) -> JsonObject:
         """Return the report as plain data for JSON."""
-        return {"path": self.path, "files": self.files, "checks": [c.as_dict() for c in self.checks]}
+        return {"path": self.path, "files": self.files, "checks": list(map(Check.as_dict, self.checks))}
 
     @property
     def headline(self) -> str:
@@ -89,8 +89,10 @@ class AuditReport(Result):
             return "FAIL: files are invalid or inconsistent with each other; see the findings"
         if self.verdict == "unchecked":
             causes = [finding for finding in self.findings if finding.severity == "error"]
-            more = f" And {len(causes) - 1} more, see the findings." if len(causes) > 1 else ""
-            return f"UNCHECKED: {causes[0].message}{more}"
+            text = f"UNCHECKED: {causes[0].message}"
+            if len(causes) > 1:
+                text += f" And {len(causes) - 1} more, see the findings."
+            return text
         if any(check.against for check in self.checks):
             return "PASS: all files are valid and consistent with each other"
         return "VALID: the file is well formed; there is nothing to compare it with"
@@ -103,28 +105,32 @@ class AuditReport(Result):
         yield f"{self.path}\n\n  {self.headline}\n"
         if self.files:
             titles = ("file", "units", "up", "handed", "links", "clips")
-            yield TextTable(titles, [_row_of_file(file) for file in self.files], fit=True)
+            yield TextTable(titles, list(map(_row_of_file, self.files)), fit=True)
             yield ""
         checks = self.checks if everything else worst(self.checks)
         if checks:
             titles = ("check", "worst in", "worst", "tolerance", "where", "when", "")
-            yield TextTable(titles, [_row(check) for check in checks], fit=True)
+            yield TextTable(titles, list(map(_row, checks)), fit=True)
             yield ""
-        shown = []
+        shown = 0
         for found in by_severity(self.findings):
             if everything or found.severity != "info":
-                shown.append(found)
-        yield from shown
-        yield ("\n" if shown else "") + self._counts(len(self.findings) - len(shown))
+                shown += 1
+                yield found
+        counts = self._counts(len(self.findings) - shown)
+        if shown:
+            counts = f"\n{counts}"
+        yield counts
 
     def _counts(self, notes: int) -> str:
         """Return the last line of the text: counts of checks and findings, of which `notes` are not shown."""
         checks = format.count(len(self.checks), "check")
         findings = format.count(len(self.findings), "finding")
-        hidden = f", of which {format.count(notes, 'note')} (shown by --all)" if notes else ""
+        if notes:
+            findings += f", of which {format.count(notes, 'note')} (shown by --all)"
         position = f"{POSITION_TOL * 1e6:g} µm"
         rotation = f"{math.degrees(ROTATION_TOL):.3g} deg"
-        return f"  {checks}, {findings}{hidden}; tolerance of poses: {position} and {rotation}"
+        return f"  {checks}, {findings}; tolerance of poses: {position} and {rotation}"
 
 
 _MARKS = {"agree": "ok", "disagree": "WRONG", "unchecked": "?"}
@@ -222,7 +228,9 @@ class Measured(NamedTuple):
 
 def um(value: float, limit: float | None = None) -> Measured:
     """Convert a length and its limit from m to micrometres."""
-    return Measured(value * 1e6, None if limit is None else limit * 1e6, "um")
+    if limit is not None:
+        limit *= 1e6
+    return Measured(value * 1e6, limit, "um")
 
 
 @dataclass
@@ -305,7 +313,10 @@ class Ledger:
         out = list(self.found)
         for code, count in self._count.items():
             if count > MOST:
-                last = [i for i, found in enumerate(out) if found.code == code][-1]
+                last = 0
+                for i, found in enumerate(out):
+                    if found.code == code:
+                        last = i
                 more = f"{out[last].message} And {count - MOST} more of this kind."
                 out[last] = replace(out[last], message=more)
         return out

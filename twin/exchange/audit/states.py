@@ -84,15 +84,19 @@ def compare_states(content: Content, truth: FilePhysics, states: DrawnStates) ->
     if physics is None:
         return
     assignments = _assignments(physics, truth)
-    by_name = len(assignments) == 1 and all(own == other for own, other in assignments[0].items())
-    compared: list[tuple[list[_Pair], dict[str, str]]] = []
+    by_name = False
+    if len(assignments) == 1:
+        by_name = list(assignments[0].keys()) == list(assignments[0].values())
+    compared: list[tuple[float, list[_Pair], dict[str, str]]] = []
     for assignment in assignments:
         pairs = _differences(physics, truth, states, assignment, by_name)
         if pairs:
-            compared.append((pairs, assignment))
+            worst_pair = max(pairs, key=lambda p: p.share)
+            compared.append((worst_pair.share, pairs, assignment))
     if not compared:
         return
-    pairs, assignment = min(compared, key=lambda c: max(pair.share for pair in c[0]))
+    # The assignment with the smallest of the largest differences; of equal ones the first.
+    _, pairs, assignment = min(compared, key=lambda c: c[0])
     ledger = content.ledger
     how = "by name" if by_name else "by structure"
     kind = f"of joints (assigned {how}) against {MECHANISM}, {len(assignment)} joints x {states.count} states"
@@ -167,7 +171,9 @@ class _Pair:
 
 
 def _length(value: float) -> str:
-    return quantity(value, "m") if value > 1e-9 else "0 mm"
+    if value <= 1e-9:  # rounding
+        return "0 mm"
+    return quantity(value, "m")
 
 
 # ------------------------------------------------------------------------------------------------ assignments
@@ -229,7 +235,9 @@ def _base(physics: FilePhysics) -> str:
     for joint in physics.joints:
         if joint.parent and joint.parent not in children:
             return joint.parent
-    return physics.links[0] if physics.links else ""
+    if not physics.links:
+        return ""
+    return physics.links[0]
 
 
 @dataclass(frozen=True)
@@ -255,8 +263,10 @@ def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str
     def search(k: int, placed: dict[str, str], assignment: dict[str, str]) -> Iterator[dict[str, str]]:
         """Assign the edges from number k on; `placed` is {part of the file: part of the mechanism}."""
         if k == len(edges):
-            complete = set(placed.values()) == set(others.values())
-            yield dict(assignment) if complete else {}
+            if set(placed.values()) == set(others.values()):
+                yield dict(assignment)
+            else:
+                yield {}
             return
         yield {}
         edge = edges[k]
@@ -265,7 +275,8 @@ def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str
             ends = (others[candidate.parent], others[candidate.child])
             if candidate.kind != edge.joint.kind or near not in ends or name in assignment.values():
                 continue
-            far = ends[1] if near == ends[0] else ends[0]
+            first, second = ends
+            far = second if near == first else first
             if far not in placed.values():
                 yield from search(k + 1, placed | {edge.far: far}, assignment | {edge.name: name})
 
@@ -421,7 +432,9 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhys
     bodies = _bodies_of_links(links, truth, states)
     if len(bodies) < len(truth.links):
         lacking = [body for body in truth.links if body not in bodies.values()]
-        more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
+        more = ""
+        if len(lacking) > 1:
+            more = f" and {len(lacking) - 1} more"
         text = (
             f"{content.file}: the joints agree with {MECHANISM}, but no link has the frame of '{lacking[0]}'"
             f"{more}: masses, shapes and limits are not compared."
@@ -442,8 +455,12 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhys
     for i, joint in enumerate(physics.joints):
         if not {joint.parent, joint.child} <= named:
             physics.joints[i] = replace(joint, names=())
-    pairs = ", ".join(f"{link} is {body}" for link, body in bodies.items() if link != body)
-    content.ledger.add("states.names", "info", f"links have other names than in {MECHANISM}: {pairs}.")
+    renamed = []
+    for link, body in bodies.items():
+        if link != body:
+            renamed.append(f"{link} is {body}")
+    text = f"links have other names than in {MECHANISM}: {', '.join(renamed)}."
+    content.ledger.add("states.names", "info", text)
 
 
 def _bodies_of_links(links: Mapping[str, Array], truth: FilePhysics, states: DrawnStates) -> dict[str, str]:
@@ -489,8 +506,9 @@ def _rename(content: Content, links: Mapping[str, str], joints: Mapping[str, str
     if physics.motors is not None:
         motors = {}
         for name, motor in physics.motors.items():
-            row = None if motor.row is None else _keyed(motor.row, joints)
-            motors[name] = replace(motor, row=row)
+            if motor.row is not None:
+                motor = replace(motor, row=_keyed(motor.row, joints))
+            motors[name] = motor
         physics.motors = motors
     if content.declared is not None:
         content.declared = _renamed(content.declared, links)
@@ -561,7 +579,9 @@ def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float, float]
     to_child = poses.inverse(joint.T)
     lines = [line.seen(to_child) for line in joint.motions]
     turns = [line for line in lines if line.kind == "turn"]
-    point = turns[0].point if turns else np.zeros(3)  # a point that the turns do not move
+    point = np.zeros(3)
+    if turns:
+        point = turns[0].point  # a point that the turns do not move
     angle = 0.0
     if len(turns) == 1:
         axis = turns[0].direction
