@@ -41,9 +41,16 @@ def check_claims(contents: Sequence[Content]) -> None:
     for content in contents:
         if (content.is_track or content.repeats_track) and "data" in content.extra:
             tracks.append(content)
-    shapes = next((c.shapes for c in contents if c.shapes and c.declared), {})
+    shapes: Mapping[str, LinkShape] = {}
+    for content in contents:
+        if content.shapes and content.declared:
+            shapes = content.shapes
+            break
     joints = _placed_joints(contents)
-    by_protocol = {_protocol(content): content for content in tracks if content.is_track}
+    by_protocol: dict[str, Content] = {}
+    for content in tracks:
+        if content.is_track:
+            by_protocol[_protocol(content)] = content
     for content in tracks:
         _check_between(content, shapes, joints)
         track = by_protocol.get(_protocol(content))
@@ -59,7 +66,11 @@ def _protocol(track: Content) -> str:
 
 def _playing(contents: Iterable[Content]) -> dict[str, Content]:
     """Return {protocol: track} of the tracks whose motion could be read."""
-    return {_protocol(content): content for content in contents if content.is_track and content.clips}
+    playing = {}
+    for content in contents:
+        if content.is_track and content.clips:
+            playing[_protocol(content)] = content
+    return playing
 
 
 def _placed_joints(contents: Sequence[Content]) -> list[FileJoint]:
@@ -155,9 +166,10 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
     """Report numbers that a stage marks as ASSUMED, but that a track does not list as assumed."""
-    stage = next((c for c in contents if c.extra.get("assumed")), None)
-    if stage is None:
+    stages = [content for content in contents if content.extra.get("assumed")]
+    if not stages:
         return
+    stage = stages[0]
     for content in tracks:
         lines = content.extra["data"].get("assumed")
         if not isinstance(lines, list):
@@ -177,7 +189,9 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
 
 def _more(names: Sequence[str]) -> str:
     """Return " and n more" for the names behind the first, "" if there are none."""
-    return f" and {len(names) - 1} more" if len(names) > 1 else ""
+    if len(names) < 2:
+        return ""
+    return f" and {len(names) - 1} more"
 
 
 def head(line: str) -> str:
@@ -236,8 +250,11 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
     _check_listed(path.parent, raw, contents, ledger)
     _check_motions(text, contents, ledger)
     _check_list(text, contents, ledger)
-    wrong = [f for f in ledger.found if f.severity != "info"]
-    ledger.row("README.txt against the files", float(len(wrong)), "found", 0.0, against="the files")
+    wrong = 0
+    for finding in ledger.found:
+        if finding.severity != "info":
+            wrong += 1
+    ledger.row("README.txt against the files", float(wrong), "found", 0.0, against="the files")
 
 
 def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: Ledger) -> None:
@@ -265,14 +282,16 @@ def _named_motions(contents: Sequence[Content]) -> set[str]:
     names = set()
     for content in contents:
         if content.is_track or holding(content.format, Holds.ALL_MOTIONS):
-            names |= {clip.name for clip in content.clips}
+            names.update(clip.name for clip in content.clips)
     return names
 
 
 def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
     """Compare the list of motions in README.txt with the tracks."""
     tracks = _playing(contents)
-    rows = {row["name"]: row for row in _MOTION.finditer(text)}
+    rows: dict[str, re.Match[str]] = {}
+    for row in _MOTION.finditer(text):
+        rows[row["name"]] = row
     if rows:
         for name in tracks.keys() - rows.keys():
             ledger.wrong("readme.motion", f"motion '{name}' is missing from the list of motions in README.txt.", name)
@@ -309,7 +328,9 @@ def _check_motion(row: re.Match[str], track: Content, ledger: Ledger) -> None:
 
 
 def _times(value: Any, factor: float) -> Any:
-    return value * factor if isinstance(value, int | float) else None
+    if not isinstance(value, int | float):
+        return None
+    return value * factor
 
 
 def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
@@ -317,10 +338,13 @@ def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
     protocols = set()
     listed = set()
     for content in contents:
-        lines = content.extra["data"].get("assumed") if content.is_track else None
+        if not content.is_track:
+            continue
+        lines = content.extra["data"].get("assumed")
         if isinstance(lines, list):
             protocols.add(_protocol(content))
-            listed |= {_plain(str(line)) for line in lines}
+            for line in lines:
+                listed.add(_plain(str(line)))
     if not protocols or "\nAssumed" not in text:
         return
     stated = set()
@@ -348,13 +372,17 @@ def _without_protocols(line: str, protocols: Collection[str]) -> str:
 
 
 def _clipped(line: str) -> str:
-    return line if len(line) < 60 else f"{line[:57]}…"
+    if len(line) < 60:
+        return line
+    return f"{line[:57]}…"
 
 
 def _section(text: str, title: str) -> str:
     """Return the lines below an underlined title, up to the next title."""
     found = re.search(rf"^{title}[^\n]*\n-+\n(.*?)(?=^[^\n]+\n-{{3,}}\n|\Z)", text, re.MULTILINE | re.DOTALL)
-    return found[1] if found else ""
+    if found is None:
+        return ""
+    return found[1]
 
 
 def check_proof_clips(proof: JsonMapping, contents: Iterable[Content], ledger: Ledger) -> None:

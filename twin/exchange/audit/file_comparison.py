@@ -110,8 +110,12 @@ class _Compared:
 def _named(name: str, known: Mapping[str, object]) -> str | None:
     """Return the known clip in the name of a stage, <robot>_<clip> or <robot>_<clip>_ar; None if no clip matches."""
     stem = name.removesuffix("_ar")
-    fits = [k for k in known if k and (stem == k or stem.endswith(f"_{k}"))]
-    return max(fits, key=len) if fits else None
+    longest: str | None = None
+    for clip in known:
+        fits = stem == clip or stem.endswith(f"_{clip}")
+        if clip and fits and (longest is None or len(clip) > len(longest)):
+            longest = clip
+    return longest
 
 
 def _prefixes(contents: Sequence[Content], refs: Mapping[str, Reference]) -> frozenset[str]:
@@ -146,7 +150,9 @@ def _counterpart(
         score = _score(clip, ref.clip)
         if score is not None:
             scores[name] = score
-    return min(scores, key=lambda n: scores[n]) if scores else None
+    if not scores:
+        return None
+    return min(scores, key=lambda n: scores[n])
 
 
 def _score(clip: FileClip, ref: FileClip) -> float | None:
@@ -354,7 +360,9 @@ def _compare_joints(content: Content, clip: FileClip, ref: Reference, name: str,
 
 def _hint_of_degrees(value: float, expected: float) -> str:
     """Return a sentence if one of two values is the other in degrees, else ""."""
-    ratio = value / expected if expected else 0.0
+    if not expected:
+        return ""
+    ratio = value / expected
     to_degrees = abs(ratio * np.pi / 180 - 1)
     to_radians = abs(ratio * 180 / np.pi - 1)
     if min(to_degrees, to_radians) < 1e-3:
@@ -380,18 +388,26 @@ def _blame(
     contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping[str, Sequence[_Compared]]
 ) -> None:
     """Report the reference file as wrong if all other files differ from the reference, but agree with each other."""
-    sources = {content.file: content for content in contents}
+    sources: dict[str, Content] = {}
+    for content in contents:
+        sources[content.file] = content
     for name, rows in compared.items():
         ref = refs[name]
         # Tracks are not counted: the JSON and the CSV track of a motion are written from the same numbers.
-        wrong = [row for row in rows if not row.agrees and not holding(row.content.format, Holds.COORDINATES)]
-        counted = [row for row in rows if not row.content.repeats_track]
-        if ref.source not in sources or len(wrong) < 2 or len(wrong) < len(counted):
+        wrong: list[_Compared] = []
+        counted = 0
+        for row in rows:
+            if not row.agrees and not holding(row.content.format, Holds.COORDINATES):
+                wrong.append(row)
+            if not row.content.repeats_track:
+                counted += 1
+        if ref.source not in sources or len(wrong) < 2 or len(wrong) < counted:
             continue
         first, *others = wrong
         shared = [link for link in first.clip.links if link in ref.clip.links]
-        if shared and all(_same_motion(row.clip, first.clip, shared) for row in others):
-            files = ", ".join(row.content.file for row in others)
+        alike = [row.content.file for row in others if _same_motion(row.clip, first.clip, shared)]
+        if shared and len(alike) == len(others):
+            files = ", ".join(alike)
             text = (
                 f"clip '{name}': {first.content.file} and {files} agree with each other, and "
                 "all differ from this file, so this file is wrong."
@@ -446,21 +462,23 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
                 content.ledger.wrong("compare.missing_clip", text, name)
     prefixes = _prefixes(contents, refs)
     for kinds in motion_groups():
-        group = [c for c in contents if c.format in kinds]
-        playing = [c for c in group if c.clips]
-        if not playing:
-            continue
-        present = set()
-        for content in group:
-            if content.clips:
-                present |= {_counterpart(content, clip, refs, prefixes) for clip in content.clips}
-            else:  # a track with faults has no clip, but it is there, and its faults have been reported
+        playing: Content | None = None
+        present: set[str | None] = set()
+        for content in contents:
+            if content.format not in kinds:
+                continue
+            if not content.clips:  # a track with faults has no clip, but it is there, and its faults were reported
                 present.add(str(content.facts.get("protocol")))
+                continue
+            for clip in content.clips:
+                present.add(_counterpart(content, clip, refs, prefixes))
+            if playing is None:
+                playing = content
         missing = sorted(set(refs) - present)
-        if missing:
+        if playing is not None and missing:
             first = missing[0]
             text = f"no file of this format contains clip '{first}' of {refs[first].source}."
-            playing[0].ledger.wrong("compare.missing_clip", text, first)
+            playing.ledger.wrong("compare.missing_clip", text, first)
 
 
 def compare_rest(contents: Sequence[Content]) -> None:
