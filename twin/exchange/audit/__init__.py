@@ -97,7 +97,9 @@ def audit(
 
         contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell, given))
     else:
-        drawn = None if states is None else cache(states)
+        drawn: Callable[[], DrawnStates] | None = None
+        if states is not None:
+            drawn = cache(states)  # they are computed at most once, and only if a file needs them
         contents, ledgers = _audited(path, truth or {}, mechanism, drawn, tell, given)
     return finished(str(path), [content.as_facts() for content in contents], ledgers)
 
@@ -130,7 +132,9 @@ def _audited(
             check_sense(content, _gravity(contents, content, mechanism))
         tell("compare", 0.9)
         refs = references(contents, truth)
-        expected = None if mechanism is None else mechanism_physics(mechanism)
+        expected: FilePhysics | None = None
+        if mechanism is not None:
+            expected = mechanism_physics(mechanism)
         if states is not None and _has_drawn_states(contents):
             refs[CLIP] = Reference(states().clip(), MECHANISM)
         compare(contents, refs)
@@ -140,7 +144,8 @@ def _audited(
         compare_rest(contents)
         compare_shapes(contents)
         strange_files = {content.file for content in strangers}
-        compare_physics([content for content in contents if content.file not in strange_files], expected)
+        familiar = [content for content in contents if content.file not in strange_files]
+        compare_physics(familiar, expected)
         compare_physics(strangers)
         if expected is not None:
             _check_placed(contents, expected)
@@ -257,7 +262,10 @@ def key_times(path: str | Path, xacro: XacroSettings | None = None) -> dict[str,
     for _, content in _read(found, _silent, None, xacro or XacroSettings()):
         if content is not None:
             contents.append(content)
-    return {name: ref.clip.times for name, ref in references(contents, {}).items()}
+    times = {}
+    for name, ref in references(contents, {}).items():
+        times[name] = ref.clip.times
+    return times
 
 
 def _tracks(found: FolderFiles) -> FolderFiles:

@@ -28,12 +28,17 @@ def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
 
     `found` contains the poses (k, 4, 4) of each link in the file, `meant` the expected poses.
     """
-    names = [n for n in found if n in meant]
+    names = [name for name in found if name in meant]
     if not names:
         return ""
     looks = _looks(found, meant, names)
-    F = np.stack([found[name][looks] for name in names])
-    M = np.stack([meant[name][looks] for name in names])
+    found_poses = []
+    meant_poses = []
+    for name in names:
+        found_poses.append(found[name][looks])
+        meant_poses.append(meant[name][looks])
+    F = np.stack(found_poses)
+    M = np.stack(meant_poses)
     if not (np.all(np.isfinite(F)) and np.all(np.isfinite(M))):
         return ""
     wrong = [i for i in range(len(names)) if not _same(F[i], M[i])]
@@ -70,15 +75,23 @@ def _looks(found: Mapping[str, Array], meant: Mapping[str, Array], names: Sequen
 
 def _at_few_keys(found: Array, meant: Array, looks: Array) -> str:
     """Return that only this link differs, if it does so at few of its keys; else ""."""
-    wrong_looks = [k for k in looks.tolist() if not _same(found[[k]], meant[[k]])]
-    if not len(wrong_looks) < len(looks) / 2:
+    if not _count_wrong(found[looks], meant[looks]) < len(looks) / 2:
         return ""
     count = len(found)
-    wrong = [k for k in range(count) if not _same(found[[k]], meant[[k]])]
-    if len(wrong) > max(2, count // 10):
+    wrong = _count_wrong(found, meant)
+    if wrong > max(2, count // 10):
         return ""
-    keys = "one key" if len(wrong) == 1 else f"{len(wrong)} keys"
+    keys = "one key" if wrong == 1 else f"{wrong} keys"
     return f"only this link differs, at {keys} of {count}"
+
+
+def _count_wrong(found: Array, meant: Array) -> int:
+    """Return at how many keys the poses (k, 4, 4) differ."""
+    wrong = 0
+    for k in range(len(found)):
+        if not _same(found[[k]], meant[[k]]):
+            wrong += 1
+    return wrong
 
 
 def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:

@@ -182,16 +182,28 @@ def joined(shapes: Iterable[LinkShape]) -> LinkShape | None:
     parts = list(shapes)
     if not parts:
         return None
-    points = np.vstack([shape.points for shape in parts])
-    offset = 0
-    indices = []
+    all_points = []
+    all_triangles = []
+    lows = []
+    highs = []
+    count = 0
+    volume = 0.0
+    area = 0.0
+    closed = True
+    nearly_closed = True
     for shape in parts:
-        indices.append(shape.triangles + offset)
-        offset += len(shape.points)
-    triangles = np.vstack(indices)
-    volume = sum(shape.volume for shape in parts)
-    closed = all(shape.closed for shape in parts)
-    nearly_closed = all(shape.nearly_closed for shape in parts)
+        all_points.append(shape.points)
+        all_triangles.append(shape.triangles + count)
+        lows.append(shape.low)
+        highs.append(shape.high)
+        count += len(shape.points)
+        volume += shape.volume
+        area += shape.area
+        closed = closed and shape.closed
+        nearly_closed = nearly_closed and shape.nearly_closed
+    points = np.vstack(all_points)
+    triangles = np.vstack(all_triangles)
+    # Meshes that are open by themselves can close each other: a body whose faces are separate meshes.
     if len(parts) > 1 and not closed:
         closed, _ = edges(weld(points, triangles))
         if closed:
@@ -199,16 +211,9 @@ def joined(shapes: Iterable[LinkShape]) -> LinkShape | None:
         elif not nearly_closed:
             nearly_closed, _ = edges(weld_near(points, triangles))
         volume = signed_volume(points, triangles)
-    return LinkShape(
-        np.min([shape.low for shape in parts], axis=0),
-        np.max([shape.high for shape in parts], axis=0),
-        volume,
-        closed,
-        nearly_closed,
-        points,
-        triangles,
-        sum(shape.area for shape in parts),
-    )
+    low = np.min(lows, axis=0)
+    high = np.max(highs, axis=0)
+    return LinkShape(low, high, volume, closed, nearly_closed, points, triangles, area)
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:
@@ -251,4 +256,6 @@ def _read_obj(path: Path, time: int, size: int) -> tuple[Array, Array]:
 def _corner(word: str, count: int) -> int:
     """Return the index from 0 of a corner "point/texture/normal"; negative numbers count back from the last point."""
     number = int(word.split("/", 1)[0])
-    return number - 1 if number > 0 else count + number
+    if number > 0:
+        return number - 1
+    return count + number

@@ -111,14 +111,17 @@ def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
     """Return {object: T_world_object (1, 4, 4)} for the movable objects in scene.json; report unusable entries."""
     try:
         rows = json.loads((folder / SCENE).read_text(encoding="utf-8")).get("objects", [])
-        out = {str(r["name"]): np.array(r["T_world_object"], float).reshape(1, 4, 4) for r in rows}
+        objects: dict[str, Array] = {}
+        for row in rows:
+            objects[str(row["name"])] = np.array(row["T_world_object"], float).reshape(1, 4, 4)
     except (ValueError, KeyError, TypeError) as error:
         ledger.add("scene.objects", "error", f"the list of objects is malformed: {type(error).__name__}, {error}.")
         return {}
-    if not all(np.isfinite(T).all() for T in out.values()):
-        ledger.add("scene.objects", "error", "a pose in the list of objects is not finite.")
-        return {}
-    return out
+    for T in objects.values():
+        if not np.isfinite(T).all():
+            ledger.add("scene.objects", "error", "a pose in the list of objects is not finite.")
+            return {}
+    return objects
 
 
 def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> SceneRobot:
