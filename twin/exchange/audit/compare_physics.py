@@ -496,7 +496,7 @@ def _match(joint: FileJoint, canonical: Mapping[str, FileJoint], view: View) -> 
     for name, other in canonical.items():
         if {other.parent, other.child} == ends and name not in taken:
             candidates.append(name)
-    if len(candidates) != 1:  # several joints between two links: which one is meant is not known
+    if len(candidates) != 1:  # none, or several between the same two links
         return ""
     return candidates[0]
 
