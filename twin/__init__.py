@@ -42,7 +42,7 @@ if TYPE_CHECKING:
         validate as validate,
         world as world,
     )
-    from twin.checking.run import check as check
+    from twin.checking.checker import check as check
     from twin.api.procedure import (
         operate_procedure as operate_procedure,
         replay_procedure as replay_procedure,
@@ -91,7 +91,7 @@ _HOMES = {
     "twin.analysis.search": ("workspace",),
     "twin.analysis.sweep": ("sweep",),
     "twin.analysis.tolerance": ("Spread", "tolerance"),
-    "twin.checking.run": ("check",),
+    "twin.checking.checker": ("check",),
     "twin.core.errors": ("TwinError",),
     "twin.core.findings": ("Finding",),
     "twin.core.result": ("Result",),

@@ -16,12 +16,12 @@ import yaml
 
 from made.repository import ARM, FAULTS, faulty, repository
 from twin.checking.baseline import read_baseline, write_baseline
-from twin.checking.files import excluded, walk
+from twin.checking.checker import check
+from twin.checking.descriptions import excluded, walk
+from twin.checking.file_verdict import JudgeJob, judge
 from twin.checking.found import CheckFinding, numbered
-from twin.checking.judge import JudgeJob, judge
 from twin.checking.junit import junit
 from twin.checking.rules import RULES
-from twin.checking.run import check
 from twin.checking.sarif import sarif
 from twin.checking.twins import compare_two, pairs, stem
 from twin.cli import main

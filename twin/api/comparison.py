@@ -20,7 +20,7 @@ from twin.core.spatial import Array
 
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
-    from twin.comparison.side import PoseRows, RobotSide, TableRow
+    from twin.comparison.side import DhRow, PoseRows, RobotSide
     from twin.exchange.read.source import DhOptions
     from twin.exchange.xacro import XacroSettings
     from twin.kinematics import Kinematics
@@ -233,9 +233,9 @@ def _beside(path: Path, data: bytes, suffix: str) -> Iterator[Path]:
         yield copy
 
 
-def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableRow, ...]:
+def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[DhRow, ...]:
     """Return the rows of a table; `names` are those of its joints, whose bodies are link1, link2, ..."""
-    from twin.comparison.side import TableRow
+    from twin.comparison.side import DhRow
     from twin.exchange.formats.dh.table import read_table, unit_size
 
     table = read_table(path, options)
@@ -246,7 +246,7 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableRo
         units = {parameter: unit_size(quantity.unit) for parameter, quantity in row.values.items()}
         below = frozenset(names[i + 1 :])
         frames = frozenset([*links[i:], "tool"])
-        rows.append(TableRow(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
+        rows.append(DhRow(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
     return tuple(rows)
 
 

@@ -327,13 +327,13 @@ class ConsoleSession(Result):
         write_usd(mechanism, [clip], folder / "usd")
 
     def _clip(self, name: str, mechanism: Mechanism, poses: Mapping[str, Array]) -> Clip:
-        from twin.exchange.write.clip import Clip, extremes, key_rows, measure_between, rounded
+        from twin.exchange.write.clip import Clip, extreme_points, key_rows, measure_between, rounded
         from twin.exchange.write.sampled import coordinates
 
         keys = key_rows(len(self.t), _STRIDE)
         links = rounded(poses)
         at_keys = {link: Ts[keys] for link, Ts in links.items()}
-        reaches = {body.name: extremes(mechanism, body) for body in mechanism.bodies}
+        reaches = extreme_points(mechanism)
         return Clip(
             "session",
             f"{name} in a session of {self.scene.name}",

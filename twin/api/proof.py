@@ -18,7 +18,7 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
-    from twin.proof.claims import Claim
+    from twin.proof.claims import JudgedClaim
     from twin.proof.prove import Proof
 
 STATES = 4096
@@ -191,7 +191,7 @@ def _hashes(robot: Robot) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()}
 
 
-def _refuted(claim: Claim, drawn: tuple[str, ...]) -> Finding:
+def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     """Return the finding of a refuted claim, with the state where it is wrong."""
     at = ", ".join(f"{name} = {value:.6g}" for name, value in claim.witness.items() if name not in drawn)
     text = f"it is not so that {claim.sentence}"
@@ -200,7 +200,7 @@ def _refuted(claim: Claim, drawn: tuple[str, ...]) -> Finding:
     return disagreement("proof.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
 
 
-def _record(claim: Claim) -> JsonObject:
+def _record(claim: JudgedClaim) -> JsonObject:
     """Return a claim as plain data."""
     return {
         "name": claim.name,

@@ -6,15 +6,15 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
+from twin.checking.file_verdict import JudgedFile
 from twin.checking.found import CheckFinding
-from twin.checking.judge import Judged
 from twin.checking.rules import LEVELS, Level
 
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot contain."""
 
 
-def junit(judged: Sequence[Judged], findings: Sequence[CheckFinding], fail_on: Level) -> str:
+def junit(judged: Sequence[JudgedFile], findings: Sequence[CheckFinding], fail_on: Level) -> str:
     """Return the files as test cases; a new finding of at least the level `fail_on` is a failure."""
     by_file: dict[str, list[CheckFinding]] = {}
     for one in judged:

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
+from twin.checking.file_verdict import JudgedFile
 from twin.checking.found import CheckFinding
-from twin.checking.judge import Judged
 from twin.comparison.items import ComparedItem
 from twin.comparison.result import Comparison
 from twin.core.errors import TwinError
@@ -27,19 +27,19 @@ def stem(name: str) -> str:
     return stem.lower()
 
 
-def pairs(judged: Sequence[Judged]) -> list[tuple[Judged, Judged]]:
+def pairs(judged: Sequence[JudgedFile]) -> list[tuple[JudgedFile, JudgedFile]]:
     """Return the pairs of files that may describe one robot.
 
     Both files have the same moving joints, and either the same name of the robot or the same file name without suffix.
     Each file is paired with the first of its kind, so that n files give n - 1 pairs.
     """
-    found: list[tuple[Judged, Judged]] = []
-    first: dict[tuple[str, ...], Judged] = {}
+    found: list[tuple[JudgedFile, JudgedFile]] = []
+    first: dict[tuple[str, ...], JudgedFile] = {}
     for one in judged:
         if not one.joints:
             continue
         joints = "\0".join(one.joints)
-        partners: list[Judged] = []
+        partners: list[JudgedFile] = []
         for key in ((joints, "robot", one.robot), (joints, "stem", stem(one.description.name))):
             other = first.setdefault(key, one)
             if other is not one and other not in partners:
@@ -49,7 +49,7 @@ def pairs(judged: Sequence[Judged]) -> list[tuple[Judged, Judged]]:
     return found
 
 
-def variants(first: Judged, second: Judged) -> bool:
+def variants(first: JudgedFile, second: JudgedFile) -> bool:
     """Return whether two files may differ on purpose: the same format, and different file names."""
     if stem(first.description.name) == stem(second.description.name):
         return False
@@ -57,7 +57,7 @@ def variants(first: Judged, second: Judged) -> bool:
     return families[0] == families[1]
 
 
-def compare_two(first: Judged, second: Judged, xacro: XacroSettings) -> tuple[CheckFinding, ...]:
+def compare_two(first: JudgedFile, second: JudgedFile, xacro: XacroSettings) -> tuple[CheckFinding, ...]:
     """Return how two descriptions differ, as findings on the second."""
     from twin.api.comparison import compare
 
@@ -120,8 +120,8 @@ def _edit(item: ComparedItem) -> str:
 class PairJob:
     """Two files to compare."""
 
-    first: Judged
-    second: Judged
+    first: JudgedFile
+    second: JudgedFile
     xacro: XacroSettings
 
 

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from twin.comparison import rereading
+from twin.comparison.dh_edits import CellStatement
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import gaps
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
-from twin.comparison.rereading import Goal
+from twin.comparison.rereading import EditGoal
 from twin.comparison.side import RobotSide, plain
 from twin.comparison.statements import NumberStatement, PlaceStatement, places, statements
-from twin.comparison.table import CellStatement
 from twin.core.spatial import Array
 
 Statement = NumberStatement | PlaceStatement | CellStatement
@@ -166,7 +166,7 @@ def _reread(case: _Case, items: Sequence[ComparedItem]) -> list[NumberEdit]:
     names: set[str] = set()
     for item in items:
         names |= _names(case, item)
-    goal = Goal(case.residual, agrees, moved, case.problem.tolerance)
+    goal = EditGoal(case.residual, agrees, moved, case.problem.tolerance)
     return rereading.edits(case.side, names, "", goal, short)[:_MOST]
 
 

@@ -59,7 +59,7 @@ class Evidence:
     weight: float
 
 
-class Stated:
+class StatedEvidence:
     """The evidence of a problem, for given signs and deviating joints.
 
     Attributes:

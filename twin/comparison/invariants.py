@@ -46,7 +46,7 @@ class _Normal:
 
 
 @dataclass(frozen=True)
-class Between:
+class JointNeighbours:
     """A joint with the joint before it and one behind it.
 
     Attributes:
@@ -130,14 +130,14 @@ class Local:
 
     different: dict[int, int]
     products: dict[tuple[int, int], float]
-    between: tuple[Between, ...]
+    between: tuple[JointNeighbours, ...]
     count: int
 
     def _of_pair(self, before: int, joint: int) -> frozenset[int]:
         """Return what changes the distance or the angle of two consecutive lines, as in `Unknowns.deviating`."""
         return frozenset({joint, self.count + before, self.count + joint})
 
-    def _of_three(self, rule: Between) -> frozenset[int]:
+    def _of_three(self, rule: JointNeighbours) -> frozenset[int]:
         """Return what changes a joint with those before and behind it, as in `Unknowns.deviating`."""
         axes = (rule.before, rule.joint, rule.behind)
         return frozenset({rule.joint, rule.behind, *(self.count + joint for joint in axes)})
@@ -217,7 +217,7 @@ def local(problem: Problem) -> Local:
     return Local(different, products, tuple(between), problem.count)
 
 
-def _between(problem: Problem, before: int, joint: int, behind: int) -> Between | None:
+def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNeighbours | None:
     """Return what three consecutive joints say; None if the normals at the joint in the middle have no direction."""
     if problem.kinds[joint] not in ("revolute", "prismatic"):
         return None
@@ -248,7 +248,9 @@ def _between(problem: Problem, before: int, joint: int, behind: int) -> Between 
     directions = np.array([problem.directions[joint], problem.target_directions[joint]])
     drawn = (float(problem.drawn[joint]), float(problem.target_drawn[joint]))
     turns = problem.kinds[joint] == "revolute"
-    return Between(before, joint, behind, turns, sides[0], sides[1], directions, drawn, foot_limit, float(angle_limit))
+    return JointNeighbours(
+        before, joint, behind, turns, sides[0], sides[1], directions, drawn, foot_limit, float(angle_limit)
+    )
 
 
 def _normal(

@@ -13,7 +13,7 @@ from twin.comparison.frames import gaps
 from twin.comparison.items import NumberEdit
 from twin.comparison.matching import Matching
 from twin.comparison.properties import Properties, PropertyRow, compare, difference
-from twin.comparison.rereading import Goal
+from twin.comparison.rereading import EditGoal
 from twin.comparison.side import RobotSide, plain
 from twin.core.spatial import Array
 
@@ -65,7 +65,7 @@ def _goal(
     row: PropertyRow,
     known: Collection[tuple[str, int]],
     side: RobotSide,
-) -> Goal:
+) -> EditGoal:
     """Return what an edit must achieve: this row agrees, and no other row than before disagrees."""
 
     def residual(edited: RobotSide) -> Array:
@@ -96,7 +96,7 @@ def _goal(
     if start.size:
         scale = max(float(abs(start).max()), 1e-9)
     limits = {"limits": LIMIT, "centres of mass": CENTRE}
-    return Goal(residual, agrees, moved, limits.get(row.kind, RELATIVE * scale))
+    return EditGoal(residual, agrees, moved, limits.get(row.kind, RELATIVE * scale))
 
 
 def _names(problem: Problem, row: PropertyRow, edited: int) -> set[str]:

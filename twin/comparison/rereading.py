@@ -77,7 +77,7 @@ class FileNumber:
 
 
 @dataclass(frozen=True)
-class Goal:
+class EditGoal:
     """What an edit must achieve.
 
     Attributes:
@@ -130,7 +130,7 @@ def text_of(side: RobotSide) -> bytes | None:
 
 
 def edits(
-    side: RobotSide, names: Collection[str], kind: str, goal: Goal, file: Callable[[str], str]
+    side: RobotSide, names: Collection[str], kind: str, goal: EditGoal, file: Callable[[str], str]
 ) -> list[NumberEdit]:
     """Return the edits of one number that reach a goal, the likeliest first."""
     data = text_of(side)
@@ -155,7 +155,7 @@ def edits(
 
 
 def edits_together(
-    side: RobotSide, names: Collection[str], kind: str, goal: Goal, file: Callable[[str], str]
+    side: RobotSide, names: Collection[str], kind: str, goal: EditGoal, file: Callable[[str], str]
 ) -> list[NumberEdit]:
     """Return edits of several numbers that reach a goal only together; [] if there are none."""
     data = text_of(side)
@@ -228,7 +228,7 @@ def _read(side: RobotSide, data: bytes, number: FileNumber, value: float) -> Rob
 
 
 def _solved(
-    side: RobotSide, data: bytes, number: FileNumber, goal: Goal, before: Array
+    side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, before: Array
 ) -> tuple[float, RobotSide] | None:
     """Return (value of a number with which a goal is reached, the side with it); None if there is none."""
     value = float(data[number.start : number.end])
@@ -265,7 +265,7 @@ def _solved(
     return _rounded(side, data, number, goal, value, float(np.abs(slope).max())) or (value, edited)
 
 
-def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: Goal) -> tuple[float, RobotSide] | None:
+def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal) -> tuple[float, RobotSide] | None:
     """Return the number with a lost sign, a quarter turn or zero if that reaches the goal: too far for small steps."""
     value = float(data[number.start : number.end])
     candidates = [-value]
@@ -286,7 +286,7 @@ def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: Goal) -> 
 
 
 def _rounded(
-    side: RobotSide, data: bytes, number: FileNumber, goal: Goal, value: float, slope: float
+    side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, value: float, slope: float
 ) -> tuple[float, RobotSide] | None:
     """Return the value with as few decimals as are needed."""
     for digits in range(13):

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from twin.comparison.evidence import CONVENTION, LIMIT, Evidence, Stated, turning_columns
+from twin.comparison.evidence import CONVENTION, LIMIT, Evidence, StatedEvidence, turning_columns
 from twin.comparison.fit import FitSolution, Problem, Unknowns, size_of, values_of, with_values
 from twin.comparison.frames import gaps
 from twin.comparison.invariants import Local, local
@@ -90,7 +90,7 @@ class _Search:
         self.problem = problem
         self.known = known
         self.most = most
-        self.stated = Stated(problem)
+        self.stated = StatedEvidence(problem)
         self.turning = turning_columns(problem)
         self.heap: list[tuple[float, int, _Signs | _Choice]] = []
         self.serial = 0
@@ -402,7 +402,7 @@ def solutions(problem: Problem) -> list[FitSolution]:
         found = _ordered(problem, _Search(problem, known, np.inf).run([()]))
     if not found:
         return _deviations(problem, known)
-    stated = Stated(problem)
+    stated = StatedEvidence(problem)
     most = _cost(stated, found[0].unknowns) - _DEVIATION
     if most < 0.0 or not _contradicted(stated, found[0].unknowns):
         return found
@@ -411,12 +411,12 @@ def solutions(problem: Problem) -> list[FitSolution]:
     return _explained(problem, others) or found
 
 
-def _cost(stated: Stated, u: Unknowns) -> float:
+def _cost(stated: StatedEvidence, u: Unknowns) -> float:
     """Return the cost of signs and of all evidence that differs."""
     return CONVENTION * len(u.flips) + sum(evidence.weight for evidence in stated.violated(stated.known(u.signs), u))
 
 
-def _contradicted(stated: Stated, u: Unknowns) -> bool:
+def _contradicted(stated: StatedEvidence, u: Unknowns) -> bool:
     """Return whether limits or inertias differ that other conventions could make equal."""
     return any(evidence.weight > CONVENTION for evidence in stated.violated(stated.known(u.signs), u))
 

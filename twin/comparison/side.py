@@ -68,7 +68,7 @@ class JointGroup:
 
 
 @dataclass(frozen=True)
-class TableRow:
+class DhRow:
     """A row of a table of Denavit-Hartenberg parameters.
 
     Attributes:
@@ -161,7 +161,7 @@ class RobotSide:
     path: Path | None = None
     text: bytes | None = None
     places: Mapping[str, tuple[str, int]] = field(default_factory=dict)
-    rows: tuple[TableRow, ...] = ()
+    rows: tuple[DhRow, ...] = ()
     notes: tuple[str, ...] = ()
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None

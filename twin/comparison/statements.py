@@ -15,8 +15,8 @@ from xml.parsers import expat
 
 import numpy as np
 
+from twin.comparison.dh_edits import CellStatement, cells
 from twin.comparison.side import Axis, RobotSide, plain
-from twin.comparison.table import CellStatement, cells
 from twin.core import spatial
 from twin.core.foreign.budget import MJCF_SUFFIXES
 from twin.core.spatial import Array

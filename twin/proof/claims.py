@@ -17,8 +17,8 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.proof.draws import STEPS
 from twin.proof.form import MOST_READ
-from twin.proof.program import Node
-from twin.proof.values import Scalar, Truths
+from twin.proof.program import Operation
+from twin.proof.values import ExactValue, Truths
 
 Status = Literal["proved", "refuted", "unproved"]
 
@@ -30,7 +30,7 @@ ENOUGH = 8
 
 
 @dataclass(frozen=True)
-class Claim:
+class JudgedClaim:
     """A claim and its verdict.
 
     Attributes:
@@ -60,18 +60,18 @@ class Claim:
     witness: Mapping[str, float]
     reason: str
     error: str = ""
-    nodes: tuple[Node, ...] = ()
-    reach: tuple[Node, ...] = ()
+    nodes: tuple[Operation, ...] = ()
+    reach: tuple[Operation, ...] = ()
 
 
 def judged(
     name: str,
     sentence: str,
-    numbers: Iterable[Scalar],
+    numbers: Iterable[ExactValue],
     inside: Truths,
     state: Mapping[str, Array],
     reasons: Sequence[str],
-) -> Claim:
+) -> JudgedClaim:
     """Return the verdict on a claim.
 
     Args:
@@ -119,10 +119,12 @@ def judged(
         reason = f"only {exact} of {int(inside.sum())} states have roots in the field; draw more states"
     else:
         reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
-    kept: tuple[Node, ...] = ()
+    kept: tuple[Operation, ...] = ()
     if status == "proved" and None not in nodes:
         kept = tuple(node for node in nodes if node is not None)
-    return Claim(name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept)
+    return JudgedClaim(
+        name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept
+    )
 
 
 def _log_odds(zeros: int, states: int, degree: int) -> float:

@@ -16,7 +16,7 @@ from twin.proof import form as forms
 from twin.proof.constants import ROOTS, ExactNumber, decimal, exact_angle
 from twin.proof.form import Form
 from twin.proof.transforms import Matrix, compose, shifted, turn
-from twin.proof.values import Angle, Scalar
+from twin.proof.values import Angle, ExactValue
 
 LENGTH_TOLERANCE = 1e-10
 """Distance in m within which a length of the CAD is taken as a decimal, or as a decimal multiplied by a root."""
@@ -96,12 +96,12 @@ class Drawing:
         matrix = compose(matrix, shifted([zero, zero, beyond]))
         return compose(matrix, turn(self.angle(phi, what), "z"))
 
-    def point(self, p: Array, what: str) -> list[Scalar]:
+    def point(self, p: Array, what: str) -> list[ExactValue]:
         """Return a point (3,)."""
         x, y = self._in_plane(float(p[0]), float(p[1]), what)
         return [x, y, self.length(float(p[2]), what)]
 
-    def _in_plane(self, x: float, y: float, what: str) -> tuple[Scalar, Scalar]:
+    def _in_plane(self, x: float, y: float, what: str) -> tuple[ExactValue, ExactValue]:
         """Return a point of a plane, given by its coordinates, or by its distance and direction from the origin."""
         if self._exact_length(x) is None or self._exact_length(y) is None:
             distance = decimal(math.hypot(x, y), LENGTH_TOLERANCE)
@@ -111,7 +111,7 @@ class Drawing:
                 return values.product(radius, direction.cosine), values.product(radius, direction.sine)
         return self.length(x, what), self.length(y, what)
 
-    def _feet(self, foot: float, along: float, alpha: float, bend: Angle, what: str) -> tuple[Scalar, Scalar]:
+    def _feet(self, foot: float, along: float, alpha: float, bend: Angle, what: str) -> tuple[ExactValue, ExactValue]:
         """Return the distances of the feet of the common normal from the origins of both frames.
 
         If an origin lies at decimal distances from the first axis, the feet are `height - offset / sin(bend)` and
@@ -127,7 +127,7 @@ class Drawing:
                     return first, values.product(scaled, bend.cosine)
         return self.length(foot, what), self.length(along, what)
 
-    def length(self, value: float, what: str) -> Scalar:
+    def length(self, value: float, what: str) -> ExactValue:
         """Return a length in m: a decimal, a decimal and a root, or a sum with a part of a parameter."""
         found = self._exact_length(value)
         if found is not None:
@@ -180,7 +180,7 @@ class Drawing:
         real = np.full(self.states, exact_value)
         return Angle(values.exact(cosine, self.states), values.exact(sine, self.states), real)
 
-    def _recognised(self, found: ExactNumber, value: float) -> Scalar:
+    def _recognised(self, found: ExactNumber, value: float) -> ExactValue:
         self.largest = max(self.largest, abs(float(found) - value))
         if found.decimal is None:
             self.recognised[f"{value * 1e3:.9g} mm"] = f"{found.in_mm} mm"

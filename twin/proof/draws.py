@@ -12,8 +12,8 @@ import numpy as np
 from twin.proof import field, values
 from twin.proof import form as forms
 from twin.proof.constants import exact_angle
-from twin.proof.program import Node
-from twin.proof.values import Angle, Degree, Scalar, Value
+from twin.proof.program import Operation
+from twin.proof.values import Angle, Degree, ExactValue, Value
 
 STEPS = 2**30
 """Number of fractions among which a random number is drawn; the odds of a chance zero are a degree divided by this."""
@@ -24,7 +24,7 @@ _OPEN = 0.999
 
 def number(
     generator: np.random.Generator, low: float, high: float, states: int, name: str, formulas: bool = False
-) -> Scalar:
+) -> ExactValue:
     """Return a random fraction from low to high at each of k states; it may be a variable of formulas."""
     first = Fraction(low)
     step = (Fraction(high) - first) / STEPS
@@ -34,8 +34,8 @@ def number(
     starts = np.full(states, field.residue(first), np.uint64)
     residue = field.add(field.multiply(multiples, steps), starts)
     form = forms.variable(name) if formulas else None
-    node = Node("input", text=name)
-    return Scalar(residue, np.ones(states, bool), real, Degree(1), form=form, node=node)
+    node = Operation("input", text=name)
+    return ExactValue(residue, np.ones(states, bool), real, Degree(1), form=form, node=node)
 
 
 def turn(
@@ -56,8 +56,8 @@ def turn(
     real = 2 * np.arctan(t.real)
     start = fixed_angle(_nearest(middle), states)
     angle = values.turned(start, Angle(cosine, sine, real))
-    cosine = replace(angle.cosine, node=Node("cosine", text=name))
-    sine = replace(angle.sine, node=Node("sine", text=name))
+    cosine = replace(angle.cosine, node=Operation("cosine", text=name))
+    sine = replace(angle.sine, node=Operation("sine", text=name))
     if formulas:
         cosine = replace(cosine, form=forms.cosine(name))
         sine = replace(sine, form=forms.sine(name))

@@ -17,7 +17,7 @@ from twin.model.mechanism import Mechanism
 from twin.proof import values
 from twin.proof.drawing import Drawing
 from twin.proof.transforms import Matrix, compose, identity, inverse, shifted, turn
-from twin.proof.values import Scalar, Value
+from twin.proof.values import ExactValue, Value
 
 ARM = 0.5
 """Distance in m at which differences of directions count."""
@@ -50,7 +50,7 @@ class ExactMechanism:
             self._links[key] = self.drawing.pose(T, f"{what} on {body}")
         return self._links[key]
 
-    def point(self, body: str, p_body: Array, what: str) -> list[Scalar]:
+    def point(self, body: str, p_body: Array, what: str) -> list[ExactValue]:
         """Return a point (3,) of a body, given in the frame of the CAD, in the frame that represents the body."""
         T = spatial.inverse(self._frames[body])
         return self.drawing.point(T[:3, :3] @ p_body + T[:3, 3], f"point {what} on {body}")
@@ -98,7 +98,7 @@ def motion(joint: Joint, value: Value, states: int) -> Matrix:
     return identity(states)
 
 
-def moved(T: Matrix, p: list[Scalar]) -> list[Scalar]:
+def moved(T: Matrix, p: list[ExactValue]) -> list[ExactValue]:
     """Return a point (3,) of a body in the frame of its pose T."""
     out = []
     for i in range(3):
@@ -170,7 +170,7 @@ def place(exact: ExactMechanism, joints: Mapping[str, Value], T_base_tool: Matri
     return PlacedBodies(poses, closing, missing)
 
 
-def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, str, list[Scalar]]]:
+def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, str, list[ExactValue]]]:
     """Yield (body, sentence, numbers that are zero) of bodies between a slide and a ball joint, as a cannula.
 
     Such a body is not placed; the centre of its ball must be on the line along which it slides.
@@ -210,7 +210,7 @@ def _own_end(joint: Joint, body: str) -> Array:
     return joint.T_parent_joint
 
 
-def conditions(exact: ExactMechanism, placed: PlacedBodies, joint: Joint, value: Value | None) -> Iterator[Scalar]:
+def conditions(exact: ExactMechanism, placed: PlacedBodies, joint: Joint, value: Value | None) -> Iterator[ExactValue]:
     """Yield the numbers that are zero if a joint fits between two placed bodies.
 
     The relative pose of the two joint frames must be the motion of the joint: a ball has its centre in the socket, a
@@ -237,7 +237,7 @@ def conditions(exact: ExactMechanism, placed: PlacedBodies, joint: Joint, value:
         yield _at_arm(T[1][0])
 
 
-def deviations(A: Matrix, B: Matrix) -> Iterator[Scalar]:
+def deviations(A: Matrix, B: Matrix) -> Iterator[ExactValue]:
     """Yield the differences of the entries of two poses."""
     for i in range(3):
         for j in range(3):
@@ -245,6 +245,6 @@ def deviations(A: Matrix, B: Matrix) -> Iterator[Scalar]:
         yield values.difference(A[i][3], B[i][3])
 
 
-def _at_arm(entry: Scalar) -> Scalar:
+def _at_arm(entry: ExactValue) -> ExactValue:
     """Return a difference of directions whose real value is a distance in m."""
     return replace(entry, real=ARM * entry.real)

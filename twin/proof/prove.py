@@ -12,17 +12,17 @@ from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.body import Point
 from twin.model.mechanism import Mechanism
-from twin.proof import draws, equations, mechanism, values
+from twin.proof import draws, formula_side, mechanism, values
 from twin.proof import form as forms
-from twin.proof.claims import Claim, judged
+from twin.proof.claims import JudgedClaim, judged
 from twin.proof.constants import exact_angle, exact_number
 from twin.proof.drawing import Drawing
-from twin.proof.equations import Outputs
+from twin.proof.formula_side import Outputs
 from twin.proof.mechanism import ExactMechanism
-from twin.proof.program import Node
+from twin.proof.program import Operation
 from twin.proof.replay import Notes, replay
 from twin.proof.transforms import Matrix
-from twin.proof.values import Angle, Scalar, Truths, Value
+from twin.proof.values import Angle, ExactValue, Truths, Value
 
 STATES = 4096
 """Number of random states."""
@@ -72,7 +72,7 @@ class Proof:
         ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
     """
 
-    claims: tuple[Claim, ...]
+    claims: tuple[JudgedClaim, ...]
     states: int
     inside: float
     one_sided: int
@@ -105,8 +105,8 @@ class _Work:
     inexact: list[str] = field(default_factory=list)
     notes: Notes = field(default_factory=Notes)
     one_sided: int = 0
-    reach: list[Node] = field(default_factory=list)
-    claims: list[Claim] = field(default_factory=list)
+    reach: list[Operation] = field(default_factory=list)
+    claims: list[JudgedClaim] = field(default_factory=list)
     uncovered: set[str] = field(default_factory=set)
     ranges: dict[str, tuple[bool, float, float]] = field(default_factory=dict)
     shares: list[float] = field(default_factory=list)
@@ -187,15 +187,15 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
     if formula.has("forward"):
         work.ranges |= _joint_ranges(work)
         state = draws.named(work.generator, _joint_ranges(work), work.states, work.formulas)
-        found = _replayed(work, equations.from_joints(formula, work.variants), list(state.values()))
+        found = _replayed(work, formula_side.from_joints(formula, work.variants), list(state.values()))
         inside = _inside(work, found)
         _claim_mechanism(work, exact, "forward", found, state, inside, state)
         if formula.has("inverse"):
-            outputs = equations.from_pose(formula, work.variants, coordinates=False)
+            outputs = formula_side.from_pose(formula, work.variants, coordinates=False)
             again = _replayed(work, outputs, found["pose"])
             _claim_inverse(work, exact, again, inside & _inside(work, again), state)
     else:
-        outputs = equations.from_pose(formula, work.variants, coordinates=True)
+        outputs = formula_side.from_pose(formula, work.variants, coordinates=True)
         work.ranges |= _coordinate_ranges(formula)
         state = draws.named(work.generator, _coordinate_ranges(formula), work.states, work.formulas)
         found = _replayed(work, outputs, list(state.values()))
@@ -370,20 +370,20 @@ def _claim_inverse(
         _claim(work, exact, "forward of inverse", sentence, numbers, inside, state)
 
 
-def _square(found: Found, first: str, second: str) -> Scalar:
+def _square(found: Found, first: str, second: str) -> ExactValue:
     """Return the square of the distance of two points of the equations, in m2."""
     pairs = zip(found[f"point {first}"], found[f"point {second}"], strict=True)
     return _length_squared([values.difference(values.scalar(a), values.scalar(b)) for a, b in pairs])
 
 
-def _own_square(exact: ExactMechanism, first: Point, second: Point) -> Scalar:
+def _own_square(exact: ExactMechanism, first: Point, second: Point) -> ExactValue:
     """Return the square of the distance of two points of a body, in m2."""
     p = exact.point(first.body, first.p_body, first.name)
     q = exact.point(second.body, second.p_body, second.name)
     return _length_squared([values.difference(a, b) for a, b in zip(p, q, strict=True)])
 
 
-def _length_squared(vector: Sequence[Scalar]) -> Scalar:
+def _length_squared(vector: Sequence[ExactValue]) -> ExactValue:
     square = values.product(vector[0], vector[0])
     for x in vector[1:]:
         square = values.total(square, values.product(x, x))
@@ -395,7 +395,7 @@ def _claim(
     exact: ExactMechanism,
     name: str,
     sentence: str,
-    numbers: Iterator[Scalar] | list[Scalar],
+    numbers: Iterator[ExactValue] | list[ExactValue],
     inside: Truths,
     state: Mapping[str, Value],
 ) -> None:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 from twin.proof import values
-from twin.proof.values import Angle, Scalar
+from twin.proof.values import Angle, ExactValue
 
-Matrix = list[list[Scalar]]
+Matrix = list[list[ExactValue]]
 """A pose (4, 4), as rows."""
 
 
@@ -55,7 +55,7 @@ def turn(angle: Angle, axis: Literal["x", "z"]) -> Matrix:
     return T
 
 
-def shifted(p: Sequence[Scalar]) -> Matrix:
+def shifted(p: Sequence[ExactValue]) -> Matrix:
     """Return the translation by a vector (3,)."""
     T = identity(len(p[0].real))
     for i in range(3):

@@ -23,7 +23,7 @@ from twin.proof.constants import ExactNumber, decimal, exact_angle, exact_number
 from twin.proof.constants import exact as exact_of
 from twin.proof.field import Residues
 from twin.proof.form import Form
-from twin.proof.program import Node
+from twin.proof.program import Operation
 
 Truths = NDArray[np.bool_]
 
@@ -98,7 +98,7 @@ _numbers = count()
 
 
 @dataclass(frozen=True)
-class Scalar:
+class ExactValue:
     """A number at k states.
 
     Attributes:
@@ -117,7 +117,7 @@ class Scalar:
     degree: Degree = field(default_factory=Degree)
     constant: float | None = None
     form: Form | None = None
-    node: Node | None = None
+    node: Operation | None = None
 
 
 @dataclass(frozen=True)
@@ -130,21 +130,21 @@ class Angle:
         published: for a parameter, its published value in rad.
     """
 
-    cosine: Scalar
-    sine: Scalar
+    cosine: ExactValue
+    sine: ExactValue
     real: Array
     published: float = math.nan
 
 
 @dataclass(frozen=True)
-class Truth:
-    """A condition at k states; the real values decide it. `node`: the operations that give it, as of a `Scalar`."""
+class Condition:
+    """A condition at k states; the real values decide it. `node` is as that of an `ExactValue`."""
 
     real: Truths
-    node: Node | None = None
+    node: Operation | None = None
 
 
-Value = Scalar | Angle | Truth
+Value = ExactValue | Angle | Condition
 
 _MANY = 100
 """Number of states of which all have squares only if the argument is one."""
@@ -156,32 +156,32 @@ ROUNDING = 1e-12
 # ------------------------------------------------------------------------------------------- constants
 
 
-def constant(value: float, states: int) -> Scalar:
+def constant(value: float, states: int) -> ExactValue:
     """Return a constant of the equations; it is unknown in the field if it has no exact form."""
     exact = exact_number(value)
     known = np.full(states, exact is not None)
     residue = 0
     form = None
-    node = Node("real", text=repr(float(value)))
+    node = Operation("real", text=repr(float(value)))
     if exact is not None:
         residue = exact.residue
         form = forms.number(exact)
         node = program.number(exact)
     real = np.full(states, float(value))
     residues = np.full(states, residue, np.uint64)
-    return Scalar(residues, known, real, constant=float(value), form=form, node=node)
+    return ExactValue(residues, known, real, constant=float(value), form=form, node=node)
 
 
-def exact(number: ExactNumber, states: int) -> Scalar:
+def exact(number: ExactNumber, states: int) -> ExactValue:
     """Return an exact number as a value."""
     residue = np.full(states, number.residue, np.uint64)
     real = np.full(states, float(number))
-    return Scalar(residue, np.ones(states, bool), real, form=forms.number(number), node=program.number(number))
+    return ExactValue(residue, np.ones(states, bool), real, form=forms.number(number), node=program.number(number))
 
 
-def unknown(real: Array) -> Scalar:
+def unknown(real: Array) -> ExactValue:
     """Return a value without an exact form."""
-    return Scalar(np.zeros(len(real), np.uint64), np.zeros(len(real), bool), real)
+    return ExactValue(np.zeros(len(real), np.uint64), np.zeros(len(real), bool), real)
 
 
 def real_of(value: Value) -> Array:
@@ -189,19 +189,19 @@ def real_of(value: Value) -> Array:
     return value.real.astype(float)
 
 
-def scalar(value: Value) -> Scalar:
+def scalar(value: Value) -> ExactValue:
     """Return a value as a number: a condition is 1 or 0; an angle as a number has no exact form."""
-    if isinstance(value, Scalar):
+    if isinstance(value, ExactValue):
         return value
-    if isinstance(value, Truth):
+    if isinstance(value, Condition):
         states = len(value.real)
         return _either(value, constant(1.0, states), constant(0.0, states))
     return replace(unknown(value.real), node=program.operation("angle", value.cosine.node, value.sine.node))
 
 
-def truth(value: Value) -> Truth:
+def truth(value: Value) -> Condition:
     """Return a value as a condition."""
-    if isinstance(value, Truth):
+    if isinstance(value, Condition):
         return value
     return negated(compared("equal", value, constant(0.0, len(value.real))))
 
@@ -223,7 +223,7 @@ def negative(a: Value) -> Value:
     return minus(scalar(a))
 
 
-def minus(a: Scalar) -> Scalar:
+def minus(a: ExactValue) -> ExactValue:
     """Return -a of a number."""
     negated = None
     if a.constant is not None:
@@ -241,45 +241,45 @@ def minus(a: Scalar) -> Scalar:
 def multiply(a: Value, b: Value) -> Value:
     """Return a b; a whole multiple or a half of an angle is an angle."""
     for factor, other in ((a, b), (b, a)):
-        if isinstance(other, Angle) and isinstance(factor, Scalar) and factor.constant is not None:
+        if isinstance(other, Angle) and isinstance(factor, ExactValue) and factor.constant is not None:
             return _multiple(other, factor.constant)
     return product(scalar(a), scalar(b))
 
 
-def product(a: Scalar, b: Scalar) -> Scalar:
+def product(a: ExactValue, b: ExactValue) -> ExactValue:
     """Return a b of two numbers."""
     residue = prime.multiply(a.residue, b.residue)
     form = forms.product(a.form, b.form)
     node = program.operation("multiply", a.node, b.node)
-    return Scalar(residue, a.known & b.known, a.real * b.real, a.degree * b.degree, form=form, node=node)
+    return ExactValue(residue, a.known & b.known, a.real * b.real, a.degree * b.degree, form=form, node=node)
 
 
-def total(a: Scalar, b: Scalar) -> Scalar:
+def total(a: ExactValue, b: ExactValue) -> ExactValue:
     """Return a + b of two numbers."""
     residue = prime.add(a.residue, b.residue)
     form = forms.total(a.form, b.form)
     node = program.operation("add", a.node, b.node)
-    return Scalar(residue, a.known & b.known, a.real + b.real, a.degree + b.degree, form=form, node=node)
+    return ExactValue(residue, a.known & b.known, a.real + b.real, a.degree + b.degree, form=form, node=node)
 
 
-def difference(a: Scalar, b: Scalar) -> Scalar:
+def difference(a: ExactValue, b: ExactValue) -> ExactValue:
     """Return a - b of two numbers."""
     return total(a, minus(b))
 
 
-def reciprocal(a: Scalar) -> Scalar:
+def reciprocal(a: ExactValue) -> ExactValue:
     """Return 1 / a."""
     with np.errstate(divide="ignore"):
         real = 1 / a.real
     known = a.known & (a.residue != 0)
     form = forms.reciprocal(a.form)
     node = program.operation("inverse", a.node)
-    return Scalar(prime.inverse(a.residue), known, real, a.degree.inverse(), form=form, node=node)
+    return ExactValue(prime.inverse(a.residue), known, real, a.degree.inverse(), form=form, node=node)
 
 
 def divide(a: Value, b: Value) -> Value:
     """Return a / b."""
-    if isinstance(a, Angle) and isinstance(b, Scalar) and b.constant:
+    if isinstance(a, Angle) and isinstance(b, ExactValue) and b.constant:
         return _multiple(a, 1 / b.constant)
     numerator = scalar(a)
     denominator = scalar(b)
@@ -288,7 +288,7 @@ def divide(a: Value, b: Value) -> Value:
         return replace(quotient, real=numerator.real / denominator.real)
 
 
-def root(a: Value) -> Scalar:
+def root(a: Value) -> ExactValue:
     """Return the root of a; it is unknown where the residue is no square."""
     number = scalar(a)
     with np.errstate(invalid="ignore"):
@@ -300,17 +300,17 @@ def root(a: Value) -> Scalar:
         length = decimal(float(real[number.known][0]), ROUNDING)
         if length is not None and length.residue**2 % prime.PRIME == same[0]:
             residue = np.full(len(real), length.residue, np.uint64)
-            return Scalar(residue, number.known, real, node=node)
+            return ExactValue(residue, number.known, real, node=node)
     residue = prime.root(number.residue)
     squares = prime.multiply(residue, residue) == number.residue
     known = number.known & squares
     if len(same) >= _MANY and squares[number.known].all():
         # the argument is the square of a fraction: at random states, each is one with a probability of a half only
-        return Scalar(residue, known, real, number.degree.rational_root(), node=node)
-    return Scalar(residue, known, real, number.degree.root(_number_of(number)), node=node)
+        return ExactValue(residue, known, real, number.degree.rational_root(), node=node)
+    return ExactValue(residue, known, real, number.degree.root(_number_of(number)), node=node)
 
 
-def _number_of(argument: Scalar) -> int:
+def _number_of(argument: ExactValue) -> int:
     """Return the number of a root; equal arguments, as seen at the first states, have one root."""
     return hash(("root", argument.residue[:8].tobytes()))
 
@@ -320,7 +320,7 @@ def power(a: Value, exponent: Value) -> Value:
     number = scalar(a)
     with np.errstate(all="ignore"):
         real = number.real ** real_of(exponent)
-    if not isinstance(exponent, Scalar) or exponent.constant is None:
+    if not isinstance(exponent, ExactValue) or exponent.constant is None:
         return unknown(real)
     if exponent.constant == 0.5:
         return root(number)
@@ -335,7 +335,7 @@ def power(a: Value, exponent: Value) -> Value:
     return replace(result, real=real, constant=None)
 
 
-def choose(condition: Truth, a: Value, b: Value) -> Value:
+def choose(condition: Condition, a: Value, b: Value) -> Value:
     """Return a where a condition is true, and b elsewhere."""
     if isinstance(a, Angle) or isinstance(b, Angle):
         first = angle(a)
@@ -346,12 +346,12 @@ def choose(condition: Truth, a: Value, b: Value) -> Value:
     return _either(condition, scalar(a), scalar(b))
 
 
-def _either(condition: Truth, a: Scalar, b: Scalar) -> Scalar:
+def _either(condition: Condition, a: ExactValue, b: ExactValue) -> ExactValue:
     residue = np.where(condition.real, a.residue, b.residue)
     known = np.where(condition.real, a.known, b.known)
     real = np.where(condition.real, a.real, b.real)
     node = program.operation("choose", condition.node, a.node, b.node)
-    return Scalar(residue, known, real, a.degree.either(b.degree), node=node)
+    return ExactValue(residue, known, real, a.degree.either(b.degree), node=node)
 
 
 # ------------------------------------------------------------------------------------------- angles
@@ -373,8 +373,8 @@ def angle(value: Value) -> Angle:
     zero = program.number(exact_of(0))
     if not known.all():
         one = zero = None
-    cosine = Scalar(np.ones(states, np.uint64), known, np.cos(number.real), node=one)
-    sine = Scalar(np.zeros(states, np.uint64), known, np.sin(number.real), node=zero)
+    cosine = ExactValue(np.ones(states, np.uint64), known, np.cos(number.real), node=one)
+    sine = ExactValue(np.zeros(states, np.uint64), known, np.sin(number.real), node=zero)
     return Angle(cosine, sine, number.real)
 
 
@@ -422,7 +422,7 @@ def _half(a: Angle) -> Angle:
     two = constant(2.0, states)
     half = a.real / 2
     cosine = root(product(total(one, a.cosine), reciprocal(two)))
-    cosine = _either(Truth(np.cos(half) < 0), minus(cosine), cosine)
+    cosine = _either(Condition(np.cos(half) < 0), minus(cosine), cosine)
     sine = product(a.sine, reciprocal(product(two, cosine)))
     return Angle(replace(cosine, real=np.cos(half)), replace(sine, real=np.sin(half)), half)
 
@@ -455,7 +455,7 @@ def of_sine(x: Value) -> Angle:
         return Angle(cosine, sine, np.arcsin(sine.real))
 
 
-def _rest(a: Scalar) -> Scalar:
+def _rest(a: ExactValue) -> ExactValue:
     """Return 1 - a^2."""
     return difference(constant(1.0, len(a.real)), product(a, a))
 
@@ -468,7 +468,7 @@ def magnitude(a: Value) -> Value:
     return choose(compared("less", a, constant(0.0, len(a.real))), negative(a), a)
 
 
-def sign(a: Value) -> Scalar:
+def sign(a: Value) -> ExactValue:
     """Return 1, 0 or -1."""
     zero = constant(0.0, len(a.real))
     one = constant(1.0, len(a.real))
@@ -479,23 +479,23 @@ def sign(a: Value) -> Scalar:
 _RELATIONS = {"less": np.less, "at most": np.less_equal, "equal": np.equal}
 
 
-def compared(relation: Literal["less", "at most", "equal"], a: Value, b: Value) -> Truth:
+def compared(relation: Literal["less", "at most", "equal"], a: Value, b: Value) -> Condition:
     """Return a condition on the real values."""
     node = program.operation(relation, scalar(a).node, scalar(b).node)
     with np.errstate(invalid="ignore"):
-        return Truth(_RELATIONS[relation](real_of(a), real_of(b)), node)
+        return Condition(_RELATIONS[relation](real_of(a), real_of(b)), node)
 
 
-def negated(a: Truth) -> Truth:
+def negated(a: Condition) -> Condition:
     """Return whether a condition is false."""
-    return Truth(~a.real, program.operation("not", a.node))
+    return Condition(~a.real, program.operation("not", a.node))
 
 
-def both(a: Truth, b: Truth) -> Truth:
+def both(a: Condition, b: Condition) -> Condition:
     """Return whether two conditions are true."""
-    return Truth(a.real & b.real, program.operation("both", a.node, b.node))
+    return Condition(a.real & b.real, program.operation("both", a.node, b.node))
 
 
-def one_of(a: Truth, b: Truth) -> Truth:
+def one_of(a: Condition, b: Condition) -> Condition:
     """Return whether one of two conditions is true."""
-    return Truth(a.real | b.real, program.operation("one of", a.node, b.node))
+    return Condition(a.real | b.real, program.operation("one of", a.node, b.node))

@@ -18,7 +18,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import SourceError, unknown
 from twin.core.spatial import Array
-from twin.exchange.formats.urdf.read.bounds import Bounds, read_bounds
+from twin.exchange.formats.urdf.read.bounds import JointBounds, read_bounds
 from twin.exchange.formats.urdf.read.closures import Closures, read_closures
 from twin.exchange.formats.urdf.read.gears import MOVING, read_gears
 from twin.exchange.formats.urdf.read.visuals import Visuals, origin
@@ -514,7 +514,7 @@ class _Urdf:
         if kind not in TYPES:
             self.xml.fail(where, unknown("joint type", str(kind), (*TYPES, _PLANAR)))
         turn = np.eye(4)
-        bounds = Bounds()
+        bounds = JointBounds()
         if kind in MOVING:
             turn = along(self._axis(where, joint))
             bounds = read_bounds(self.xml, name, joint, self.findings)

@@ -15,7 +15,7 @@ _UNLIMITED = 1e3
 """Limits of a slide in m that count as none, if both are as far away as this. URDF requires limits of a slide."""
 
 
-class Bounds(NamedTuple):
+class JointBounds(NamedTuple):
     """Bounds of a joint in m or rad, of its speed per second, and of its effort in N or N m; None: no bound."""
 
     limits: tuple[float, float] | None = None
@@ -24,7 +24,7 @@ class Bounds(NamedTuple):
     max_effort: float | None = None
 
 
-def read_bounds(xml: Xml, name: str, joint: Element, findings: Findings) -> Bounds:
+def read_bounds(xml: Xml, name: str, joint: Element, findings: Findings) -> JointBounds:
     """Return the bounds of a joint with one coordinate.
 
     Raises:
@@ -53,7 +53,7 @@ def read_bounds(xml: Xml, name: str, joint: Element, findings: Findings) -> Boun
             soft = limits(xml.path, low, high, name, findings)
     if hard is not None and soft is not None:
         soft = _within(hard, soft, name, findings)
-    return Bounds(hard, soft, max_speed, max_effort)
+    return JointBounds(hard, soft, max_speed, max_effort)
 
 
 def _value(xml: Xml, where: str, element: Element, key: str) -> float | None:

@@ -10,10 +10,10 @@ from typing import Generic, TypeVar
 
 from twin.api.robot import Progress, silent
 from twin.checking.baseline import read_baseline
-from twin.checking.files import Description, Tree, walk
+from twin.checking.check_result import FolderCheck
+from twin.checking.descriptions import DescriptionFile, FolderContent, walk
+from twin.checking.file_verdict import JudgedFile, JudgeJob, judged_stream
 from twin.checking.found import CheckFinding, numbered
-from twin.checking.judge import Judged, JudgeJob, judged_stream
-from twin.checking.result import FolderCheck
 from twin.checking.rules import LEVELS, Level
 from twin.checking.twins import PairJob, compared_stream, pairs
 from twin.core.errors import CodeRefusedError, TwinError
@@ -83,10 +83,10 @@ def check(
 
 
 def _judge_all(
-    tree: Tree, settings: XacroSettings, jobs: int, seconds: float, progress: Progress
-) -> tuple[list[Judged], list[CheckFinding]]:
+    tree: FolderContent, settings: XacroSettings, jobs: int, seconds: float, progress: Progress
+) -> tuple[list[JudgedFile], list[CheckFinding]]:
     findings: list[CheckFinding] = []
-    refused: dict[str, Judged] = {}
+    refused: dict[str, JudgedFile] = {}
     work: list[JudgeJob] = []
     bare = replace(tree, descriptions=[])
     for description in tree.descriptions:
@@ -105,14 +105,14 @@ def _judge_all(
     def label(job: JudgeJob) -> str:
         return f"read {job.description.name}"
 
-    results: dict[str, Judged] = dict(refused)
+    results: dict[str, JudgedFile] = dict(refused)
     share = 0.8
     for number, (job, answer) in enumerate(Workers(judged_stream, jobs, seconds).answers(work)):
         progress(label(job), share * (number + 1) / len(work))
         if isinstance(answer, str):
             answer = _unjudged(job.description, answer)
         results[job.description.name] = answer
-    judged: list[Judged] = []
+    judged: list[JudgedFile] = []
     for description in tree.descriptions:
         one = results[description.name]
         judged.append(one)
@@ -121,7 +121,11 @@ def _judge_all(
 
 
 def _compare_all(
-    chosen: Sequence[tuple[Judged, Judged]], settings: XacroSettings, jobs: int, seconds: float, progress: Progress
+    chosen: Sequence[tuple[JudgedFile, JudgedFile]],
+    settings: XacroSettings,
+    jobs: int,
+    seconds: float,
+    progress: Progress,
 ) -> list[CheckFinding]:
     findings: list[CheckFinding] = []
     work = [PairJob(first, second, settings) for first, second in chosen]
@@ -135,9 +139,9 @@ def _compare_all(
     return findings
 
 
-def _unjudged(description: Description, message: str) -> Judged:
+def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
     text = message.replace(f"{description.path}: ", "")
-    return Judged(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
+    return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
 
 
 class Workers(Generic[Job, Answer]):

@@ -10,8 +10,8 @@ from typing import Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from twin.checking.descriptions import DescriptionFile, FolderContent, find_mesh
 from twin.checking.elements import Elements, check_elements
-from twin.checking.files import Description, Tree, find_mesh
 from twin.checking.found import CheckFinding
 from twin.checking.mechanisms import check_loops, check_masses, check_zero
 from twin.checking.places import element_lines
@@ -47,7 +47,7 @@ conventions that files of other authors need not keep: scaled controls, key fram
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedFile:
     """What was found in one file.
 
     Attributes:
@@ -59,7 +59,7 @@ class Judged:
         joints: names of its moving joints.
     """
 
-    description: Description
+    description: DescriptionFile
     status: Status
     findings: tuple[CheckFinding, ...] = ()
     robot: str = ""
@@ -70,12 +70,12 @@ class Judged:
 class JudgeJob:
     """A file to judge, in its tree."""
 
-    description: Description
-    tree: Tree
+    description: DescriptionFile
+    tree: FolderContent
     xacro: XacroSettings
 
 
-def judge(job: JudgeJob) -> Judged:
+def judge(job: JudgeJob) -> JudgedFile:
     """Return the findings on one file."""
     judged = _judge(job)
     folders = {f"{job.tree.folder}/", f"{job.tree.folder.resolve()}/"}
@@ -88,7 +88,7 @@ def judge(job: JudgeJob) -> Judged:
     return replace(judged, findings=tuple(findings))
 
 
-def _judge(job: JudgeJob) -> Judged:
+def _judge(job: JudgeJob) -> JudgedFile:
     description = job.description
     name = description.name
     try:
@@ -108,23 +108,23 @@ def _judge(job: JudgeJob) -> Judged:
         return _unjudged(description, f"cannot be read ({error.strerror or error})")
     except RecursionError:
         finding = CheckFinding("file/malformed", name, "", "the elements are nested too deeply")
-        return Judged(description, "judged", (finding,))
+        return JudgedFile(description, "judged", (finding,))
 
 
-def judged_stream(job: JudgeJob) -> Iterator[Judged]:
+def judged_stream(job: JudgeJob) -> Iterator[JudgedFile]:
     """Yield the result of one file, for `twin.core.jobs.Stream`."""
     yield judge(job)
 
 
-def _unjudged(description: Description, message: str) -> Judged:
+def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
     text = message.replace(f"{description.path}: ", "")
-    return Judged(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
+    return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
 
 
 # -- texts: URDF, xacro, SDF ----------------------------------------------------------------------
 
 
-def _text(job: JudgeJob) -> Judged:
+def _text(job: JudgeJob) -> JudgedFile:
     from twin.exchange.read.xml import Xml
 
     description = job.description
@@ -143,16 +143,16 @@ def _text(job: JudgeJob) -> Judged:
         if len(expanded.omitted) > 1:
             text += f" And {len(expanded.omitted) - 1} more are missing."
         finding = CheckFinding("file/incomplete", description.name, "", text)
-        return Judged(description, "incomplete", (finding,))
+        return JudgedFile(description, "incomplete", (finding,))
     links = list(root.iter("link"))
     joints = [joint for joint in root.iter("joint") if joint.find("parent") is not None]
     if not links:
-        return Judged(description, "no robot")
+        return JudgedFile(description, "no robot")
     elements = Elements(root, tag == "sdf", _placed(job, data, root, expanded))
     findings = list(check_elements(elements))
     findings += _meshes(job, elements)
     if not joints:
-        return Judged(description, "judged", tuple(findings))
+        return JudgedFile(description, "judged", tuple(findings))
     judged = _imported(job, findings, "unsupported" if tag == "sdf" else "judged")
     return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
 
@@ -173,7 +173,7 @@ def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterat
         yield replace(finding, file=file, line=line)
 
 
-def _mjcf_places(job: JudgeJob, judged: Judged) -> Judged:
+def _mjcf_places(job: JudgeJob, judged: JudgedFile) -> JudgedFile:
     """Return the findings on a MJCF with lines, if its elements are in the file and not in one that it includes."""
     data = job.description.path.read_bytes()
     try:
@@ -184,15 +184,15 @@ def _mjcf_places(job: JudgeJob, judged: Judged) -> Judged:
     return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
 
 
-def _refused(description: Description, error: SourceError) -> Judged:
+def _refused(description: DescriptionFile, error: SourceError) -> JudgedFile:
     message = str(error)
     if _CRASH.search(message):
         return _unjudged(description, message)
     text = message.replace(f"{description.path}: ", "").replace(f"{description.path}:", "line ")
     if description.kind == "xacro" and _INCOMPLETE.search(message):
-        return Judged(description, "incomplete", (CheckFinding("file/incomplete", description.name, "", text),))
+        return JudgedFile(description, "incomplete", (CheckFinding("file/incomplete", description.name, "", text),))
     finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
-    return Judged(description, "judged", (finding,))
+    return JudgedFile(description, "judged", (finding,))
 
 
 def _line_in(message: str) -> int:
@@ -263,7 +263,7 @@ def _meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
 # -- the import -----------------------------------------------------------------------------------
 
 
-def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: Status) -> Judged:
+def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: Status) -> JudgedFile:
     """Return the findings of the elements with those of the import and the audit.
 
     `refused` is the status if the reader refuses the file: "judged" if that is a defect of the file.
@@ -290,10 +290,10 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: 
         collected += _of_audit(job)
     mechanism = imported.mechanism
     moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
-    return Judged(description, "judged", tuple(collected), mechanism.name, moving)
+    return JudgedFile(description, "judged", tuple(collected), mechanism.name, moving)
 
 
-def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError, refused: Status) -> Judged:
+def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError, refused: Status) -> JudgedFile:
     description = job.description
     message = str(error)
     if _CRASH.search(message):
@@ -301,23 +301,23 @@ def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError,
     text = message.replace(f"{description.path}: ", "")
     if _NO_ROBOT.search(message):
         status: Status = "judged" if findings else "no robot"
-        return Judged(description, status, tuple(findings))
+        return JudgedFile(description, status, tuple(findings))
     if description.kind == "dh":
-        return Judged(description, "no robot")
+        return JudgedFile(description, "no robot")
     if description.kind == "mjcf":
         if description.path.resolve() in job.tree.parts:
-            return Judged(description, "part")
+            return JudgedFile(description, "part")
         if _compiles(description.path):
             finding = CheckFinding("file/unsupported", description.name, "", text)
-            return Judged(description, "unsupported", (finding,))
+            return JudgedFile(description, "unsupported", (finding,))
         finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
-        return Judged(description, "judged", (finding,))
+        return JudgedFile(description, "judged", (finding,))
     explained = [finding for finding in findings if finding.level == "error" or finding.rule == "limits/fixed"]
     if explained:  # the reader refuses the file for the same reason
-        return Judged(description, "judged", tuple(findings))
+        return JudgedFile(description, "judged", tuple(findings))
     rule = "file/malformed" if refused == "judged" else "file/unsupported"
     findings.append(CheckFinding(rule, description.name, "", text, _line_in(message)))
-    return Judged(description, refused, tuple(findings))
+    return JudgedFile(description, refused, tuple(findings))
 
 
 def _compiles(path: Path) -> bool:
@@ -369,7 +369,7 @@ def _of_audit(job: JudgeJob) -> Iterator[CheckFinding]:
             yield CheckFinding("audit/fault", name, subject, f"{finding.message} [{finding.code}]")
 
 
-def _robot_folder(job: JudgeJob) -> Judged:
+def _robot_folder(job: JudgeJob) -> JudgedFile:
     """Return the findings on a robot folder of twin: whether its description and its CAD can be read."""
     from twin.api.robot import load
 
@@ -381,7 +381,7 @@ def _robot_folder(job: JudgeJob) -> Judged:
         raise
     except TwinError as error:
         finding = CheckFinding("file/malformed", description.name, "", str(error), _line_in(str(error)))
-        return Judged(description, "judged", (finding,))
+        return JudgedFile(description, "judged", (finding,))
     moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
     findings = tuple(check_zero(mechanism, description.name))
-    return Judged(description, "judged", findings, robot.name, moving)
+    return JudgedFile(description, "judged", findings, robot.name, moving)

@@ -35,7 +35,7 @@ _DH_LENGTHS = re.compile(rb"theta|\xce\xb8|\\theta|\boffset", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Description:
+class DescriptionFile:
     """A file that may describe a robot.
 
     Attributes:
@@ -52,7 +52,7 @@ class Description:
 
 
 @dataclass
-class Tree:
+class FolderContent:
     """What a checked folder contains.
 
     Attributes:
@@ -64,13 +64,13 @@ class Tree:
     """
 
     folder: Path
-    descriptions: list[Description] = field(default_factory=list)
+    descriptions: list[DescriptionFile] = field(default_factory=list)
     packages: dict[str, list[Path]] = field(default_factory=dict)
     unreadable: dict[str, str] = field(default_factory=dict)
     parts: set[Path] = field(default_factory=set)
 
 
-def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = ()) -> Tree:
+def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = ()) -> FolderContent:
     """Search a folder and its subfolders for descriptions.
 
     Links to folders are not followed, so a loop of links ends. `exclude` are patterns as in a .gitignore file: a name
@@ -83,7 +83,7 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
         raise SourceError(f"{folder}: the folder does not exist")
     if not folder.is_dir():
         raise SourceError(f"{folder}: this is a file; give the folder that contains it")
-    tree = Tree(folder)
+    tree = FolderContent(folder)
     count = 0
 
     def refused(error: OSError) -> None:
@@ -102,7 +102,7 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
         if count > _MOST:
             raise SourceError(f"{folder}: more than {_MOST:,} files; check its folders one by one, or use --exclude")
         if "cad" in kept and _is_robot_folder(here):
-            tree.descriptions.append(Description(here, _relative(here, folder), "folder"))
+            tree.descriptions.append(DescriptionFile(here, _relative(here, folder), "folder"))
         for name in sorted(files):
             relative = _relative(here / name, folder)
             if not excluded(relative, exclude):
@@ -116,7 +116,7 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
     return tree
 
 
-def _file(tree: Tree, path: Path, name: str) -> None:
+def _file(tree: FolderContent, path: Path, name: str) -> None:
     """Add a file to the tree, if it is a description, a package or a part of a description."""
     suffix = path.suffix.lower()
     if suffix not in suffixes():
@@ -142,11 +142,11 @@ def _file(tree: Tree, path: Path, name: str) -> None:
     found_kind = _kind(path, suffix, head)
     if found_kind is not None:
         kind, root = found_kind
-        tree.descriptions.append(Description(path, name, kind, root))
+        tree.descriptions.append(DescriptionFile(path, name, kind, root))
 
 
 def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, str] | None:
-    """Return kind and root of a description, see `Description`; None for another file."""
+    """Return kind and root of a description, see `DescriptionFile`; None for another file."""
     if suffix in STAGE_SUFFIXES:
         return "usd", ""
     if "table" in suffixes()[suffix].takes:
@@ -216,7 +216,7 @@ class FoundMesh:
     similar: str = ""
 
 
-def find_mesh(address: str, beside: Path, tree: Tree) -> FoundMesh:
+def find_mesh(address: str, beside: Path, tree: FolderContent) -> FoundMesh:
     """Return where the mesh at a path or a `package://`, `model://` or `file://` address is.
 
     Paths are relative to the file's folder, or to a folder around it within the checked folder.

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
+from twin.checking.file_verdict import JudgedFile
 from twin.checking.found import CheckFinding
-from twin.checking.judge import Judged
 from twin.checking.junit import fails, junit
 from twin.checking.rules import LEVELS, Level
 from twin.checking.sarif import sarif
@@ -39,7 +39,7 @@ class FolderCheck(Result):
     kind: ClassVar[str] = "check"
 
     folder: str
-    judged: tuple[Judged, ...]
+    judged: tuple[JudgedFile, ...]
     found: tuple[CheckFinding, ...]
     compared: int = 0
     fail_on: Level = "error"
@@ -75,7 +75,7 @@ class FolderCheck(Result):
         return texts[self.verdict]
 
     @property
-    def robots(self) -> list[Judged]:
+    def robots(self) -> list[JudgedFile]:
         """The files that describe a robot."""
         return [one for one in self.judged if one.status not in ("no robot", "part")]
 
