@@ -150,7 +150,7 @@ def test_different_numbers_of_joints_name_the_way_out(tmp_path: Path) -> None:
     assert twin.compare(first, second, only=only).verdict == "agree"
 
 
-@pytest.mark.parametrize("rpy", ["0 1.5708 0", "0.3 -0.7 1.1"])
+@pytest.mark.parametrize("rpy", [pytest.param("0 1.5708 0", marks=pytest.mark.slow), "0.3 -0.7 1.1"])
 def test_an_edit_of_a_turned_element_removes_the_difference(tmp_path: Path, rpy: str) -> None:
     first = errata.written("kuka_iiwa14_lengths", tmp_path / "first", corrected=True)
     second = errata.written("kuka_iiwa14_lengths", tmp_path / "second", corrected=True)

@@ -13,11 +13,15 @@ from twin.comparison.pair import SidePair
 
 KINDS = ("base frame", "tool frame", "zero", "sign", "name", "zero")
 
-SINGLE = [
-    pytest.param(name, seed, marks=[pytest.mark.slow] if seed > 2 else [])
-    for name in chains.ROBOTS
-    for seed in range(12)
-]
+
+def lane(seed: int) -> list[pytest.MarkDecorator]:
+    """Return the marks of a case: the first change of a robot is tried by default, the last eight nightly."""
+    if seed == 0:
+        return []
+    return [pytest.mark.slow] if seed < 4 else [pytest.mark.nightly]
+
+
+SINGLE = [pytest.param(name, seed, marks=lane(seed)) for name in chains.ROBOTS for seed in range(12)]
 
 DOUBLE = [(name, seed) for name in chains.ROBOTS for seed in range(6)]
 

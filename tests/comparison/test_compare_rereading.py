@@ -48,7 +48,7 @@ def test_a_wrong_property_has_its_edit(old: str, new: str, kind: str, tmp_path: 
 @pytest.mark.parametrize(
     ("kind", "mark", "key"),
     [
-        ("sdf", '<link name="link4">', "<pose>"),
+        pytest.param("sdf", '<link name="link4">', "<pose>", marks=pytest.mark.slow),
         pytest.param("usda", 'Joint "joint4"', "localPos0 = (", marks=pytest.mark.slow),
     ],
 )
