@@ -201,9 +201,9 @@ def _planned_fix(
     position_text = ", ".join(f"{x:.3f}" for x in tip / MM)
     angles_text = ", ".join(f"{x:.3f}" for x in angles / DEG)
     # a rounding error is no motion
-    if moved <= _NO_CHANGE:
+    if not moved > _NO_CHANGE:
         moved = 0.0
-    if turned <= _NO_CHANGE:
+    if not turned > _NO_CHANGE:
         turned = 0.0
     fix = Fix(
         name,

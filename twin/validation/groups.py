@@ -502,14 +502,12 @@ def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
 
 
 def _twice(t: Twice) -> Iterator[Finding]:
+    if all(values == t.values[0] for values in t.values):
+        return
     places: list[str] = []
-    differs = False
     for where, values in zip(t.where, t.values, strict=True):
-        differs = differs or values != t.values[0]
         numbers = " to ".join(f"{value:+g}" for value in values)
         places.append(f"{where}: {numbers}")
-    if not differs:
-        return
     yield disagreement(
         "study.twice",
         t.name,

@@ -56,7 +56,7 @@ def apart(mates: Iterable[Mate]) -> list[Finding]:
     """Return a finding for each joint whose two parts do not touch in the CAD."""
     findings = []
     for mate in mates:
-        if mate.apart <= LOOSE:
+        if not mate.apart > LOOSE:  # NaN is no distance
             continue
         first, second = mate.parts
         text = f"the parts of joint '{mate.joint}', {first} and {second}, are apart in the CAD"

@@ -191,11 +191,8 @@ def _rating(rating: Rating, users: int) -> StudyRow:
 def _unreproduced(row: StudyRow) -> list[Finding]:
     if row.test():
         return []
-    recomputed = []
-    nearest = np.inf
-    for test, p in row.tests.items():
-        recomputed.append(f"{test} {p:.3f}")
-        nearest = min(nearest, abs(p - row.printed_p))
+    recomputed = [f"{test} {p:.3f}" for test, p in row.tests.items()]
+    nearest = min(abs(p - row.printed_p) for p in row.tests.values())
     return [
         disagreement(
             "study.p",

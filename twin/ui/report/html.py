@@ -362,10 +362,8 @@ def _by_cause(rows: list[Residual]) -> list[Residual]:
             if row.consequence_of in names and row not in ordered:
                 ordered.append(row)
     # last, consequences of residuals of another pair of models
-    for row in rows:
-        if row not in ordered:
-            ordered.append(row)
-    return ordered
+    others = [row for row in rows if row not in ordered]
+    return ordered + others
 
 
 def _aliases(row: Residual) -> set[str]:

@@ -58,7 +58,7 @@ def _draw(ax: Axes, name: str, search: SearchRounds, color: str) -> None:
     """Draw the rounds of one search."""
     scale = MM if search.unit == "m" else 1.0
     rows = [(found.samples, found.tree, found.best) for found in search.rounds]
-    x, tree, best = np.array(rows, float).T
+    x, tree, best = np.array(rows, float).reshape(-1, 3).T
     tree = tree / scale
     best = best / scale
     # the cost is infinite as long as there is no path

@@ -195,12 +195,10 @@ def convention(rows: list[MassRow]) -> Products:
 
 def _totals(rows: list[MassRow]) -> tuple[float, float]:
     """Return the sums of the minimum masses in kg with the products as printed, and negated."""
-    mass_printed = 0.0
-    mass_negated = 0.0
-    for row in rows:
-        mass_printed += row.mass_printed
-        mass_negated += row.mass_negated
-    return mass_printed, mass_negated
+    # `sum` compensates rounding, so that equal masses in another order have equal sums
+    mass_printed = sum(row.mass_printed for row in rows)
+    mass_negated = sum(row.mass_negated for row in rows)
+    return float(mass_printed), float(mass_negated)
 
 
 def falling(rows: list[MassRow], products: Products) -> bool:
