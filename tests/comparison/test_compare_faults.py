@@ -154,3 +154,29 @@ def test_an_axis_that_alone_is_wrong_has_its_edit(joint: int, axis: str, tmp_pat
     (edit,) = [edit for edit in item.edits if edit.side == "wrong.urdf"][:1]
     assert edit.what.startswith(f"joint 'joint_{joint}' axis xyz")
     assert edit.new in ("1 0 0", "1")
+
+
+def cable(file: Path, second_ratio: float, total: float = 0.0) -> Path:
+    """Write an MJCF of three joints whose sum j1 + second_ratio j2 + j3 is constant."""
+    bodies = ""
+    for name, axis in (("j1", "0 0 1"), ("j2", "0 1 0"), ("j3", "1 0 0")):
+        bodies += f'<body name="{name}_body" pos=".2 0 0"><joint name="{name}" axis="{axis}"/><geom size=".02"/>'
+    tendon = f'<joint joint="j1" coef="1"/><joint joint="j2" coef="{second_ratio}"/><joint joint="j3" coef="1"/>'
+    file.write_text(
+        f'<mujoco model="r"><worldbody>{bodies}{"</body>" * 3}</worldbody><tendon><fixed name="t">{tendon}</fixed>'
+        f'</tendon><equality><tendon tendon1="t" polycoef="{total} 0 0 0 0"/></equality></mujoco>'
+    )
+    return file
+
+
+def test_a_coupling_of_three_joints_is_compared(tmp_path: Path) -> None:
+    first = cable(tmp_path / "first.xml", 1.0)
+    second = cable(tmp_path / "second.xml", 5.0)
+    result = twin.compare(first, second)
+    assert result.verdict == "disagree"
+    (row,) = result.pairs[0].properties.rows  # pyright: ignore[reportOptionalMemberAccess]
+    assert (row.kind, row.where, row.first, row.second) == ("couplings", "j1", "-1 × j2 + -1 × j3", "-5 × j2 + -1 × j3")
+    assert twin.compare(first, cable(tmp_path / "same.xml", 1.0)).verdict == "agree"
+    # with j2 held at zero, both cables are j1 + j3 = 0
+    assert twin.compare(first, second, only=("j1", "j3")).verdict == "agree"
+    assert twin.compare(first, second, only=("j1", "j2")).verdict == "disagree"

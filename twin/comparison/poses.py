@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc
 
 from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.properties import followed_of
 from twin.comparison.side import ONE_COORDINATE, Axis, JointGroup, PoseRows, RobotSide, joint_motion, plain
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -211,12 +212,15 @@ def _driving(side: RobotSide) -> set[str]:
     """Return the names of the driven joints that move the tool; of a robot with loops, all."""
     if side.tool_poses is not None or side.looped:
         return set(side.order)
+    coupled = followed_of(side)
     names = set()
     for axis in _path(side):
-        name = axis.name
-        if name in side.couplings:
-            name = side.couplings[name][0]
-        names.add(name)
+        i = side.index(axis.name)
+        if i not in coupled:
+            names.add(axis.name)
+            continue
+        for leader in np.flatnonzero(np.abs(coupled[i][0]) > 1e-9):
+            names.add(side.axes[leader].name)
     return names
 
 
@@ -270,6 +274,12 @@ class _Chain:
         self.path = _path(side)
         self.count = len(self.path)
         column = {name: i for i, name in enumerate(side.order)}
+        states = np.zeros((len(q), len(side.axes)))
+        for i, axis in enumerate(side.axes):
+            states[:, i] = axis.drawn
+            if axis.name in column and np.isfinite(q[:, column[axis.name]]).all():
+                states[:, i] = q[:, column[axis.name]]
+        coupled = followed_of(side)
         self.values = np.zeros((len(q), self.count))
         self.own = np.zeros(self.count, bool)
         self.kept: dict[tuple[int, float], Array] = {}
@@ -282,10 +292,10 @@ class _Chain:
                 self.values[:, k] = q[:, column[axis.name]] - axis.drawn
                 self.own[k] = True
                 continue
-            if axis.name in side.couplings:
-                leader, ratio, offset = side.couplings[axis.name]
-                if leader in column:
-                    self.values[:, k] = ratio * q[:, column[leader]] + offset - axis.drawn
+            i = side.index(axis.name)
+            if i in coupled:
+                ratios, offset = coupled[i]
+                self.values[:, k] = states @ ratios + offset - axis.drawn
         self.M = side.frames[side.tool][1]
         self.frames = [spatial.frame_from_axes(axis.direction, _across(axis.direction)) for axis in self.path]
 

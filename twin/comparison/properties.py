@@ -256,9 +256,11 @@ def _followed(problem: Problem, solution: FitSolution) -> tuple[_Followed, _Foll
     ratios, totals = stated[0]
     # q_first = sign * q_second + zero
     stated[0] = (ratios * u.signs, totals - ratios @ zeros)
-    followers = [i for i, axis in enumerate(problem.second.axes) if axis.name in problem.second.couplings]
+    first_followers = {coupling.follower for coupling in problem.first.couplings}
+    second_followers = {coupling.follower for coupling in problem.second.couplings}
+    followers = [i for i, axis in enumerate(problem.second.axes) if axis.name in second_followers]
     for i, axis in enumerate(problem.axes):
-        if axis.name in problem.first.couplings and i not in followers:
+        if axis.name in first_followers and i not in followers:
             followers.append(i)
     order = [*followers, *(i for i in range(problem.count) if i not in followers)]
     return followed(*stated[0], order), followed(*stated[1], order), order
@@ -272,14 +274,14 @@ def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
     index = {axis.name: i for i, axis in enumerate(axes)}
     ratios = []
     totals = []
-    for name, (leader, ratio, offset) in side.couplings.items():
-        if name not in index or leader not in index:
+    for coupling in side.couplings:
+        if not coupling.ratios.keys() <= index.keys():
             continue
         row = np.zeros(len(axes))
-        row[index[name]] += 1.0
-        row[index[leader]] -= ratio
+        for name, ratio in coupling.ratios.items():
+            row[index[name]] = ratio
         ratios.append(row)
-        totals.append(offset)
+        totals.append(coupling.total)
     return np.array(ratios).reshape(-1, len(axes)), np.array(totals)
 
 
@@ -309,6 +311,20 @@ def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, tu
         moving[order[column]] = 0.0
         found[order[column]] = (moving, float(row[-1]))
     return found
+
+
+def followed_of(side: RobotSide) -> dict[int, tuple[Array, float]]:
+    """Return `followed` of the couplings of one side, for joints in the order of its axes."""
+    names = {coupling.follower for coupling in side.couplings}
+    followers = []
+    others = []
+    for i, axis in enumerate(side.axes):
+        if axis.name in names:
+            followers.append(i)
+        else:
+            others.append(i)
+    ratios, totals = constraints(side, side.axes)
+    return followed(ratios, totals, [*followers, *others])
 
 
 def _same_motion(first: tuple[Array, float], second: tuple[Array, float]) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import FrameGap, gaps
-from twin.comparison.properties import mapped_limits
+from twin.comparison.properties import followed_of, mapped_limits
 from twin.comparison.side import ONE_COORDINATE
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -118,10 +118,8 @@ def _states(problem: Problem, ranges: Array) -> Array:
     corners = rng.integers(0, 2, (_SAMPLES // 4, problem.count))
     ends = np.where(corners == 1, ranges[:, 1], ranges[:, 0])
     states = np.vstack([states, ends])
-    index = {axis.name: i for i, axis in enumerate(problem.second.axes)}
-    for name, (leader, ratio, offset) in problem.second.couplings.items():
-        if name in index and leader in index:
-            states[:, index[name]] = ratio * states[:, index[leader]] + offset
+    for i, (ratios, offset) in followed_of(problem.second).items():
+        states[:, i] = states @ ratios + offset
     return states
 
 

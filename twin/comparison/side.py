@@ -68,6 +68,21 @@ class JointGroup:
 
 
 @dataclass(frozen=True)
+class CouplingRow:
+    """A coupling of the moving joints of a side: the sum of ratio times coordinate over its joints is constant.
+
+    Attributes:
+        follower: name of the joint that the others move.
+        ratios: {joint: its ratio, in the unit of the follower per unit of the joint}; 1 for the follower.
+        total: the constant sum in m or rad, the unit of the follower.
+    """
+
+    follower: str
+    ratios: Mapping[str, float]
+    total: float
+
+
+@dataclass(frozen=True)
 class DhRow:
     """A row of a table of Denavit-Hartenberg parameters.
 
@@ -134,7 +149,7 @@ class RobotSide:
         frames: {name of a frame or body: (group, T_base_frame (4, 4) at the drawn state)}.
         tool: name of the tool frame.
         guessed_tool: whether the description names no tool, so that the tool is only the last body.
-        couplings: {joint: (leading joint, ratio, offset)}, joint = ratio * leader + offset.
+        couplings: the couplings of two or more moving joints.
         order: names of the driven joints, in the order of q.
         path: the file; None if there is none.
         text: the URDF that the file describes, if the file is a xacro; else None.
@@ -156,7 +171,7 @@ class RobotSide:
     frames: Mapping[str, tuple[int, Array]]
     tool: str = ""
     guessed_tool: bool = False
-    couplings: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+    couplings: tuple[CouplingRow, ...] = ()
     order: tuple[str, ...] = ()
     path: Path | None = None
     text: bytes | None = None
@@ -285,7 +300,7 @@ def from_mechanism(
         frames=frames,
         tool=mechanism.tool,
         guessed_tool=guessed_tool,
-        couplings=_couplings(mechanism, moving),
+        couplings=_couplings(mechanism, moving, coordinates),
         order=tuple(joint.name for joint in mechanism.active if joint.name in moving),
         path=path,
         notes=tuple(notes),
@@ -365,16 +380,37 @@ def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[st
     return tuple(groups)
 
 
-def _couplings(mechanism: Mechanism, moving: Collection[str]) -> dict[str, tuple[str, float, float]]:
-    """Return {joint: (leader, ratio, offset)} of the couplings of two joints: a q + b p = c is q = -b/a p + c/a."""
-    found = {}
+def _couplings(
+    mechanism: Mechanism, moving: Collection[str], coordinates: Mapping[str, float]
+) -> tuple[CouplingRow, ...]:
+    """Return the couplings of the moving joints; `coordinates` are those of the drawn state, 0 without one."""
+    rows = []
     for coupling in mechanism.couplings:
-        if len(coupling.joints) != 2 or not set(coupling.joints) <= set(moving):
+        total = coupling.total
+        ratios: dict[str, float] = {}
+        partner_held = False
+        for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+            if ratio == 0.0:
+                continue
+            if name in moving:
+                ratios[name] = ratio
+                continue
+            # a joint that is held at the drawn state adds a constant to the sum
+            total -= ratio * coordinates.get(name, 0.0)
+            partner_held = True
+        # a joint that is compared while all its partners are held is compared as if it moved freely
+        if not ratios or (partner_held and len(ratios) < 2):
             continue
-        follower, leader = coupling.joints
-        first, second = coupling.ratios
-        if mechanism.joint(follower).active and not mechanism.joint(leader).active:
-            follower, leader = leader, follower
-            first, second = second, first
-        found[follower] = (leader, -second / first, coupling.total / first)
-    return found
+        follower = _follower(mechanism, list(ratios))
+        scale = ratios[follower]
+        scaled = {name: ratio / scale for name, ratio in ratios.items()}
+        rows.append(CouplingRow(follower, scaled, total / scale))
+    return tuple(rows)
+
+
+def _follower(mechanism: Mechanism, joints: Sequence[str]) -> str:
+    """Return the joint of a coupling that the others move: the first without a motor, or else the first."""
+    for name in joints:
+        if not mechanism.joint(name).active:
+            return name
+    return joints[0]
