@@ -201,6 +201,39 @@ def test_stated_noise_judges_what_the_rows_alone_would_call_noise(tmp_path: Path
     assert twin.compare(file, urdf(tmp_path / "arm.urdf")).verdict == "disagree"
 
 
+@pytest.mark.parametrize("head", ["# noise: 0.05 mm, 0.00573 deg", "# noise: 0.5 mm, 0.0573 deg"])
+def test_stated_noise_hides_no_error_of_one_length(tmp_path: Path, head: str) -> None:
+    """The length is wrong by two standard deviations: as a share of all freedoms that is little."""
+    file = measured(tmp_path / "poses.csv", a2=0.4001, noise=5e-5, count=60, head=head)
+    found = twin.compare(file, urdf(tmp_path / "arm.urdf")).pairs[0]
+    assert found.kinematics == "disagree"
+    assert [item.joint for item in found.differences] == ["q3"]
+    assert found.poses is not None
+    assert found.differences[0].shift == pytest.approx(1e-4, abs=4 * found.poses.uncertainty)
+
+
+@pytest.mark.parametrize("head", ["# noise: 0.05 mm, 0.00573 deg", "# noise: 0.5 mm, 0.0573 deg"])
+def test_stated_noise_of_the_same_robot_agrees(tmp_path: Path, head: str) -> None:
+    file = measured(tmp_path / "poses.csv", noise=5e-5, count=60, head=head)
+    assert twin.compare(file, urdf(tmp_path / "arm.urdf")).verdict == "agree"
+
+
+def test_columns_of_joints_that_only_holds_are_zero(tmp_path: Path) -> None:
+    arm = urdf(tmp_path / "arm.urdf")
+    file = measured(tmp_path / "poses.csv")
+    with pytest.raises(TwinError, match=r"poses\.csv:2: joint 'q4' is at .*°, but --only holds it at zero"):
+        twin.compare(file, arm, only=("q1", "q2", "q3"))
+    with pytest.raises(TwinError, match=r"poses.*joint of the table.*'q9'"):
+        twin.compare(file, arm, only=("q1", "q9"))
+    lines = file.read_text().splitlines()[:1]
+    for q in np.random.default_rng(4).uniform(-150, 150, (20, 3)):
+        x, y, z = 1e3 * forward(np.radians([*q, 0.0]))[:3, 3]
+        lines.append(",".join(f"{cell:.12g}" for cell in (*q, 0.0, x, y, z)))
+    held = tmp_path / "held.csv"
+    held.write_text("\n".join([lines[0].removesuffix(",qw,qx,qy,qz"), *lines[1:]]) + "\n")
+    assert twin.compare(held, arm, only=("Q1", "q_2", "q3")).verdict == "agree"
+
+
 GOOD = "q1 [deg],q2 [deg],q3 [deg],q4 [deg],x [mm],y [mm],z [mm]"
 BAD_POSES = {
     "nan": (GOOD + "\n1,2,3,4,5,6,7" * 4 + "\n1,2,nan,4,5,6,7", r":6: q3 \[deg\] = 'nan' is not a number"),

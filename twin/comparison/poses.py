@@ -2,8 +2,9 @@
 
 Base and tool frames are always fitted, because whoever measures chooses them: T_row = X T(q) Y. What remains is
 compared with the noise: that which the table states or, for a chain, what remains with every joint free (all zeros and
-all places of joints). If the remainder is larger, the fewest signs, zeros and places of joints that reduce it to the
-noise are searched; they make another side of the table (`identified`), whose joint lines are compared with the robot's.
+all places of joints). Stated noise must explain the whole remainder, and also the part that free joints would take from
+it. If the remainder is larger, the fewest signs, zeros and places of joints that reduce it to the noise are searched;
+they make another side of the table (`identified`), whose joint lines are compared with the robot's.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, fdtrc
+from scipy.special import chdtr, chdtrc, fdtrc
 
 from twin.comparison.fit import ANGLE_PER_LENGTH
 from twin.comparison.properties import followed_of
@@ -524,7 +525,7 @@ class _Comparison:
         if self._within(plain):
             return True
         if self.stated:
-            return self._is_stated_noise(plain)
+            return self._is_stated_noise(plain, saturated)
         return saturated is not None and not self.rows.computed and self._is_noise(plain, saturated)
 
     def _saturated(self, state: _State) -> _State | None:
@@ -598,20 +599,42 @@ class _Comparison:
     def _is_noise(self, state: _State, saturated: _State) -> bool:
         """Return whether the remainder is not significantly larger than with every joint free."""
         if self.stated:
-            return self._is_stated_noise(state)
-        more = self._rank(saturated) - self._rank(state)
-        freedoms = self._freedoms(saturated)
+            return self._is_stated_noise(state, saturated)
         if self._deviation(saturated)[0] > _LARGEST_NOISE:
             return False
+        return self._is_estimated_noise(state, saturated)
+
+    def _is_estimated_noise(self, state: _State, saturated: _State) -> bool:
+        """Return whether the remainder is not significantly larger than with every joint free: that is noise."""
         if state is saturated:
             return True
+        more = self._rank(saturated) - self._rank(state)
+        freedoms = self._freedoms(saturated)
         if more <= 0 or saturated.sse <= 0:
             return state.sse <= saturated.sse * (1 + 1e-9)
         F = (max(state.sse - saturated.sse, 0.0) / more) / (saturated.sse / freedoms)
         return float(fdtrc(more, freedoms, F)) > _SIGNIFICANCE
 
-    def _is_stated_noise(self, state: _State) -> bool:
-        return float(chdtrc(self._freedoms(state), state.sse)) > _SIGNIFICANCE
+    def _is_stated_noise(self, state: _State, saturated: _State | None) -> bool:
+        """Return whether the stated noise explains the remainder, and all that free joints would take from it.
+
+        The whole remainder of many rows hides an error of one number, which only few of its freedoms show.
+        """
+        if float(chdtrc(self._freedoms(state), state.sse)) <= _SIGNIFICANCE:
+            return False
+        if saturated is None or state is saturated:
+            return True
+        if self._is_overstated(saturated):
+            return self._is_estimated_noise(state, saturated)
+        more = self._rank(saturated) - self._rank(state)
+        if more <= 0:
+            return True
+        gain = max(state.sse - saturated.sse, 0.0)
+        return float(chdtrc(more, gain)) > _SIGNIFICANCE
+
+    def _is_overstated(self, saturated: _State) -> bool:
+        """Return whether the rows have far less noise than the table states."""
+        return float(chdtr(self._freedoms(saturated), saturated.sse)) < _SIGNIFICANCE
 
     def _accepted(self, state: _State, saturated: _State) -> bool:
         return self._within(state) or self._is_noise(state, saturated)
@@ -720,7 +743,7 @@ class _Comparison:
     def _deviations(self, state: _State, saturated: _State) -> Array:
         """Return the standard deviations (unknowns,) of the fitted values; 0 for those that are held."""
         variance = 1.0
-        if not self.stated:
+        if not self.stated or self._is_overstated(saturated):
             variance = saturated.sse / max(self._freedoms(saturated), 1)
         covariance = np.linalg.pinv(state.J.T @ state.J, rcond=1e-12) * variance
         deviations = np.zeros(len(state.x))
