@@ -16,11 +16,13 @@ import numpy as np
 from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, RobotSource, load, names, silent
 from twin.core import spatial
 from twin.core.errors import AssemblyError, TwinError, unknown
+from twin.core.quantity import moved
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
     from twin.comparison.side import DhRow, PoseRows, RobotSide
+    from twin.exchange.read.pose_table import ReadPoses
     from twin.exchange.read.source import DhOptions
     from twin.exchange.xacro import XacroSettings
     from twin.kinematics import Kinematics
@@ -295,7 +297,7 @@ def _table_side(path: Path, label: str, only: Sequence[str], table: DhOptions) -
     from twin.exchange.read.pose_table import read_poses
 
     read = read_poses(path, table.length, table.angle)
-    chosen = [i for i, name in enumerate(read.joints) if not only or name in only]
+    chosen = _chosen_columns(read, label, only)
     rows = PoseRows(
         tuple(read.joints[i] for i in chosen),
         tuple(read.angles[i] for i in chosen),
@@ -317,6 +319,34 @@ def _table_side(path: Path, label: str, only: Sequence[str], table: DhOptions) -
         path=path,
         sampled=lambda: rows,
     )
+
+
+def _chosen_columns(read: ReadPoses, label: str, only: Sequence[str]) -> list[int]:
+    """Return the columns of the joints to compare; the values of all others must be zero, where they are held."""
+    from twin.comparison.side import plain
+
+    if not only:
+        return list(range(len(read.joints)))
+    chosen = set()
+    for name in only:
+        alike = [i for i, known in enumerate(read.joints) if plain(known) == plain(name)]
+        if name in read.joints:
+            alike = [read.joints.index(name)]
+        if len(alike) != 1:
+            raise TwinError(f"{label}: {unknown('joint of the table', name, read.joints)}")
+        chosen.add(alike[0])
+    for i, name in enumerate(read.joints):
+        displaced = np.flatnonzero(read.q[:, i])
+        if i in chosen or not len(displaced):
+            continue
+        first = int(displaced[0])
+        place = f"{label}:{read.lines[first]}"
+        value = moved(float(read.q[first, i]), read.angles[i])
+        raise TwinError(
+            f"{place}: joint '{name}' is at {value}, but --only holds it at zero. Remove the rows where it is not "
+            "zero, or compare it as well"
+        )
+    return sorted(chosen)
 
 
 def _equations_side(given: str, label: str, only: Sequence[str]) -> RobotSide:
