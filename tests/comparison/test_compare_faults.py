@@ -180,3 +180,41 @@ def test_a_coupling_of_three_joints_is_compared(tmp_path: Path) -> None:
     # with j2 held at zero, both cables are j1 + j3 = 0
     assert twin.compare(first, second, only=("j1", "j3")).verdict == "agree"
     assert twin.compare(first, second, only=("j1", "j2")).verdict == "disagree"
+
+
+def hinge(file: Path, attributes: str) -> Path:
+    """Write an MJCF of one hinge."""
+    body = f'<body name="link1"><joint name="a" {attributes}/><geom size=".02"/></body>'
+    file.write_text(
+        f'<mujoco model="r"><compiler angle="radian"/><worldbody>{body}</worldbody></mujoco>', encoding="utf-8"
+    )
+    return file
+
+
+def limits_of(first: Path, second: Path) -> tuple[str, list[tuple[str, str]]]:
+    """Return the verdict on the limits, and the texts of both sides where they differ."""
+    properties = twin.compare(first, second).pairs[0].properties
+    assert properties is not None
+    rows = [(row.first, row.second) for row in properties.rows if row.kind == "limits"]
+    return properties.verdict("limits"), rows
+
+
+def test_no_limits_are_no_agreement_with_limits(tmp_path: Path) -> None:
+    bounded = robot(tmp_path / "bounded.urdf", [{"name": "a"}])
+    endless = robot(tmp_path / "endless.urdf", [{"name": "a", "type": "continuous"}])
+    one_turn = "-57.3° .. 57.3°"
+    assert limits_of(bounded, endless) == ("disagree", [(one_turn, "no limits")])
+    assert limits_of(endless, bounded) == ("disagree", [("no limits", one_turn)])
+    assert limits_of(endless, endless) == ("agree", [])
+    bounded_hinge = hinge(tmp_path / "bounded.xml", 'range="-1 1"')
+    endless_hinge = hinge(tmp_path / "endless.xml", 'limited="false"')
+    assert limits_of(bounded_hinge, endless_hinge) == ("disagree", [(one_turn, "no limits")])
+    assert limits_of(endless_hinge, endless) == ("agree", [])
+
+
+def test_limits_of_only_one_side_are_named_as_not_compared(tmp_path: Path) -> None:
+    bounded = hinge(tmp_path / "bounded.xml", 'range="-1 1"')
+    silent = hinge(tmp_path / "silent.xml", "")
+    assert limits_of(bounded, silent) == ("not stated", [("-57.3° .. 57.3°", "-")])
+    text = "\n".join(str(part) for part in twin.compare(bounded, silent).text())
+    assert "limits of 'a': not compared, because only one side states them" in text

@@ -194,6 +194,7 @@ def _file_side(
         guessed_tool=guessed,
         notes=notes,
         efforts=imported.efforts,
+        unlimited=imported.unlimited,
     )
     if _is_table(path):
         return replace(side, rows=_rows(path, table, [joint.name for joint in imported.mechanism.tree]))

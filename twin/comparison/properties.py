@@ -11,7 +11,7 @@ from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
 from twin.comparison.fit import FitSolution, Problem, values_of
 from twin.comparison.items import NumberEdit
 from twin.comparison.search import zero_of
-from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide
+from twin.comparison.side import ONE_COORDINATE, UNLIMITED, Axis, RobotSide
 from twin.core.json_types import JsonObject
 from twin.core.quantity import moved
 from twin.core.spatial import Array
@@ -94,19 +94,25 @@ def _joint(problem: Problem, solution: FitSolution, i: int, rows: list[PropertyR
     def angle(value: float) -> str:
         return str(moved(value, second.is_angle))
 
+    def interval(limits: tuple[float, float] | None) -> str:
+        if limits is None:
+            return "-"
+        if limits == UNLIMITED:
+            return "no limits"
+        return f"{angle(limits[0])} .. {angle(limits[1])}"
+
     mapped = mapped_limits(problem, solution, i)
     if mapped is not None and second.limits is not None:
         compared["limits"] += 1
         low = abs(mapped[0] - second.limits[0])
         high = abs(mapped[1] - second.limits[1])
         if not (low <= LIMIT or mapped[0] == second.limits[0]) or not (high <= LIMIT or mapped[1] == second.limits[1]):
-            texts = [f"{angle(low)} .. {angle(high)}" for low, high in (mapped, second.limits)]
-            rows.append(PropertyRow("limits", second.name, texts[0], texts[1], True, i))
-    elif (mapped is None) != (second.limits is None):
-        texts = []
-        for limits in (mapped, second.limits):
-            texts.append("-" if limits is None else f"{angle(limits[0])} .. {angle(limits[1])}")
-        rows.append(PropertyRow("limits", second.name, texts[0], texts[1], False))
+            # no edit of a number makes limits of none: the type of the joint, or an attribute, is another
+            bounded = np.array_equal(np.isfinite(mapped), np.isfinite(second.limits))
+            index = i if bounded else -1
+            rows.append(PropertyRow("limits", second.name, interval(mapped), interval(second.limits), True, index))
+    elif (mapped or UNLIMITED) != (second.limits or UNLIMITED):
+        rows.append(PropertyRow("limits", second.name, interval(mapped), interval(second.limits), False))
     _number("speeds", i, second.name, first.max_speed, second.max_speed, lambda v: f"{angle(v)}/s", rows, compared)
     effort_of_first = problem.first.efforts.get(first.name)
     effort_of_second = problem.second.efforts.get(second.name)
@@ -185,7 +191,8 @@ def difference(problem: Problem, solution: FitSolution, kind: str, i: int) -> Ar
         mapped = mapped_limits(problem, solution, i)
         if mapped is None or limits is None:
             return np.zeros(0)
-        return np.array(mapped) - np.array(limits)
+        apart = [0.0 if one == other else one - other for one, other in zip(mapped, limits, strict=True)]
+        return np.array(apart)
     first = problem.axes[i]
     second = problem.second.axes[i]
     values = (first.max_speed, second.max_speed)

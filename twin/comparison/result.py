@@ -11,7 +11,7 @@ import numpy as np
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.pair import SidePair
 from twin.comparison.poses import PoseFit
-from twin.comparison.properties import KINDS
+from twin.comparison.properties import KINDS, PropertyRow
 from twin.comparison.side import RobotSide
 from twin.core import spatial
 from twin.core.findings import Finding, disagreement, error, info, warning
@@ -24,6 +24,8 @@ from twin.core.units import MM
 _SHOWN_EDITS = 3
 """Number of edits of each side that the text of an item shows."""
 
+_NAMED = 6
+"""Number of joints or links that a line on values of only one side names."""
 
 _MOVED = 1e-9
 """Shift in m and rotation in rad below which a fitted frame is not moved."""
@@ -149,6 +151,7 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     for kind in KINDS:
         rows.append((kind, pair.properties.verdict(kind), str(pair.properties.compared[kind])))
     yield TextTable(("property", "verdict", "compared"), rows)
+    yield from _one_sided_text(pair.properties.rows)
     stated = [row for row in pair.properties.rows if row.stated]
     if stated:
         different = [(row.kind, row.where, row.first, row.second) for row in stated]
@@ -156,6 +159,18 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
         for row in stated:
             for text in _edit_texts(row.edits, "; and " if row.together else "; or "):
                 yield f"      {row.kind} of '{row.where}': {text}"
+
+
+def _one_sided_text(rows: Sequence[PropertyRow]) -> Iterator[str]:
+    """Yield for each kind of property the joints or links of which only one side states a value."""
+    for kind in KINDS:
+        names = [f"'{row.where}'" for row in rows if row.kind == kind and not row.stated]
+        if not names:
+            continue
+        listed = ", ".join(names[:_NAMED])
+        if len(names) > _NAMED:
+            listed += f" and {len(names) - _NAMED} more"
+        yield f"  {kind} of {listed}: not compared, because only one side states them"
 
 
 def _poses_text(fit: PoseFit) -> Iterator[str]:

@@ -26,6 +26,9 @@ TURNING = ("revolute", "cylindrical")
 ONE_COORDINATE = ("revolute", "prismatic")
 """Joint types with one coordinate, which has a sign and a zero."""
 
+UNLIMITED = (-np.inf, np.inf)
+"""Limits of a joint of which the file states that it has none."""
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -38,7 +41,9 @@ class Axis:
         drawn: coordinate at the drawn state in m or rad.
         closing: whether the joint closes a loop, and is not in the tree.
         active: whether a motor drives it.
-        limits, max_speed: as in `model.joint.Joint`.
+        limits: range of the coordinate in m or rad; `UNLIMITED` if the file states that there are no limits; None if it
+            states nothing.
+        max_speed: as in `model.joint.Joint`.
     """
 
     name: str
@@ -262,6 +267,7 @@ def from_mechanism(
     guessed_tool: bool = False,
     notes: Sequence[str] = (),
     efforts: Mapping[str, float] | None = None,
+    unlimited: Collection[str] = (),
 ) -> RobotSide:
     """Return the side of a mechanism.
 
@@ -273,6 +279,7 @@ def from_mechanism(
         guessed_tool: whether the tool frame is only a guess of the reader.
         notes: texts on data that the reader left out.
         efforts: maximum efforts that are not in the drives of the joints.
+        unlimited: joints of which the file states that they have no limits.
     """
     poses, coordinates = drawn_poses(mechanism)
     moving = _moving(mechanism, only, label)
@@ -282,7 +289,10 @@ def from_mechanism(
     for joint in (*mechanism.tree, *mechanism.loops):
         if joint.name in moving and group_of[joint.parent] != group_of[joint.child]:
             closing = joint.name in loops
-            axes.append(_axis(joint, poses, coordinates, group_of, closing))
+            axis = _axis(joint, poses, coordinates, group_of, closing)
+            if axis.limits is None and axis.name in unlimited:
+                axis = replace(axis, limits=UNLIMITED)
+            axes.append(axis)
     frames: dict[str, tuple[int, Array]] = {}
     for body in mechanism.bodies:
         frames[body.name] = (group_of[body.name], poses[body.name])

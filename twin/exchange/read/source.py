@@ -100,6 +100,7 @@ class Imported:
         places: {"joint/NAME/origin", ...: (file, line)}: where a xacro states the elements of joints and links.
         posed: whether the file states rest poses; a URDF does not.
         keys: {key frame: {joint: value in m or rad}} for the active and passive joints of the tree.
+        unlimited: joints of which the file states that they have no limits; not those for which it states nothing.
     """
 
     mechanism: Mechanism
@@ -110,6 +111,7 @@ class Imported:
     keys: dict[str, dict[str, float]] = field(default_factory=dict)
     formula: str = ""
     places: dict[str, tuple[str, int]] = field(default_factory=dict)
+    unlimited: frozenset[str] = frozenset()
 
 
 class Names:

@@ -72,7 +72,13 @@ def read_mjcf(path: Path, root: str | None = None) -> Imported:
     reader.findings += missing
     for caught in told:
         reader.findings.warn("mujoco", f"MuJoCo: {_one_line(caught.message)}", path.name)
-    return reader.read()
+    imported = reader.read()
+    unlimited = set()
+    for joint in spec.joints:
+        # a joint without a range states nothing; only `limited="false"` states that it has no limits
+        if joint.limited == mujoco.mjtLimited.mjLIMITED_FALSE:
+            unlimited.add(reader.joints[joint.id])
+    return replace(imported, unlimited=frozenset(unlimited))
 
 
 def _one_line(message: object) -> str:

@@ -134,7 +134,11 @@ class _Sdf:
         robot = self.model.get("name") or self.path.stem
         imported = assemble(self.path, robot, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
         mechanism = replace(imported.mechanism, gravity=self._gravity())
-        return replace(imported, mechanism=mechanism)
+        unlimited = set()
+        for name, joint in joints.items():
+            if joint.get("type") == "continuous":
+                unlimited.add(joint_names[name])
+        return replace(imported, mechanism=mechanism, unlimited=frozenset(unlimited))
 
     def _body(self, name: str, body: str, link: Element) -> Body:
         """Return the body of a link, with the identifier `body`."""

@@ -161,7 +161,12 @@ class _Urdf:
         label = root.get("name") or self.path.stem
         out = assemble(self.path, label, body_names[base], bodies, joints, frames, couplings, found, efforts=efforts)
         mechanism = replace(out.mechanism, actuators=actuators, transmissions=transmissions)
-        return self._posed(replace(out, mechanism=mechanism, posed=False), names)
+        unlimited = set()
+        for name, joint in self.joints.items():
+            if joint.get("type") == "continuous" and name in names:
+                unlimited.add(names[name])
+        out = replace(out, mechanism=mechanism, posed=False, unlimited=frozenset(unlimited))
+        return self._posed(out, names)
 
     def _place(self, body_names: Names, held: Mapping[str, tuple[str, Array]]) -> None:
         """Set `home`: {link: (its body, T_body_link)}. `held` are the links without body, each with its pose on one."""
