@@ -6,11 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import twin
 from made.lanes import thinned
-from twin.comparison.side import plain
+from twin.comparison.pair import compare_pair
+from twin.comparison.poses import compare_rows
+from twin.comparison.side import PoseRows, RobotSide, from_mechanism, plain
 from twin.core.errors import TwinError
+from twin.exchange.read import read
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
@@ -156,7 +160,7 @@ def test_an_axis_that_alone_is_wrong_has_its_edit(joint: int, axis: str, tmp_pat
     assert edit.new in ("1 0 0", "1")
 
 
-def cable(file: Path, second_ratio: float, total: float = 0.0) -> Path:
+def cable(file: Path, second_ratio: float) -> Path:
     """Write an MJCF of three joints whose sum j1 + second_ratio j2 + j3 is constant."""
     bodies = ""
     for name, axis in (("j1", "0 0 1"), ("j2", "0 1 0"), ("j3", "1 0 0")):
@@ -164,22 +168,51 @@ def cable(file: Path, second_ratio: float, total: float = 0.0) -> Path:
     tendon = f'<joint joint="j1" coef="1"/><joint joint="j2" coef="{second_ratio}"/><joint joint="j3" coef="1"/>'
     file.write_text(
         f'<mujoco model="r"><worldbody>{bodies}{"</body>" * 3}</worldbody><tendon><fixed name="t">{tendon}</fixed>'
-        f'</tendon><equality><tendon tendon1="t" polycoef="{total} 0 0 0 0"/></equality></mujoco>'
+        '</tendon><equality><tendon tendon1="t"/></equality></mujoco>'
     )
     return file
 
 
+def cable_side(folder: Path, second_ratio: float, only: tuple[str, ...] = ()) -> RobotSide:
+    """Return the side of a cable, whose file is read in this process."""
+    file = cable(folder / "cable.xml", second_ratio)
+    return from_mechanism(read(file, guarded=False).mechanism, f"cable {second_ratio}", only=only)
+
+
 def test_a_coupling_of_three_joints_is_compared(tmp_path: Path) -> None:
-    first = cable(tmp_path / "first.xml", 1.0)
-    second = cable(tmp_path / "second.xml", 5.0)
-    result = twin.compare(first, second)
-    assert result.verdict == "disagree"
-    (row,) = result.pairs[0].properties.rows  # pyright: ignore[reportOptionalMemberAccess]
+    sides = [cable_side(tmp_path, 1.0), cable_side(tmp_path, 5.0)]
+    properties = compare_pair(*sides, 1e-5).properties
+    assert properties is not None
+    (row,) = properties.rows
     assert (row.kind, row.where, row.first, row.second) == ("couplings", "j1", "-1 × j2 + -1 × j3", "-5 × j2 + -1 × j3")
-    assert twin.compare(first, cable(tmp_path / "same.xml", 1.0)).verdict == "agree"
-    # with j2 held at zero, both cables are j1 + j3 = 0
-    assert twin.compare(first, second, only=("j1", "j3")).verdict == "agree"
-    assert twin.compare(first, second, only=("j1", "j2")).verdict == "disagree"
+    assert properties.verdict("couplings") == "disagree"
+    same = compare_pair(sides[0], cable_side(tmp_path, 1.0), 1e-5).properties
+    assert same is not None
+    assert same.verdict("couplings") == "agree"
+
+
+@pytest.mark.parametrize(("only", "verdict"), [(("j1", "j3"), "agree"), (("j1", "j2"), "disagree")])
+def test_joints_that_are_held_are_constants_of_couplings(only: tuple[str, ...], verdict: str, tmp_path: Path) -> None:
+    """With j2 held at zero, both cables are j1 + j3 = 0."""
+    found = compare_pair(cable_side(tmp_path, 1.0, only), cable_side(tmp_path, 5.0, only), 1e-5).properties
+    assert found is not None
+    assert found.verdict("couplings") == verdict
+
+
+@pytest.mark.parametrize(("ratio", "agrees"), [(0.5, True), (0.9, False)])
+def test_poses_of_a_coupling_of_three_joints_are_those_of_its_sum(ratio: float, agrees: bool, tmp_path: Path) -> None:
+    q = np.random.default_rng(5).uniform(-1, 1, (30, 2))
+    Ts = []
+    for second, third in q:
+        T = np.eye(4)
+        for value, axis in ((-ratio * second - third, (0, 0, 1)), (second, (0, 1, 0)), (third, (1, 0, 0))):
+            step = np.eye(4)
+            step[0, 3] = 0.2
+            step[:3, :3] = Rotation.from_rotvec(value * np.array(axis)).as_matrix()
+            T = T @ step
+        Ts.append(T)
+    rows = PoseRows(("j2", "j3"), (True, True), q, np.array(Ts))
+    assert compare_rows(rows, "poses", cable_side(tmp_path, 0.5), 1e-5).fit.agrees == agrees
 
 
 def hinge(file: Path, attributes: str) -> Path:
