@@ -180,13 +180,13 @@ def cable_side(folder: Path, second_ratio: float, only: tuple[str, ...] = ()) ->
 
 
 def test_a_coupling_of_three_joints_is_compared(tmp_path: Path) -> None:
-    sides = [cable_side(tmp_path, 1.0), cable_side(tmp_path, 5.0)]
-    properties = compare_pair(*sides, 1e-5).properties
+    first = cable_side(tmp_path, 1.0)
+    properties = compare_pair(first, cable_side(tmp_path, 5.0), 1e-5).properties
     assert properties is not None
     (row,) = properties.rows
     assert (row.kind, row.where, row.first, row.second) == ("couplings", "j1", "-1 × j2 + -1 × j3", "-5 × j2 + -1 × j3")
     assert properties.verdict("couplings") == "disagree"
-    same = compare_pair(sides[0], cable_side(tmp_path, 1.0), 1e-5).properties
+    same = compare_pair(first, cable_side(tmp_path, 1.0), 1e-5).properties
     assert same is not None
     assert same.verdict("couplings") == "agree"
 
