@@ -140,11 +140,10 @@ class GuidingReferee(InstrumentReferee):
         self._p_start = ring.T_world_object[:3, 3]
         self._first = list(robots).index(first)
         self._segments: list[tuple[Array, Array, float]] = []  # begin and end (3,) in m, length in m
-        self._wire_length = 0.0
         for a, b in pairwise(course.wire):
             length = float(np.linalg.norm(b - a))
             self._segments.append((a, b, length))
-            self._wire_length += length
+        self._wire_length = sum(length for _, _, length in self._segments)
         self._steps: dict[str, int | None] = dict.fromkeys(STEPS)
         self._rubs = Runs(self._few)
         self._rubbing = 0
