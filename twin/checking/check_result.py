@@ -62,7 +62,8 @@ class FolderCheck(Result):
         unjudged = [finding for finding in self.failing if finding.rule == "file/unjudged"]
         if len(self.failing) > len(unjudged):
             return "disagree"
-        if unjudged or not self.robots:
+        judged = [one for one in self.robots if one.status == "judged"]
+        if unjudged or not judged:
             return "unchecked"
         return "agree"
 
@@ -148,8 +149,10 @@ class FolderCheck(Result):
         rows: list[tuple[str, str, str]] = []
         rules = Counter(finding.rule for finding in self.found if not finding.known and finding.level != "note")
         for finding in self.found:
+            if finding.known:
+                continue
             count = rules.pop(finding.rule, 0)
-            if count and not finding.known:
+            if count:
                 rows.append((finding.rule, finding.level, str(count)))
         if rows:
             yield TextTable(("rule", "level", "findings"), rows)

@@ -134,7 +134,7 @@ def _compare_all(
         progress(f"compare {name}", 0.8 + 0.2 * (number + 1) / len(work))
         if isinstance(answer, str):
             subject = f"{job.first.description.name} and {name}"
-            answer = (CheckFinding("compare/different", name, subject, f"not compared: {answer}"),)
+            answer = (CheckFinding("file/unjudged", name, subject, f"not compared: {answer}"),)
         findings += answer
     return findings
 

@@ -137,7 +137,7 @@ def _file(tree: FolderContent, path: Path, name: str) -> None:
             tree.packages.setdefault(found[1].decode("utf-8", "replace"), []).append(path.parent)
         return
     if suffix in MJCF_SUFFIXES:
-        for target in _INCLUDE.findall(head):
+        for target in _INCLUDE.findall(_COMMENT.sub(b"", head)):
             tree.parts.add((path.parent / target.decode("utf-8", "replace")).resolve())
     found_kind = _kind(path, suffix, head)
     if found_kind is not None:

@@ -205,7 +205,7 @@ def _inertia(elements: Elements, link: Element) -> Iterator[CheckFinding]:
         if low >= -slack and high > 0:
             rule = "inertia/rounded"
         yield elements.found(rule, tensor, path, subject, f"{shown}: the smallest must be above 0")
-    elif low <= 0:
+    elif low <= 0 and high <= (max(low, 0.0) + middle) * (1.0 + _SLACK):
         yield elements.found("inertia/zero", tensor, path, subject, f"{shown}: the smallest is 0")
     elif high > (low + middle) * (1.0 + _SLACK):
         rule = "inertia/triangle"

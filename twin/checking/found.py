@@ -63,7 +63,8 @@ class CheckFinding:
         """Hexadecimal digits that stay the same if lines move; another value in the message changes them."""
         message = _LINE.sub("", self.message)
         parts = (self.rule, self.file, self.subject, message, str(self.occurrence))
-        return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+        # names of files need not be UTF-8
+        return hashlib.sha256("\0".join(parts).encode("utf-8", "surrogateescape")).hexdigest()[:32]
 
     def as_finding(self) -> Finding:
         """Return the finding in the form of all results."""
@@ -93,10 +94,11 @@ def numbered(findings: Iterable[CheckFinding]) -> list[CheckFinding]:
     lines: set[tuple[str, str, str, str, int]] = set()
     out: list[CheckFinding] = []
     for finding in sorted(findings, key=_order):
-        key = (finding.rule, finding.file, finding.subject, finding.message)
-        if (*key, finding.line) in lines:
+        if (finding.rule, finding.file, finding.subject, finding.message, finding.line) in lines:
             continue
-        lines.add((*key, finding.line))
+        lines.add((finding.rule, finding.file, finding.subject, finding.message, finding.line))
+        # as in the fingerprint, so that two findings of one text with different lines have two fingerprints
+        key = (finding.rule, finding.file, finding.subject, _LINE.sub("", finding.message))
         count = counts.get(key, 0)
         counts[key] = count + 1
         out.append(replace(finding, occurrence=count))
