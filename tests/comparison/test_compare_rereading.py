@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import twin
 from comparison.test_compare_faults import mimic, robot
 from made import chains
+from twin.comparison.rereading import has_numbers
 
 CHAIN = [
     {"name": "a", "xyz": "0 0 0.3"},
@@ -72,3 +74,40 @@ def test_a_wrong_number_of_a_format_without_statements_has_its_edit(
         assert float(first.new) == pytest.approx(float(text[start:end]), abs=1e-5)
         if kind == "usda":
             assert first.what == "</made/joint4>.physics:localPos0[1]"
+
+
+MJCF = """<mujoco model="r"><include file="{include}"/><compiler angle="radian"/><worldbody><body name="b1" pos="0 0 .1">
+<joint name="j1" axis="0 0 1" range="-1 {upper}" limited="true"/><geom size=".02"/></body></worldbody></mujoco>"""
+
+
+def test_a_text_with_references_above_its_folder_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    common = "<mujocoinclude><default><joint damping='1'/></default></mujocoinclude>"
+    for include in ("../assets/common.xml", "../../common.xml"):
+        folder = tmp_path / "package" / "mjcf"
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / include
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(common)
+        sides = []
+        for name, upper in (("a.xml", "1"), ("b.xml", ".8")):
+            sides.append(folder / name)
+            sides[-1].write_text(MJCF.format(include=include, upper=upper))
+        pair = twin.compare(*sides).pairs[0]
+        assert pair.properties is not None
+        (row,) = [row for row in pair.properties.rows if row.stated]
+        assert [(edit.line, edit.old, edit.new) for edit in row.edits] == [(2, "1", "0.8"), (2, ".8", "1")]
+    assert not list(temporary.iterdir())
+
+
+def test_only_texts_whose_numbers_are_known_are_read_again() -> None:
+    step = b"ISO-10303-21;\nHEADER;\nDATA;\n#10 = CARTESIAN_POINT('', (0., 1., 2.));\n"
+    assert not has_numbers(step, table=False)
+    assert not has_numbers(b"PXR-USDC\0\0 1 2 3", table=False)
+    assert not has_numbers(b"PK\3\4 1 2 3", table=False)
+    assert not has_numbers(b"d,a\0\n1,2", table=True)
+    assert has_numbers(b"d,a\n1,2", table=True)
+    assert has_numbers(b"#usda 1.0\n", table=False)
+    assert has_numbers(b"\xef\xbb\xbf<robot/>", table=False)

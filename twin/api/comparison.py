@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -87,19 +87,20 @@ def compare(
         raise TwinError("give at least two sides to compare: names of robots, folders or files")
     if not tolerance > 0:
         raise TwinError(f"tolerance {tolerance:g} m: give a positive number")
-    read = []
     labels = _labels(sides)
     table = stated(dh, units)
     if (dh or units) and not any(_is_table(side) for side in sides):
         raise TwinError("--dh and --units are for tables (CSV, TOML, Markdown, LaTeX), but no side is one: omit them")
-    for i, side in enumerate(sides):
-        progress(f"read {labels[i]}", i / (2 * len(sides)))
-        read.append(_side(side, labels[i], only, xacro, table))
+    read = []
     pairs = []
-    chosen = list(combinations(read, 2))
-    for i, (first, second) in enumerate(chosen):
-        progress(f"compare {first.label} and {second.label}", 0.5 + i / (2 * len(chosen)))
-        pairs.append(compare_pair(first, second, tolerance))
+    with ExitStack() as mirrors:
+        for i, side in enumerate(sides):
+            progress(f"read {labels[i]}", i / (2 * len(sides)))
+            read.append(_side(side, labels[i], only, xacro, table, mirrors))
+        chosen = list(combinations(read, 2))
+        for i, (first, second) in enumerate(chosen):
+            progress(f"compare {first.label} and {second.label}", 0.5 + i / (2 * len(chosen)))
+            pairs.append(compare_pair(first, second, tolerance))
     return Comparison(tuple(read), tuple(pairs), tolerance, strict)
 
 
@@ -132,7 +133,12 @@ def _is_table(given: str | Path | Robot) -> bool:
 
 
 def _side(
-    given: str | Path | Robot, label: str, only: Sequence[str], xacro: XacroSettings | None, table: DhOptions
+    given: str | Path | Robot,
+    label: str,
+    only: Sequence[str],
+    xacro: XacroSettings | None,
+    table: DhOptions,
+    mirrors: ExitStack,
 ) -> RobotSide:
     from twin.exchange.read.pose_table import is_pose_table
 
@@ -144,7 +150,8 @@ def _side(
     if is_pose_table(path):
         return _table_side(path, label, only, table)
     if path.suffix.lower() in STAGE_SUFFIXES and path.is_file():
-        return replace(_robot_side(load(given), label, only), path=path, reread=_reread_stage(path, label, only))
+        reread = _reread_stage(path, label, only, mirrors)
+        return replace(_robot_side(load(given), label, only), path=path, reread=reread)
     if str(given) in names() or path.is_dir() or path.suffix.lower() in STAGE_SUFFIXES:
         return _robot_side(load(given), label, only)
     from twin.exchange.xacro import SUFFIX, XacroSettings, expand, is_xacro
@@ -161,7 +168,7 @@ def _side(
     side = _file_side(path, label, only, given_to_reader, table)
     if side.looped:  # to close the loops again for each number would take minutes
         return replace(side, text=text, places=places)
-    return replace(side, text=text, places=places, reread=_reread(path, label, only, table))
+    return replace(side, text=text, places=places, reread=_reread(path, label, only, table, mirrors, text))
 
 
 def _file_side(
@@ -201,39 +208,122 @@ def _file_side(
     return replace(side, tool_poses=_poses_of(imported.mechanism, side))
 
 
-def _reread(path: Path, label: str, only: Sequence[str], table: DhOptions) -> Callable[[bytes], RobotSide]:
-    """Return a function that reads a changed text of a file; its first text was read in a guarded process."""
+def _reread(
+    path: Path, label: str, only: Sequence[str], table: DhOptions, mirrors: ExitStack, text: bytes | None
+) -> Callable[[bytes], RobotSide] | None:
+    """Return a function that reads a changed text of a file; its first text was read in a guarded process.
 
-    def read_again(data: bytes) -> RobotSide:
-        suffix = path.suffix
-        if suffix.lower() == ".xacro":
-            suffix = ".urdf"  # the text is the expanded one
-        with _beside(path, data, suffix) as copy:
-            return _file_side(copy, label, only, None, table, guarded=False)
+    None if the numbers of the file are no text: `text` is the one that was read, if it is not that of the file.
+    """
+    from twin.comparison.rereading import has_numbers
 
-    return read_again
+    data = _content(path) if text is None else text
+    if data is None or not has_numbers(data, table=_is_table(path)):
+        return None
+    suffix = path.suffix
+    if suffix.lower() == ".xacro":
+        suffix = ".urdf"  # the text is the expanded one
 
+    def read_copy(copy: Path) -> RobotSide:
+        return _file_side(copy, label, only, None, table, guarded=False)
 
-def _reread_stage(path: Path, label: str, only: Sequence[str]) -> Callable[[bytes], RobotSide]:
-    """Return the same for a USD stage."""
-
-    def read_again(data: bytes) -> RobotSide:
-        with _beside(path, data, path.suffix) as copy:
-            return _robot_side(Robot(RobotSource(None, copy, None), None, None, {}), label, only)
-
-    return read_again
+    return _Mirror(path, data, suffix, read_copy, mirrors).read
 
 
-@contextmanager
-def _beside(path: Path, data: bytes, suffix: str) -> Iterator[Path]:
-    """Write a text into a temporary folder, in which the other files of the folder of `path` are found as well."""
-    with TemporaryDirectory(prefix="twin-compare-") as folder:
-        copy = Path(folder) / f"{path.stem}{suffix}"
-        for neighbour in path.resolve().parent.iterdir():
-            if neighbour.name not in (path.name, copy.name):
-                (Path(folder) / neighbour.name).symlink_to(neighbour)
+def _reread_stage(
+    path: Path, label: str, only: Sequence[str], mirrors: ExitStack
+) -> Callable[[bytes], RobotSide] | None:
+    """Return the same for a USD stage; None for a stage in binary form."""
+    from twin.comparison.rereading import has_numbers
+
+    data = _content(path)
+    if data is None or not has_numbers(data, table=False):
+        return None
+
+    def read_copy(copy: Path) -> RobotSide:
+        return _robot_side(Robot(RobotSource(None, copy, None), None, None, {}), label, only)
+
+    return _Mirror(path, data, path.suffix, read_copy, mirrors).read
+
+
+def _content(path: Path) -> bytes | None:
+    """Return the content of a file; None if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None
+
+
+class _Mirror:
+    """A temporary folder in which changed texts of one file are read again.
+
+    It has the entries of the file's folder, and of the two folders above, at the same depth, so that references to them, also those
+    with `../`, lead to the same files. It is made at the first text, and removed when `mirrors` is closed.
+    """
+
+    def __init__(
+        self, path: Path, data: bytes, suffix: str, read_copy: Callable[[Path], RobotSide], mirrors: ExitStack
+    ) -> None:
+        self._path = path.resolve()
+        self._name = path.stem
+        self._data = data
+        self._suffix = suffix
+        self._read_copy = read_copy
+        self._mirrors = mirrors
+        self._folder: Path | None = None
+        self._failed = False
+        self._count = 0
+
+    def read(self, data: bytes) -> RobotSide:
+        """Return the side with another text.
+
+        Raises:
+            TwinError: the text cannot be read, or the unchanged text cannot be read in this folder.
+        """
+        if self._failed:
+            raise TwinError(f"{self._path}: a copy in another folder cannot be read")
+        if self._folder is None:
+            try:
+                self._folder = self._made()
+                self._read(self._folder, self._data)
+            except (OSError, TwinError) as e:
+                self._failed = True
+                raise TwinError(f"{self._path}: a copy in another folder cannot be read: {e}") from e
+        try:
+            return self._read(self._folder, data)
+        except OSError as e:
+            raise TwinError(f"{self._path}: a changed text cannot be read: {e}") from e
+
+    def _read(self, folder: Path, data: bytes) -> RobotSide:
+        # a name for each text: USD keeps the layers of the files that it has read
+        self._count += 1
+        copy = folder / f"{self._name}_{self._count}{self._suffix}"
         copy.write_bytes(data)
-        yield copy
+        try:
+            return self._read_copy(copy)
+        finally:
+            copy.unlink()
+
+    def _made(self) -> Path:
+        """Return the folder of the copies, as deep as the original, each folder with links to the other entries."""
+        folder = Path(self._mirrors.enter_context(TemporaryDirectory(prefix="twin-compare-")))
+        original = self._path.parent
+        levels = [original.parent.parent, original.parent, original]
+        for above, below in pairwise(levels):
+            if above == below:  # the root
+                continue
+            _link_entries(above, folder, below.name)
+            folder = folder / below.name
+            folder.mkdir()
+        _link_entries(original, folder, "")
+        return folder
+
+
+def _link_entries(source: Path, folder: Path, omitted: str) -> None:
+    """Make links in a folder to the entries of another one, except one name."""
+    for entry in source.iterdir():
+        if entry.name != omitted:
+            (folder / entry.name).symlink_to(entry)
 
 
 def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[DhRow, ...]:

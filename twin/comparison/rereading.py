@@ -20,6 +20,11 @@ from twin.core.spatial import Array
 
 _NUMBER = re.compile(rb"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
 
+_USDA = b"#usda"
+"""Beginning of a USD stage in text form."""
+
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
 _MOST_READ = 150
 """Maximum number of numbers of one text that are tried for one item."""
 
@@ -101,9 +106,9 @@ def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumb
     data = text_of(side)
     if data is None:
         return []
-    if data.lstrip().startswith(b"<"):
+    if _is_xml(data):
         found = _of_xml(data, side.places)
-    elif data.startswith(b"#usda"):
+    elif data.startswith(_USDA):
         found = _of_usda(data)
     else:
         return list(_of_table(data))
@@ -121,12 +126,29 @@ def text_of(side: RobotSide) -> bytes | None:
     """Return the text that was read; None if the side has none that can be read again."""
     if side.reread is None or side.path is None:
         return None
-    if side.text is not None:
-        return side.text
-    try:
-        return side.path.read_bytes()
-    except OSError:
+    data = side.text
+    if data is None:
+        try:
+            data = side.path.read_bytes()
+        except OSError:
+            return None
+    if not has_numbers(data, table=bool(side.rows)):
         return None
+    return data
+
+
+def has_numbers(data: bytes, *, table: bool) -> bool:
+    """Return whether the numbers of a file are found here: those of XML, of a USD stage in text form, of a table.
+
+    The numbers of other texts, such as STEP, are mostly those of their entities.
+    """
+    if b"\0" in data:
+        return False
+    return table or _is_xml(data) or data.startswith(_USDA)
+
+
+def _is_xml(data: bytes) -> bool:
+    return data.removeprefix(_BYTE_ORDER_MARK).lstrip().startswith(b"<")
 
 
 def edits(
