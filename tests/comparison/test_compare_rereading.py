@@ -76,7 +76,8 @@ def test_a_wrong_number_of_a_format_without_statements_has_its_edit(
             assert first.what == "</made/joint4>.physics:localPos0[1]"
 
 
-MJCF = """<mujoco model="r"><include file="{include}"/><compiler angle="radian"/><worldbody><body name="b1" pos="0 0 .1">
+MJCF = """<mujoco model="r">
+<include file="{include}"/><compiler angle="radian"/><worldbody><body name="b1" pos="0 0 .1">
 <joint name="j1" axis="0 0 1" range="-1 {upper}" limited="true"/><geom size=".02"/></body></worldbody></mujoco>"""
 
 
@@ -98,7 +99,7 @@ def test_a_text_with_references_above_its_folder_is_read_again(tmp_path: Path, m
         pair = twin.compare(*sides).pairs[0]
         assert pair.properties is not None
         (row,) = [row for row in pair.properties.rows if row.stated]
-        assert [(edit.line, edit.old, edit.new) for edit in row.edits] == [(2, "1", "0.8"), (2, ".8", "1")]
+        assert [(edit.line, edit.old, edit.new) for edit in row.edits] == [(3, "1", "0.8"), (3, ".8", "1")]
     assert not list(temporary.iterdir())
 
 

@@ -257,8 +257,9 @@ def _content(path: Path) -> bytes | None:
 class _Mirror:
     """A temporary folder in which changed texts of one file are read again.
 
-    It has the entries of the file's folder, and of the two folders above, at the same depth, so that references to them, also those
-    with `../`, lead to the same files. It is made at the first text, and removed when `mirrors` is closed.
+    It has the entries of the file's folder, and of the two folders above, at the same depth, so that references to
+    them, also those with `../`, lead to the same files. It is made at the first text, and removed when `mirrors` is
+    closed.
     """
 
     def __init__(

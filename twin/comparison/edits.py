@@ -418,7 +418,8 @@ def _edit(side: RobotSide, statement: Statement, column: int | None, values: Arr
         what = f"{statement.what}[{column}]"
         old = f"{statement.values[column]:.12g}"
         new = f"{values[column]:.12g}"
-    return NumberEdit(side.label, short(statement.file), statement.line, what, old, new)
+    edit = NumberEdit(side.label, short(statement.file), statement.line, what, old, new)
+    return rereading.hindered(side, edit, statement.file)
 
 
 def short(file: str) -> str:

@@ -40,7 +40,7 @@ class FrameGap:
 
 
 def gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
-    """Return the gaps of all frames and bodies with the same name in both sides, and of the tools if none is a leaf."""
+    """Return the gaps of all frames and bodies with the same name in both sides, and of the two tools."""
     _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
     carrier = carriers(problem)
     carrier[0] = BASE
@@ -57,7 +57,9 @@ def gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
         if name in guessed:
             continue
         found.append(_gap(problem, motions, name, joint, (group, T), partner))
-    if not guessed and not any(gap.leaf for gap in found):
+    # a tool whose name both sides have is among the frames; others are compared also if their link has such frames
+    named = problem.second.tool in problem.first.frames or problem.first.tool in problem.second.frames
+    if not guessed and not (named and any(gap.leaf for gap in found)):
         tool = _tools(problem, motions, carrier)
         if tool is not None:
             found.append(tool)

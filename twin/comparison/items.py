@@ -28,6 +28,8 @@ class NumberEdit:
         what: the number in the terms of its format: "joint_3 origin xyz[2]".
         old, new: its text, and the text to write.
         confirmed: whether the edited file was read and compared again.
+        obstacle: why no other text of this number alone removes the difference, as in a macro of a xacro that is used
+            several times; `new` is then "".
     """
 
     side: str
@@ -37,10 +39,13 @@ class NumberEdit:
     old: str
     new: str
     confirmed: bool = False
+    obstacle: str = ""
 
     def text(self) -> str:
         """Return the edit as one line."""
         place = f"{self.file}:{self.line}" if self.line else self.file
+        if self.obstacle:
+            return f"{place}: {self.what} is {self.old}, but {self.obstacle}"
         return f"{place}: {self.what}: {self.old} → {self.new}"
 
     def as_dict(self) -> JsonObject:
@@ -53,6 +58,7 @@ class NumberEdit:
             "old": self.old,
             "new": self.new,
             "confirmed": self.confirmed,
+            "obstacle": self.obstacle,
         }
 
 

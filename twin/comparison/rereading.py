@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from xml.parsers import expat
 
 import numpy as np
 
 from twin.comparison.items import NumberEdit
 from twin.comparison.side import RobotSide, plain
+from twin.comparison.xacro_lines import obstacle
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
@@ -171,6 +172,7 @@ def edits(
             continue
         place = file(number.file or str(side.path))
         edit = NumberEdit(side.label, place, number.line, number.what, text, new, confirmed=True)
+        edit = hindered(side, edit, number.file)
         found.append((goal.moved(edited), len(new), edit))
     found.sort(key=lambda entry: entry[:2])
     return [edit for _, _, edit in found]
@@ -222,8 +224,19 @@ def edits_together(
     for number, value in chosen:
         text = data[number.start : number.end].decode()
         place = file(number.file or str(side.path))
-        found.append(NumberEdit(side.label, place, number.line, number.what, text, _text(value), confirmed=True))
+        edit = NumberEdit(side.label, place, number.line, number.what, text, _text(value), confirmed=True)
+        found.append(hindered(side, edit, number.file))
     return found
+
+
+def hindered(side: RobotSide, edit: NumberEdit, file: str) -> NumberEdit:
+    """Return an edit of an expanded xacro without its new number if its line in `file` does not state the number."""
+    if side.text is None:
+        return edit
+    reason = obstacle(side.places, file, edit.line, edit.what, edit.old)
+    if not reason:
+        return edit
+    return replace(edit, new="", confirmed=False, obstacle=reason)
 
 
 def _fewest_digits(value: float, inaccuracy: float) -> float:

@@ -224,6 +224,9 @@ def _item_text(item: ComparedItem) -> Iterator[str]:
     for label, edits in _by_side(item.edits).items():
         word = "edit"
         for edit in edits[:_SHOWN_EDITS]:
+            if edit.obstacle:
+                yield f"      {edit.text()}"
+                continue
             yield f"      {word} {edit.text()}"
             word = "  or"
         if len(edits) > _SHOWN_EDITS:
@@ -248,9 +251,14 @@ def _edit_texts(edits: Sequence[NumberEdit], joined: str = "; or ") -> list[str]
     """Return for each side a sentence with its edits; several edits of one side are alternatives, or all needed."""
     sentences = []
     for chosen in _by_side(edits).values():
-        shown = chosen
+        for edit in chosen:
+            if edit.obstacle:
+                sentences.append(f"{edit.text()}.")
+        shown = [edit for edit in chosen if not edit.obstacle]
+        if not shown:
+            continue
         if joined == "; or ":
-            shown = chosen[:_SHOWN_EDITS]
+            shown = shown[:_SHOWN_EDITS]
         texts = [edit.text() for edit in shown]
         sentences.append(f"Edit {joined.join(texts)}.")
     return sentences

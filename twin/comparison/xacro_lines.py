@@ -1,0 +1,74 @@
+"""Whether a line of a xacro states the number that an edit names: a macro is used several times, or has expressions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+_EXPRESSION = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
+
+
+def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: str, old: str) -> str:
+    """Return why an edit of the numbers `old` in a line of a xacro does not do what it does in the expanded text.
+
+    `places` are those of the elements of the expanded text; `what` ends with element and attribute, as "origin xyz[2]".
+    "" if the line states these numbers, for one element.
+    """
+    names: dict[tuple[str, str], set[str]] = {}
+    for key, place in places.items():
+        if place != (file, line):
+            continue
+        kind, _, rest = key.partition("/")
+        name, _, inner = rest.partition("/")
+        names.setdefault((kind, inner), set()).add(name)
+    if not names:
+        return "the line of the xacro that states it is unknown"
+    used = max(len(elements) for elements in names.values())
+    if used > 1:
+        return f"line {line} is used by {used} elements"
+    try:
+        text = Path(file).read_text(encoding="utf-8").splitlines()[line - 1]
+    except (OSError, UnicodeDecodeError, IndexError):
+        return f"line {line} cannot be read"
+    text = _attribute(text, what)
+    if _states(_EXPRESSION.sub(" $ ", text), old.split()):
+        return ""
+    if _EXPRESSION.search(text):
+        return f"line {line} holds an expression"
+    return f"line {line} does not state it"
+
+
+def _attribute(text: str, what: str) -> str:
+    """Return the value of the attribute in a line; the whole line if it does not have the attribute."""
+    words = [re.escape(word) for word in what.partition("[")[0].split()[-2:]]
+    if len(words) < 2:
+        return text
+    element, attribute = words
+    # an element can begin in a line before
+    for pattern in (rf"<{element}\b[^<>]*?\s{attribute}", rf"\b{attribute}"):
+        found = re.search(pattern + r"\s*=\s*([\"'])(.*?)\1", text)
+        if found is not None:
+            return found.group(2)
+    return text
+
+
+def _states(text: str, numbers: list[str]) -> bool:
+    """Return whether a text has these numbers, one after another."""
+    values: list[float | None] = []
+    for word in re.split(r"[\s\"',]+", text):
+        try:
+            values.append(float(word))
+        except ValueError:
+            values.append(None)
+    wanted = [float(number) for number in numbers]
+    starts = range(len(values) - len(wanted) + 1)
+    return any(_same(values[start : start + len(wanted)], wanted) for start in starts)
+
+
+def _same(values: list[float | None], wanted: list[float]) -> bool:
+    for value, number in zip(values, wanted, strict=True):
+        # the old text of an edit has twelve digits
+        if value is None or abs(value - number) > 1e-11 * abs(number):
+            return False
+    return True
