@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import numpy as np
+
 from twin.comparison.edits import with_edits
-from twin.comparison.fit import FitSolution, Problem
-from twin.comparison.items import ComparedItem, items
+from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
+from twin.comparison.items import ComparedItem, items, placed
 from twin.comparison.matching import match
 from twin.comparison.poses import PoseFit, compare_rows
 from twin.comparison.properties import KINDS, Properties, compare
@@ -15,8 +17,10 @@ from twin.comparison.property_edits import with_property_edits
 from twin.comparison.range import Worst, worst
 from twin.comparison.search import solutions
 from twin.comparison.side import RobotSide
+from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
+from twin.core.spatial import Array
 
 Kinematics = Literal["agree", "agree after conventions", "disagree", "unexplained"]
 
@@ -133,12 +137,19 @@ def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolera
     """Compare the rows of one side with the poses, and then with the joint lines, of the other."""
     assert table.sampled is not None
     robot = second if table is first else first
-    found = compare_rows(table.sampled(), table.label, robot, tolerance)
+    rows = table.sampled()
+    found = compare_rows(rows, table.label, robot, tolerance)
     fit = found.fit
     largest = Worst(robot.tool, fit.distance, fit.angle, found.q, found.q, fit.rows)
     if found.identified is None:
         kinematics: Kinematics = "agree" if fit.agrees else "disagree"
-        return SidePair(first, second, kinematics, (), (), None, largest, None, None, fit)
+        moved: tuple[ComparedItem, ...] = ()
+        # equations state their frames; those of a measuring device are always others
+        if fit.agrees and rows.computed:
+            moved = _moved_frames(table, robot, rows.T, fit, tolerance)
+        if moved:
+            kinematics = "agree after conventions"
+        return SidePair(first, second, kinematics, moved, (), None, largest, None, None, fit)
     sides = (found.identified, robot)
     if table is second:
         sides = (robot, found.identified)
@@ -149,6 +160,49 @@ def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolera
             pair, first=first, second=second, kinematics="disagree", worst=largest, properties=None, poses=fit
         )
     return replace(pair, first=first, second=second, worst=largest, properties=None, poses=fit)
+
+
+def _moved_frames(
+    table: RobotSide, robot: RobotSide, T_rows: Array, fit: PoseFit, tolerance: float
+) -> tuple[ComparedItem, ...]:
+    """Return the conventions of base and tool frame that a fit needs: one of the two where one is enough.
+
+    `T_rows` (rows, 4, 4) are the poses of the side `table`.
+    """
+    T_robot = spatial.inverse(fit.base) @ T_rows @ spatial.inverse(fit.tool)
+    same = np.eye(4)
+    base = T_rows[0] @ spatial.inverse(T_robot[0])
+    tool = spatial.inverse(T_robot[0]) @ T_rows[0]
+    for X, Y in ((same, same), (base, same), (same, tool), (fit.base, fit.tool)):
+        left = spatial.inverse(X @ T_robot @ Y) @ T_rows
+        if not _is_moved(left, tolerance):
+            break
+    else:
+        return ()
+    found = []
+    if _is_moved(X, tolerance):
+        text = f"the base frame of {robot.label} is moved by {_placed(X)} in that of {table.label}"
+        found.append(_frame_item("base frame", text, X))
+    if _is_moved(Y, tolerance):
+        text = f"the tool frame of {table.label} is moved by {_placed(Y)} in that of {robot.label}"
+        found.append(_frame_item("tool frame", text, Y))
+    return tuple(found)
+
+
+def _is_moved(T: Array, tolerance: float) -> bool:
+    """Return whether one of the motions (..., 4, 4) exceeds the tolerance in m, or its angle."""
+    shift = float(np.linalg.norm(T[..., :3, 3], axis=-1).max())
+    turn = float(np.max(spatial.rotation_angle(T[..., :3, :3])))
+    return shift > tolerance or turn > ANGLE_PER_LENGTH * tolerance
+
+
+def _placed(T: Array) -> str:
+    return placed(T[:3, 3], spatial.log_so3(T[:3, :3]))
+
+
+def _frame_item(kind: str, text: str, T: Array) -> ComparedItem:
+    shift = float(np.linalg.norm(T[:3, 3]))
+    return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))
 
 
 def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
