@@ -22,6 +22,7 @@ from pathlib import Path
 # used in turn, because a constant that is no square in one of them may be one in the next.
 PRIMES = [2**61 - k for k in (465, 1281, 1425, 2385, 3081, 3105)]
 ENOUGH = 8
+SEEN = 200  # states within reach at which every claim is looked at
 STATES = 4000
 ROUNDING = 1e-6
 
@@ -38,7 +39,7 @@ def main(arguments):
         if len(arguments) > 1:
             check_files(data, Path(arguments[1]))
         verdicts = check(data)
-    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError) as error:
         print(f"the certificate cannot be checked: {type(error).__name__}: {error}", file=sys.stderr)
         return 2
     if not verdicts:
@@ -57,6 +58,9 @@ def check_content(data):
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     if hashlib.sha256(text.encode("ascii")).hexdigest() != data["sha256"]:
         raise ValueError("its content does not have the SHA-256 that it states")
+    for name, (_, low, high) in data["ranges"].items():
+        if not low < high:
+            raise ValueError(f"the range of {name} is empty")
 
 
 def check_files(data, folder):
@@ -69,15 +73,20 @@ def check_files(data, folder):
 def check(data):
     """Return [(claim, why it does not hold, or "")]."""
     rows = data["rows"]
+    for claim in data["claims"]:
+        needed = operations(rows, claim["zero"])
+        if not any(rows[i][0] in ("input", "cosine", "sine") for i in needed):
+            raise ValueError(f"the claim {claim['name']} has no row that depends on the state")
     fields = [Field(prime) for prime in PRIMES]
     constants = []
     for field in fields:
         constants.append({i: field.number(row[1]) for i, row in enumerate(rows) if row[0] == "number"})
-    generator = random.Random(data["sha256"])
+    generator = random.SystemRandom()  # no state that the author of a certificate could foresee
     zeros = [0] * len(data["claims"])
+    seen = [0] * len(data["claims"])
     faults = {}
     for turn in range(STATES):
-        open_claims = [k for k, count in enumerate(zeros) if count < ENOUGH and k not in faults]
+        open_claims = [k for k, count in enumerate(zeros) if (count < ENOUGH or seen[k] < SEEN) and k not in faults]
         if not open_claims:
             break
         field = fields[turn % len(fields)]
@@ -95,16 +104,17 @@ def check(data):
             if any(not values[i][1] >= 0 for i in data["claims"][k]["reach"]):
                 continue
             results = [values[i] for i in data["claims"][k]["zero"]]
-            real = max(abs(result[1]) for result in results)
-            if not real <= ROUNDING:
-                faults[k] = f"a number is {real:.3g} at {shown(state)}"
+            seen[k] += 1
+            wrong = [result[1] for result in results if not abs(result[1]) <= ROUNDING]
+            if wrong:
+                faults[k] = f"a number is {wrong[0]:.3g} at {shown(state)}"
             exact = [result[0] for result in results]
             zeros[k] += None not in exact and not any(exact)
     verdicts = []
     for k, claim in enumerate(data["claims"]):
         fault = faults.get(k, "")
-        if not fault and zeros[k] < ENOUGH:
-            fault = f"only {zeros[k]} exact zeros at {STATES} states"
+        if not fault and (zeros[k] < ENOUGH or seen[k] < SEEN):
+            fault = f"only {zeros[k]} exact zeros at {seen[k]} states within reach of {STATES}"
         verdicts.append((claim["claim"], fault))
     return verdicts
 
@@ -150,13 +160,15 @@ class Field:
         for name, (is_angle, low, high) in ranges.items():
             if is_angle:
                 middle = round((low + high) / 2 / (math.pi / 6)) * 30
-                reach = min((high - low) / 2, 0.999 * math.pi)
-                t = Fraction(generator.randint(-(10**9), 10**9), 10**9) * Fraction(math.tan(reach / 2))
+                start = math.radians(middle)
+                first = Fraction(math.tan(max(low - start, -0.999 * math.pi) / 2))
+                last = Fraction(math.tan(min(high - start, 0.999 * math.pi) / 2))
+                t = first + Fraction(generator.randint(0, 10**9), 10**9) * (last - first)
                 scale = 1 / (1 + t * t)
                 c, s = self.near(middle)
                 cosine, sine = (1 - t * t) * scale, 2 * t * scale
                 x, y = self.residue(cosine), self.residue(sine)
-                turn = math.radians(middle) + 2 * math.atan(t)
+                turn = start + 2 * math.atan(t)
                 first = (c * x - s * y) % self.prime
                 second = (s * x + c * y) % self.prime
                 state[name] = (first, math.cos(turn)), (second, math.sin(turn))

@@ -98,7 +98,23 @@ def test_a_wrong_number_with_a_new_hash_fails(tmp_path, checker, certificate, ca
 
 
 def test_a_claim_without_proof_fails(tmp_path, checker, certificate):
-    certificate["claims"][0]["zero"] = [0]
+    (place,) = [i for i, row in enumerate(certificate["rows"]) if row == ["input", "X_E"]]
+    certificate["claims"][0]["zero"] = [place]
+    certificate["sha256"] = digest(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate) == 1
+
+
+@pytest.mark.parametrize("low", [0.2, 0.3])
+def test_an_empty_range_is_refused(tmp_path, checker, certificate, low):
+    certificate["ranges"]["X_E"] = [False, low, 0.2]
+    certificate["sha256"] = digest(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate) == 2
+
+
+def test_a_value_that_is_no_number_hides_nothing(tmp_path, checker, certificate):
+    rows = certificate["rows"]
+    rows += [["real", "inf"], ["negative", len(rows)], ["add", len(rows), len(rows) + 1]]
+    certificate["claims"][0]["zero"].append(len(rows) - 1)
     certificate["sha256"] = digest(certificate)
     assert checked(checker, tmp_path / "c.json", certificate) == 1
 

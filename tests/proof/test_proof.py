@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import replace
+from functools import wraps
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -101,6 +103,43 @@ def test_an_error_of_a_nanometre_is_no_proof():
     assert wrong["forward: joint mount"] == "unproved"
     assert wrong["inverse: point elbow"] == "unproved"
     assert wrong["inverse: point shoulder"] == "proved"
+
+
+def with_forward(formula, change):
+    """Return the formula whose forward equation's pose is changed by `change(T, q1)`."""
+    (forward,) = [equation for equation in formula.equations if equation.stage == "forward"]
+    function = forward.variants[forward.default]
+
+    @wraps(function)
+    def changed(**symbols):
+        return change(function(**symbols), symbols["q1"])
+
+    equation = replace(forward, variants={forward.default: changed})
+    equations = tuple(equation if e is forward else e for e in formula.equations)
+    return replace(formula, equations=equations)
+
+
+@pytest.mark.parametrize("turn", [(-1, -1, 1), (1, -1, -1), (-1, 1, -1)])
+def test_a_tool_turned_by_half_a_turn_is_refuted(turn):
+    robot = twin.load("pa10")
+    formula = with_forward(robot.formula, lambda T, q1: T @ ca.diag(ca.DM([*turn, 1])))
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    verdicts = {claim.name: claim.status for claim in proof.claims}
+    assert verdicts["forward: joint mount"] == "refuted"
+
+
+def test_an_error_below_rounding_at_half_of_the_states_is_no_proof():
+    robot = twin.load("pa10")
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += ca.if_else(q1 < 0, 0, 5e-7)
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    verdicts = {claim.name: claim.status for claim in proof.claims}
+    assert verdicts["forward: joint mount"] == "unproved"
 
 
 @pytest.mark.slow

@@ -115,6 +115,7 @@ class Proved(Result):
         yield from by_severity(self.findings)
         proof = self.proof
         yield f"  {self.summary}"
+        yield f"  {100 * proof.inside:.3g} % of the drawn states are within reach and have values"
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
         for number, form in list(proof.recognised.items())[:_SHOWN]:
             yield f"  {number} is {form}"

@@ -86,6 +86,7 @@ def judged(
     zero = np.ones(len(inside), bool)
     largest = np.zeros(len(inside))
     degree = 1
+    rooted = False
     error = ""
     nodes = []
     for number in numbers:
@@ -96,9 +97,12 @@ def judged(
         zero &= number.residue == 0
         largest = np.maximum(largest, np.abs(number.real))
         degree = max(degree, number.degree.zeros)
+        rooted = rooted or bool(number.degree.roots)
     zeros = int((known & zero).sum())
     exact = int(known.sum())
     largest[~inside] = 0
+    undefined = int(np.isnan(largest).sum())
+    largest[np.isnan(largest)] = 0
     worst = int(largest.argmax())
     log_odds = _log_odds(zeros, exact, degree)
     status: Status = "unproved"
@@ -106,9 +110,17 @@ def judged(
     reason = ""
     if not inside.any():
         reason = "no drawn state is within reach"
-    elif not largest[worst] <= ROUNDING:
+    elif largest[worst] > ROUNDING:
         status = "refuted"
         witness = {name: float(values[worst]) for name, values in state.items()}
+    elif undefined:
+        reason = (
+            f"a value is not defined, or has no real form, at {undefined} of {int(inside.sum())} states within reach"
+        )
+    elif not rooted and zeros < exact:
+        reason = (
+            f"{exact - zeros} of {exact} exact values are not zero: a difference below 1e-6, at some states at least"
+        )
     elif zeros >= ENOUGH and log_odds < 0:
         status = "proved"
     elif zeros >= ENOUGH:
@@ -125,6 +137,11 @@ def judged(
     return JudgedClaim(
         name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept
     )
+
+
+def unclaimed(name: str, sentence: str, reason: str) -> JudgedClaim:
+    """Return a claim that nothing decides."""
+    return JudgedClaim(name, sentence, "unproved", 0, 0, 0.0, 0.0, {}, reason)
 
 
 def _log_odds(zeros: int, states: int, degree: int) -> float:

@@ -43,19 +43,21 @@ def turn(
 ) -> Angle:
     """Return a random angle from low to high rad at each of k states, within half a turn of their middle.
 
-    The tangent t of half its distance from the middle is a random fraction; cosine and sine are fractions of t.
+    The tangent t of half its distance from a multiple of 30 degrees near the middle is a random fraction; cosine and
+    sine are fractions of t.
     """
-    middle = (low + high) / 2
-    reach = min((high - low) / 2, _OPEN * math.pi)
-    t = number(generator, -math.tan(reach / 2), math.tan(reach / 2), states, name)
+    start = _nearest((low + high) / 2)
+    first = math.tan(max(low - start, -_OPEN * math.pi) / 2)
+    last = math.tan(min(high - start, _OPEN * math.pi) / 2)
+    t = number(generator, first, last, states, name)
     one = values.constant(1.0, states)
     square = values.product(t, t)
     scale = values.reciprocal(values.total(one, square))
     cosine = values.product(values.difference(one, square), scale)
     sine = values.product(values.total(t, t), scale)
     real = 2 * np.arctan(t.real)
-    start = fixed_angle(_nearest(middle), states)
-    angle = values.turned(start, Angle(cosine, sine, real))
+    turned_by = fixed_angle(start, states)
+    angle = values.turned(turned_by, Angle(cosine, sine, real))
     cosine = replace(angle.cosine, node=Operation("cosine", text=name))
     sine = replace(angle.sine, node=Operation("sine", text=name))
     if formulas:

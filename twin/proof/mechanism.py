@@ -230,11 +230,15 @@ def conditions(exact: ExactMechanism, placed: PlacedBodies, joint: Joint, value:
     yield T[1][3]
     if joint.type in ("fixed", "revolute", "spherical"):
         yield T[2][3]
+    one = values.constant(1.0, exact.states)
     if joint.type in ("revolute", "cylindrical", "prismatic", "fixed"):
         yield _at_arm(T[0][2])
         yield _at_arm(T[1][2])
+        # a half turn has zeros there as well
+        yield _at_arm(values.difference(T[2][2], one))
     if joint.type in ("prismatic", "fixed"):
         yield _at_arm(T[1][0])
+        yield _at_arm(values.difference(T[0][0], one))
 
 
 def deviations(A: Matrix, B: Matrix) -> Iterator[ExactValue]:

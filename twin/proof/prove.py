@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -14,7 +15,7 @@ from twin.model.body import Point
 from twin.model.mechanism import Mechanism
 from twin.proof import draws, formula_side, mechanism, values
 from twin.proof import form as forms
-from twin.proof.claims import JudgedClaim, judged
+from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.constants import exact_angle, exact_number
 from twin.proof.drawing import Drawing
 from twin.proof.formula_side import Outputs
@@ -154,7 +155,10 @@ def prove(
     general: list[str] = []
     for k, group in enumerate(groups):
         progress(f"other values of {', '.join(group)}", (1 + k) / (2 + len(groups)))
-        if group and not attempt([*general, *group], _TRIAL_STATES).count("refuted"):
+        if not group:
+            continue
+        trial = attempt([*general, *group], _TRIAL_STATES)
+        if trial.inside > 0 and not trial.count("refuted"):
             general += group
     if not general:
         return proof
@@ -168,7 +172,8 @@ def _either(published: Proof, general: Proof) -> Proof:
     for claim, other in zip(published.claims, general.claims, strict=True):
         better = other.status == "proved" or (claim.status == "unproved" and other.zeros >= claim.zeros)
         claims.append(other if better and other.status != "refuted" else claim)
-    if not any(claim.status == "proved" for claim in general.claims):
+    special = [c for c, other in zip(claims, general.claims, strict=True) if c.status == "proved" != other.status]
+    if special or not any(claim.status == "proved" for claim in general.claims):
         return replace(published, claims=tuple(claims))
     drawn = general.drawn
     return replace(published, claims=tuple(claims), drawn=drawn, fixed=general.fixed, ranges=general.ranges)
@@ -263,7 +268,13 @@ def _joint_ranges(work: _Work) -> dict[str, tuple[bool, float, float]]:
     """Return the limits of the active joints of the equations."""
     ranges = {}
     for joint in work.formula.joints:
-        low, high = work.robot.joint(joint.name).limits or (-1.0, 1.0)
+        widest = math.pi if joint.kind == "revolute" else 1.0
+        low, high = work.robot.joint(joint.name).limits or (-widest, widest)
+        if not low < high:
+            low, high = -widest, widest
+        if not math.isfinite(low) or not math.isfinite(high):
+            low = max(low, -widest)
+            high = min(high, widest)
         ranges[joint.name] = (joint.kind == "revolute", low, high)
     return ranges
 
@@ -333,6 +344,14 @@ def _claim_mechanism(
         _claim(work, exact, f"{stage}: {body}", sentence, numbers, inside, state)
         uncovered.remove(body)
     work.uncovered |= uncovered
+    for name in joints:
+        joint = work.robot.joint(name)
+        unplaced = {joint.parent, joint.child} & uncovered
+        if unplaced:
+            body = min(unplaced)
+            reason = f"no joint with a known value places {body}; give the passive joints in the formula"
+            sentence = f"joint {name} between {joint.parent} and {joint.child} fits"
+            work.claims.append(unclaimed(f"{stage}: joint {name}", sentence, reason))
     return placed
 
 

@@ -78,10 +78,6 @@ class Degree:
         half = -(-(self.numerator + self.denominator) // 2)
         return Degree(half, self.factors, self.roots | {number})
 
-    def rational_root(self) -> Degree:
-        """Return the degree of the root of a square of a fraction."""
-        return Degree(-(-(self.numerator + self.denominator) // 2), self.factors, self.roots)
-
     def either(self, other: Degree) -> Degree:
         """Return a degree that holds for both functions."""
         total = self + other
@@ -145,9 +141,6 @@ class Condition:
 
 
 Value = ExactValue | Angle | Condition
-
-_MANY = 100
-"""Number of states of which all have squares only if the argument is one."""
 
 ROUNDING = 1e-12
 """Error in m of a length that was computed with double precision."""
@@ -304,9 +297,6 @@ def root(a: Value) -> ExactValue:
     residue = prime.root(number.residue)
     squares = prime.multiply(residue, residue) == number.residue
     known = number.known & squares
-    if len(same) >= _MANY and squares[number.known].all():
-        # the argument is the square of a fraction: at random states, each is one with a probability of a half only
-        return ExactValue(residue, known, real, number.degree.rational_root(), node=node)
     return ExactValue(residue, known, real, number.degree.root(_number_of(number)), node=node)
 
 
