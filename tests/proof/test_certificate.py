@@ -126,7 +126,7 @@ def test_rows_that_are_not_there_are_refused(tmp_path, checker, certificate, zer
     assert checked(checker, tmp_path / "c.json", certificate) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name in twin.names() if name not in ("sils", "sher")])
 def test_certificates_of_all_robots_hold(tmp_path, checker, name):
     found = twin.prove(name)
