@@ -13,11 +13,11 @@ import re
 import shutil
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from exchange.test_drawn_robots import EXACT, SINGLE, apart, by_mujoco, by_openusd
 from made import dialects
+from made.by_pinocchio import by_pinocchio
 from twin.core import spatial
 from twin.core.errors import SourceError
 from twin.exchange.read import read
@@ -46,28 +46,6 @@ def by_name(poses, rename):
     for name, T in poses.items():
         out[rename(name)] = T
     return out
-
-
-def by_pinocchio(path, coordinates, planar):
-    """Return {link: T_world_link (4, 4)} of a URDF; a planar joint has its three coordinates."""
-    model = pin.buildModelFromUrdf(str(path))
-    data = model.createData()
-    q = pin.neutral(model)
-    for name, value in coordinates.items():
-        joint = model.joints[model.getJointId(name)]
-        if joint.nq == 2:  # a continuous joint has the cosine and the sine
-            q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
-        elif joint.nq == 1:
-            q[joint.idx_q] = value
-    for name, (x, y, angle) in planar.items():
-        joint = model.joints[model.getJointId(name)]
-        q[joint.idx_q : joint.idx_q + 4] = x, y, np.cos(angle), np.sin(angle)
-    pin.framesForwardKinematics(model, data, q)
-    poses = {}
-    for i, frame in enumerate(model.frames):
-        if frame.type == pin.FrameType.BODY:
-            poses[frame.name] = data.oMf[i].homogeneous
-    return poses
 
 
 def by_mujoco_of_urdf(path, coordinates):

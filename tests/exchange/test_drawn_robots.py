@@ -12,12 +12,12 @@ import random
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 from pxr import Usd, UsdGeom
 
 import twin.exchange.audit
 from made import drawn_robots
+from made.by_pinocchio import by_pinocchio
 from twin.cad.build import read_mechanism
 from twin.core import spatial
 from twin.exchange.audit import audit
@@ -49,20 +49,6 @@ def apart(a, b):
     names = a.keys() & b.keys()
     assert names
     return max(float(np.abs(a[n] - b[n]).max()) for n in names)
-
-
-def by_pinocchio(path, coordinates):
-    """Return {link: T_world_link (4, 4)} of a URDF at the joints' coordinates; a floating base is at its origin."""
-    model = pin.buildModelFromUrdf(str(path))
-    data, q = model.createData(), pin.neutral(model)
-    for name, value in coordinates.items():
-        joint = model.joints[model.getJointId(name)]
-        if joint.nq == 2:  # a continuous joint has the cosine and the sine
-            q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
-        elif joint.nq == 1:
-            q[joint.idx_q] = value
-    pin.framesForwardKinematics(model, data, q)
-    return {f.name: data.oMf[i].homogeneous for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
 
 
 def by_mujoco(path, coordinates):

@@ -21,7 +21,7 @@ from twin.core.spatial import Array
 
 if TYPE_CHECKING:
     from twin.comparison.result import Comparison
-    from twin.comparison.side import DhRow, PoseRows, RobotSide
+    from twin.comparison.side import PoseRows, RobotSide, TableLine
     from twin.exchange.read.pose_table import ReadPoses
     from twin.exchange.read.source import DhOptions
     from twin.exchange.xacro import XacroSettings
@@ -327,9 +327,9 @@ def _link_entries(source: Path, folder: Path, omitted: str) -> None:
             (folder / entry.name).symlink_to(entry)
 
 
-def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[DhRow, ...]:
+def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLine, ...]:
     """Return the rows of a table; `names` are those of its joints, whose bodies are link1, link2, ..."""
-    from twin.comparison.side import DhRow
+    from twin.comparison.side import TableLine
     from twin.exchange.formats.dh.table import read_table, unit_size
 
     table = read_table(path, options)
@@ -340,7 +340,7 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[DhRow, 
         units = {parameter: unit_size(quantity.unit) for parameter, quantity in row.values.items()}
         below = frozenset(names[i + 1 :])
         frames = frozenset([*links[i:], "tool"])
-        rows.append(DhRow(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
+        rows.append(TableLine(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
     return tuple(rows)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from twin.checking.found import CheckFinding
-from twin.checking.text_file import write_text
+from twin.core.atomic import write_text
 from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.text import load_json
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from twin.comparison.side import Axis, DhRow, RobotSide
+from twin.comparison.side import Axis, RobotSide, TableLine
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -40,7 +40,7 @@ class CellStatement:
     line: int
     what: str
     values: tuple[float, ...]
-    row: DhRow
+    row: TableLine
     parameter: str
     role: Literal["cell"] = "cell"
 

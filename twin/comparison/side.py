@@ -88,7 +88,7 @@ class CouplingRow:
 
 
 @dataclass(frozen=True)
-class DhRow:
+class TableLine:
     """A row of a table of Denavit-Hartenberg parameters.
 
     Attributes:
@@ -181,7 +181,7 @@ class RobotSide:
     path: Path | None = None
     text: bytes | None = None
     places: Mapping[str, tuple[str, int]] = field(default_factory=dict)
-    rows: tuple[DhRow, ...] = ()
+    rows: tuple[TableLine, ...] = ()
     notes: tuple[str, ...] = ()
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None

@@ -121,6 +121,22 @@ def require_writable_file(path: Path) -> None:
     require_writable(path.parent)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text in UTF-8 to a file; the file has the old or the new content, also after an interrupt.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_text(text, encoding="utf-8")
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
 class Scratch(tempfile.TemporaryDirectory):
     """A temporary folder; if this process is killed, the next start of twin removes the folder."""
 

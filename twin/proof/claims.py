@@ -17,7 +17,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.proof.draws import STEPS
 from twin.proof.form import MOST_READ
-from twin.proof.program import Operation
+from twin.proof.program import ProgramStep
 from twin.proof.values import ExactValue, Truths
 
 Status = Literal["proved", "refuted", "unproved"]
@@ -60,8 +60,8 @@ class JudgedClaim:
     witness: Mapping[str, float]
     reason: str
     error: str = ""
-    nodes: tuple[Operation, ...] = ()
-    reach: tuple[Operation, ...] = ()
+    nodes: tuple[ProgramStep, ...] = ()
+    reach: tuple[ProgramStep, ...] = ()
 
 
 def judged(
@@ -131,7 +131,7 @@ def judged(
         reason = f"only {exact} of {int(inside.sum())} states have roots in the field; draw more states"
     else:
         reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
-    kept: tuple[Operation, ...] = ()
+    kept: tuple[ProgramStep, ...] = ()
     if status == "proved" and None not in nodes:
         kept = tuple(node for node in nodes if node is not None)
     return JudgedClaim(

@@ -12,7 +12,7 @@ import numpy as np
 from twin.proof import field, values
 from twin.proof import form as forms
 from twin.proof.constants import exact_angle
-from twin.proof.program import Operation
+from twin.proof.program import ProgramStep
 from twin.proof.values import Angle, Degree, ExactValue, Value
 
 STEPS = 2**30
@@ -34,7 +34,7 @@ def number(
     starts = np.full(states, field.residue(first), np.uint64)
     residue = field.add(field.multiply(multiples, steps), starts)
     form = forms.variable(name) if formulas else None
-    node = Operation("input", text=name)
+    node = ProgramStep("input", text=name)
     return ExactValue(residue, np.ones(states, bool), real, Degree(1), form=form, node=node)
 
 
@@ -58,8 +58,8 @@ def turn(
     real = 2 * np.arctan(t.real)
     turned_by = fixed_angle(start, states)
     angle = values.turned(turned_by, Angle(cosine, sine, real))
-    cosine = replace(angle.cosine, node=Operation("cosine", text=name))
-    sine = replace(angle.sine, node=Operation("sine", text=name))
+    cosine = replace(angle.cosine, node=ProgramStep("cosine", text=name))
+    sine = replace(angle.sine, node=ProgramStep("sine", text=name))
     if formulas:
         cosine = replace(cosine, form=forms.cosine(name))
         sine = replace(sine, form=forms.sine(name))

@@ -12,7 +12,7 @@ Row = list[str | int]
 
 
 @dataclass(frozen=True, eq=False)
-class Operation:
+class ProgramStep:
     """An operation.
 
     Attributes:
@@ -25,21 +25,21 @@ class Operation:
     """
 
     name: str
-    operands: tuple[Operation, ...] = ()
+    operands: tuple[ProgramStep, ...] = ()
     text: str = ""
 
 
-def number(value: ExactNumber) -> Operation:
+def number(value: ExactNumber) -> ProgramStep:
     """Return a constant, as "1/2*sqrt(3) + 5"."""
     words = [f"{fraction}*sqrt({radicand})" for radicand, fraction in value.parts]
-    return Operation("number", text=" + ".join(words) or _ZERO)
+    return ProgramStep("number", text=" + ".join(words) or _ZERO)
 
 
 _ZERO = "0*sqrt(1)"
 _ONE = "1*sqrt(1)"
 
 
-def operation(name: str, *operands: Operation | None) -> Operation | None:
+def operation(name: str, *operands: ProgramStep | None) -> ProgramStep | None:
     """Return an operation; None if an operand is unknown. What adds 0 or multiplies by 0 or 1 is left out."""
     known = [operand for operand in operands if operand is not None]
     if len(known) != len(operands):
@@ -55,10 +55,10 @@ def operation(name: str, *operands: Operation | None) -> Operation | None:
                 return one
     if name == "negative" and known[0].text == _ZERO:
         return known[0]
-    return Operation(name, tuple(known))
+    return ProgramStep(name, tuple(known))
 
 
-def rows(results: Iterable[Operation]) -> tuple[list[Row], list[int]]:
+def rows(results: Iterable[ProgramStep]) -> tuple[list[Row], list[int]]:
     """Return all operations that results need, operands first, and the number of the row of each result."""
     places: dict[int, int] = {}
     found: list[Row] = []

@@ -20,7 +20,7 @@ from twin.proof.constants import exact_angle, exact_number
 from twin.proof.drawing import Drawing
 from twin.proof.formula_side import Outputs
 from twin.proof.mechanism import ExactMechanism
-from twin.proof.program import Operation
+from twin.proof.program import ProgramStep
 from twin.proof.replay import Notes, replay
 from twin.proof.transforms import Matrix
 from twin.proof.values import Angle, ExactValue, Truths, Value
@@ -106,7 +106,7 @@ class _Work:
     inexact: list[str] = field(default_factory=list)
     notes: Notes = field(default_factory=Notes)
     one_sided: int = 0
-    reach: list[Operation] = field(default_factory=list)
+    reach: list[ProgramStep] = field(default_factory=list)
     claims: list[JudgedClaim] = field(default_factory=list)
     uncovered: set[str] = field(default_factory=set)
     ranges: dict[str, tuple[bool, float, float]] = field(default_factory=dict)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from twin.proof import values
-from twin.proof.values import Angle, Condition, Truths, Value
+from twin.proof.values import Angle, DrawnCondition, Truths, Value
 
 _UNARY: dict[int, Callable[[Value], Value]] = {
     ca.OP_ASSIGN: lambda a: a,
@@ -54,7 +54,7 @@ _NAMES = {getattr(ca, name): name.removeprefix("OP_").lower() for name in dir(ca
 
 def _known(value: Value) -> bool:
     """Return whether a value is known in the field at any state; a constant is always an angle or a number."""
-    if isinstance(value, Condition):
+    if isinstance(value, DrawnCondition):
         return True
     if isinstance(value, Angle):
         return bool(value.cosine.known.any() and value.sine.known.any())

@@ -23,7 +23,7 @@ from twin.proof.constants import ExactNumber, decimal, exact_angle, exact_number
 from twin.proof.constants import exact as exact_of
 from twin.proof.field import Residues
 from twin.proof.form import Form
-from twin.proof.program import Operation
+from twin.proof.program import ProgramStep
 
 Truths = NDArray[np.bool_]
 
@@ -113,7 +113,7 @@ class ExactValue:
     degree: Degree = field(default_factory=Degree)
     constant: float | None = None
     form: Form | None = None
-    node: Operation | None = None
+    node: ProgramStep | None = None
 
 
 @dataclass(frozen=True)
@@ -133,14 +133,14 @@ class Angle:
 
 
 @dataclass(frozen=True)
-class Condition:
+class DrawnCondition:
     """A condition at k states; the real values decide it. `node` is as that of an `ExactValue`."""
 
     real: Truths
-    node: Operation | None = None
+    node: ProgramStep | None = None
 
 
-Value = ExactValue | Angle | Condition
+Value = ExactValue | Angle | DrawnCondition
 
 ROUNDING = 1e-12
 """Error in m of a length that was computed with double precision."""
@@ -155,7 +155,7 @@ def constant(value: float, states: int) -> ExactValue:
     known = np.full(states, exact is not None)
     residue = 0
     form = None
-    node = Operation("real", text=repr(float(value)))
+    node = ProgramStep("real", text=repr(float(value)))
     if exact is not None:
         residue = exact.residue
         form = forms.number(exact)
@@ -186,15 +186,15 @@ def scalar(value: Value) -> ExactValue:
     """Return a value as a number: a condition is 1 or 0; an angle as a number has no exact form."""
     if isinstance(value, ExactValue):
         return value
-    if isinstance(value, Condition):
+    if isinstance(value, DrawnCondition):
         states = len(value.real)
         return _either(value, constant(1.0, states), constant(0.0, states))
     return replace(unknown(value.real), node=program.operation("angle", value.cosine.node, value.sine.node))
 
 
-def truth(value: Value) -> Condition:
+def truth(value: Value) -> DrawnCondition:
     """Return a value as a condition."""
-    if isinstance(value, Condition):
+    if isinstance(value, DrawnCondition):
         return value
     return negated(compared("equal", value, constant(0.0, len(value.real))))
 
@@ -325,7 +325,7 @@ def power(a: Value, exponent: Value) -> Value:
     return replace(result, real=real, constant=None)
 
 
-def choose(condition: Condition, a: Value, b: Value) -> Value:
+def choose(condition: DrawnCondition, a: Value, b: Value) -> Value:
     """Return a where a condition is true, and b elsewhere."""
     if isinstance(a, Angle) or isinstance(b, Angle):
         first = angle(a)
@@ -336,7 +336,7 @@ def choose(condition: Condition, a: Value, b: Value) -> Value:
     return _either(condition, scalar(a), scalar(b))
 
 
-def _either(condition: Condition, a: ExactValue, b: ExactValue) -> ExactValue:
+def _either(condition: DrawnCondition, a: ExactValue, b: ExactValue) -> ExactValue:
     residue = np.where(condition.real, a.residue, b.residue)
     known = np.where(condition.real, a.known, b.known)
     real = np.where(condition.real, a.real, b.real)
@@ -412,7 +412,7 @@ def _half(a: Angle) -> Angle:
     two = constant(2.0, states)
     half = a.real / 2
     cosine = root(product(total(one, a.cosine), reciprocal(two)))
-    cosine = _either(Condition(np.cos(half) < 0), minus(cosine), cosine)
+    cosine = _either(DrawnCondition(np.cos(half) < 0), minus(cosine), cosine)
     sine = product(a.sine, reciprocal(product(two, cosine)))
     return Angle(replace(cosine, real=np.cos(half)), replace(sine, real=np.sin(half)), half)
 
@@ -469,23 +469,23 @@ def sign(a: Value) -> ExactValue:
 _RELATIONS = {"less": np.less, "at most": np.less_equal, "equal": np.equal}
 
 
-def compared(relation: Literal["less", "at most", "equal"], a: Value, b: Value) -> Condition:
+def compared(relation: Literal["less", "at most", "equal"], a: Value, b: Value) -> DrawnCondition:
     """Return a condition on the real values."""
     node = program.operation(relation, scalar(a).node, scalar(b).node)
     with np.errstate(invalid="ignore"):
-        return Condition(_RELATIONS[relation](real_of(a), real_of(b)), node)
+        return DrawnCondition(_RELATIONS[relation](real_of(a), real_of(b)), node)
 
 
-def negated(a: Condition) -> Condition:
+def negated(a: DrawnCondition) -> DrawnCondition:
     """Return whether a condition is false."""
-    return Condition(~a.real, program.operation("not", a.node))
+    return DrawnCondition(~a.real, program.operation("not", a.node))
 
 
-def both(a: Condition, b: Condition) -> Condition:
+def both(a: DrawnCondition, b: DrawnCondition) -> DrawnCondition:
     """Return whether two conditions are true."""
-    return Condition(a.real & b.real, program.operation("both", a.node, b.node))
+    return DrawnCondition(a.real & b.real, program.operation("both", a.node, b.node))
 
 
-def one_of(a: Condition, b: Condition) -> Condition:
+def one_of(a: DrawnCondition, b: DrawnCondition) -> DrawnCondition:
     """Return whether one of two conditions is true."""
-    return Condition(a.real | b.real, program.operation("one of", a.node, b.node))
+    return DrawnCondition(a.real | b.real, program.operation("one of", a.node, b.node))

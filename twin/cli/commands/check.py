@@ -40,9 +40,8 @@ def run(args: argparse.Namespace) -> int:
     """Check the folder; the exit code is 0 without failing findings, 1 with, 2 if something could not be judged."""
     from twin.checking.baseline import write_baseline
     from twin.checking.checker import check
-    from twin.checking.text_file import write_text
     from twin.cli import show
-    from twin.core.atomic import require_writable_file
+    from twin.core.atomic import require_writable_file, write_text
     from twin.core.errors import TwinError
     from twin.exchange.xacro import settings
 

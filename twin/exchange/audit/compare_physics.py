@@ -8,20 +8,19 @@ sources state.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from twin.core.json_types import JsonMapping
-from twin.exchange.audit import poses
-from twin.exchange.audit.colors import Rgba, apart
+from twin.exchange.audit.colors import Rgba
 from twin.exchange.audit.mechanism_data import TOOL, WORLD, FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import MECHANISM, Ledger, Measured, quantity
+from twin.exchange.audit.quantities import QUANTITIES, WORDS, Compared, difference_text
+from twin.exchange.audit.report import MECHANISM, Ledger, Measured
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, family_rank, holding, leading, trust
 
@@ -35,181 +34,6 @@ _ZERO = 1e-6
 """Maximum absolute value of a coupling's ratio that counts as zero (rounding of single precision).
 
 Before the comparison, the ratios are divided by the largest absolute ratio of the coupling."""
-
-
-def _number(a: float, b: float) -> float:
-    """Return the difference of two numbers, relative to the larger one."""
-    if a == b:  # also two infinite limits
-        return 0.0
-    if not (np.isfinite(a) and np.isfinite(b)):
-        return np.inf
-    return abs(a - b) / max(abs(a), abs(b))
-
-
-def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
-    """Return the relative difference between two mappings {joint: factor}; a missing joint has the factor 0."""
-    joints = dict.fromkeys((*a, *b))
-    factors = np.zeros((len(joints), 2))
-    for i, joint in enumerate(joints):
-        factors[i] = (a.get(joint, 0.0), b.get(joint, 0.0))
-    size = float(np.linalg.norm(factors, axis=0).max(initial=0.0))
-    if not size:
-        return 0.0
-    difference = factors[:, 0] - factors[:, 1]
-    return float(np.linalg.norm(difference)) / size
-
-
-def _word(a: Any, b: Any) -> float:
-    return 0.0 if a == b else 1.0
-
-
-def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return the larger difference of two limits; limits above 1 m or 1 rad differ by their ratio."""
-    differences = []
-    for x, y in zip(a, b, strict=True):
-        if x == y:  # two infinite limits: their difference is not a number
-            differences.append(0.0)
-            continue
-        smaller = min(abs(x), abs(y))
-        differences.append(abs(x - y) / max(1.0, smaller))
-    return max(differences)
-
-
-def _passive(a: Sequence[float], b: Sequence[float]) -> float:
-    return max(abs(x - y) for x, y in zip(a, b, strict=True))
-
-
-def _distance(a: Array | float, b: Array | float) -> float:
-    return float(np.linalg.norm(np.subtract(a, b)))
-
-
-def _tensor(a: Array, b: Array) -> float:
-    """Return the largest difference of two entries, relative to the largest entry: products of inertia are small."""
-    largest = max(np.abs(a).max(), np.abs(b).max(), 1e-300)
-    return float(np.abs(a - b).max() / largest)
-
-
-def _direction(a: Array, b: Array) -> float:
-    return min(_distance(a, b), float(np.linalg.norm(a + b)))
-
-
-def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
-    """Return the distance between two unit vectors; their sign is ignored if one of the files states no sign."""
-    first, first_signed = a
-    second, second_signed = b
-    if first_signed and second_signed:
-        return _distance(first, second)
-    return _direction(first, second)
-
-
-def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m from b's point to line a; if a or b has no direction, the distance of their points."""
-    point, direction = a
-    other, other_direction = b
-    shift = other - point
-    if direction is None or other_direction is None:
-        return float(np.linalg.norm(shift))
-    return float(np.linalg.norm(np.cross(direction, shift)))
-
-
-def _place(a: Array, b: Array) -> float:
-    """Return the larger of the distance in m and of a tenth of the angle in rad between two poses."""
-    angle = float(poses.angle(a[:3, :3], b[:3, :3]))
-    return max(_distance(a[:3, 3], b[:3, 3]), 0.1 * angle)
-
-
-def _surface(a: Array, b: Array) -> float:
-    """Return the Hausdorff distance in m between the points of two meshes.
-
-    Return 0 if fewer than 70 % of the points of a mesh coincide with points of the other mesh: the meshes then have
-    different triangles, and only `compare_shapes` compares them, by bounding box and volume.
-    """
-    if a.shape == b.shape and np.array_equal(a, b):
-        return 0.0
-    to_b = _nearest(a, b)
-    to_a = _nearest(b, a)
-    coinciding = min(np.mean(to_b < ALIKE), np.mean(to_a < ALIKE))
-    if coinciding < 0.7:
-        return 0.0
-    return float(max(to_b.max(), to_a.max()))
-
-
-def _nearest(points: Array, others: Array) -> Array:
-    """Return the distances (n,) in m of points (n, 3) from the nearest of the other points (m, 3)."""
-    # A tree that is neither balanced nor compact is built several times faster, and is asked only once.
-    tree = KDTree(others, balanced_tree=False, compact_nodes=False)
-    distances, _ = tree.query(points)
-    return distances
-
-
-ALIKE = 3e-6
-"""Distance in m below which two points count as equal, despite rounding to 0.001 mm and to single precision."""
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One compared quantity.
-
-    Attributes:
-        apart: function that returns the difference between two values.
-        tolerance: maximum difference between equal values.
-        unit: unit of the values, and of the difference if `relative` is False.
-        relative: whether `apart` returns a relative difference; messages then show the ratio.
-    """
-
-    apart: Callable[[Any, Any], float]
-    tolerance: float
-    unit: str = ""
-    relative: bool = False
-
-    @property
-    def unit_of_difference(self) -> str:
-        """Unit of what `apart` returns; "" for a relative difference."""
-        if self.relative:
-            return ""
-        return self.unit
-
-
-QUANTITIES: Mapping[str, Compared] = {
-    "weighed": Compared(_word, 0.0),
-    "mass": Compared(_number, 1e-5, "kg", True),
-    "mass centre": Compared(_distance, 2e-6, "m"),
-    "inertia": Compared(_tensor, 1e-5, "", True),
-    "existence": Compared(_word, 0.0),
-    "name": Compared(_word, 0.0),
-    "kind": Compared(_word, 0.0),
-    "links": Compared(_word, 0.0),
-    "place": Compared(_line, 2e-6, "m"),
-    "axis": Compared(_sense, 1e-5),
-    "pose": Compared(_place, 5e-6, "m"),
-    "zero": Compared(_place, 5e-6, "m"),
-    "limits": Compared(_ends, 1e-5, "m or rad"),
-    "driven": Compared(_word, 0.0),
-    "stiffness": Compared(_number, 1e-5, "N/m or N m/rad", True),
-    "damping": Compared(_number, 1e-5, "N s/m or N m s/rad", True),
-    "largest effort": Compared(_number, 1e-5, "N or N m", True),
-    "largest speed": Compared(_number, 1e-5, "m/s or rad/s", True),
-    "frame pose": Compared(_place, 2e-6, "m"),
-    "point": Compared(_distance, 2e-6, "m"),
-    "link": Compared(_word, 0.0),
-    "shown": Compared(_word, 0.0),
-    "surface": Compared(_surface, ALIKE, "m"),
-    "closed": Compared(_word, 0.0),
-    "colours": Compared(apart, 0.02),
-    "gravity": Compared(_distance, 1e-3, "m/s2"),
-    "held": Compared(_word, 0.0),
-    "ratios": Compared(_distance, 1e-5),
-    "sum": Compared(_distance, 1e-6, "m or rad"),
-    "opening": Compared(_distance, 1e-7, "m or rad"),
-    "passive": Compared(_passive, 1e-9),
-    "law": Compared(_word, 0.0),
-    "breaks": Compared(_number, 1e-5, "N", True),
-    "weightless": Compared(_distance, 1e-9),
-    "reduction": Compared(_number, 1e-6, "", True),
-    "row": Compared(_row, 1e-6, "", True),
-    "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
-}
-"""Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""
 
 
 @dataclass
@@ -287,7 +111,7 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
             continue
         for name, (difference, subject) in worst.get(view.file, {}).items():
             q = QUANTITIES[name]
-            check = f"{_WORDS.get(name, name)} against {others}"
+            check = f"{WORDS.get(name, name)} against {others}"
             finite = min(difference, 1e300)  # JSON has no infinity
             view.ledger.row(check, finite, q.unit_of_difference, q.tolerance, where=subject, against=others)
 
@@ -792,7 +616,7 @@ def _compare_values(
         if view in right or view.ledger is None:
             continue
         others = _listed(right)
-        text = _text(subject, name, q, view.said[key], reference.said[key], others)
+        text = difference_text(subject, name, q, view.said[key], reference.said[key], others)
         families = {agreeing.family for agreeing in right}
         if len(families) == 1 and not reference.expected:
             text += " One of the two statements is wrong."
@@ -840,89 +664,3 @@ def _listed(views: Sequence[View]) -> str:
     if not first:
         return last
     return f"{', '.join(first)} and {last}"
-
-
-def _text(subject: str, name: str, q: Compared, own: Any, right: Any, others: str) -> str:
-    """Return the finding that a value `own` of a file is not the value `right` in the files `others`."""
-    if name == "existence":
-        if own:
-            return f"{subject} is in this file, but not in {others}."
-        return f"{subject} is missing; it is in {others}."
-    if name in _SAID:
-        phrases = _SAID[name]
-        return f"{subject} {phrases[bool(own)]}; in {others} it {phrases[bool(right)]}."
-    word = _WORDS.get(name, name)
-    if q.relative and isinstance(own, int | float):
-        ratio = f" (x {own / right:.4g})" if right else ""
-        own_text = f"{own:.6g} {q.unit}".rstrip()
-        right_text = f"{right:.6g} {q.unit}".rstrip()
-        return f"{subject}: {word} is {own_text}; in {others} it is {right_text}{ratio}."
-    difference = q.apart(own, right)
-    if name == "opening":
-        return (
-            f"{subject} open by {quantity(own, 'm')} if 1 g pulls at them, by the parameters of the solver; in "
-            f"{others} by {quantity(right, 'm')}."
-        )
-    if name in ("mass centre", "place", "frame pose", "point", "pose", "zero"):
-        return f"{subject}: {word} differs by {quantity(difference, 'm')} from {others}."
-    if name == "surface":
-        return f"{subject}: a point of its mesh is {quantity(difference, 'm')} from the mesh of {others}."
-    if name == "colours":
-        return f"{subject}: {100 * difference:.3g} % of its surface has a different colour in {others}."
-    if name == "inertia":
-        return f"{subject}: inertia differs from {others} by {100 * difference:.3g} %."
-    if name == "axis":
-        return f"{subject}: axis is {_vector(own[0])}; in {others} it is {_vector(right[0])}."
-    right_text = f"{_plain(right)} {q.unit}".rstrip()
-    return f"{subject}: {word} is {_plain(own)}; in {others} it is {right_text}."
-
-
-_SAID = {
-    "closed": ("has an open mesh", "has closed meshes"),
-    "driven": ("is passive", "is driven"),
-    "shown": ("has no mesh", "has a mesh"),
-    "weighed": ("has no mass", "has a mass"),
-}
-
-_WORDS = {
-    "frame pose": "pose of the frame on its link",
-    "pose": "relative pose of the two links",
-    "zero": "relative pose of the two links at zero",
-    "place": "axis or centre of the joint",
-    "link": "link of the frame",
-    "largest effort": "maximum effort",
-    "largest speed": "maximum speed",
-    "held": "bodies fixed to the world",
-    "shown": "presence of a mesh",
-    "weighed": "presence of a mass",
-    "closed": "closed or open meshes",
-    "driven": "driven or passive",
-    "existence": "presence in the file",
-    "row": "joint factors of the transmission",
-    "opening": "opening of the loops if 1 g pulls at them",
-    "point": "position of the point on its link",
-    "reduction": "reduction of its transmission",
-    "passive": "stiffness, damping, friction and inertia of the joint itself",
-    "law": "quantity that the gains of the drive give",
-    "breaks": "force at which the joint breaks",
-    "weightless": "share of its weight that is compensated",
-}
-
-
-def _vector(v: Iterable[float]) -> str:
-    numbers = ", ".join(f"{x:.4g}" for x in v)
-    return f"({numbers})"
-
-
-def _plain(value: Any) -> str:
-    """Return a value as text: a vector, a row {joint: factor}, a range, a list of names, or a word."""
-    if isinstance(value, np.ndarray):
-        return _vector(value)
-    if isinstance(value, Mapping):
-        terms = [f"{factor:.9g} {joint}" for joint, factor in value.items()]
-        return " + ".join(terms) or "nothing"
-    if isinstance(value, tuple):
-        if value and all(isinstance(v, int | float) for v in value):
-            return " .. ".join(f"{v:g}" for v in value)
-        return ", ".join(map(str, value)) or "nothing"
-    return str(value)
