@@ -44,7 +44,7 @@ DONE = {
     "hazards": ("hazards", ["hazards", "raven_left", "--sessions", "1", "--processes", "1"]),
     "operate": ("operate", ["operate", "sher"]),
     "track": ("track", ["track", "{column}"]),
-    "prove": ("proof", ["prove", "sils", "--states", "64"]),
+    "prove": ("prove", ["prove", "sils", "--states", "64"]),
     "check": ("check", ["check", str(ROOT / "tests/data/checked")]),
     "compare": ("compare", ["compare", "hibou", "hibou"]),
     "explain": ("explain", ["explain", "hibou", "--seconds", "0"]),

@@ -51,7 +51,12 @@ class Proved(Result):
     files: Mapping[str, str]
     findings: tuple[Finding, ...]
 
-    kind = "proof"
+    kind = "prove"
+
+    @property
+    def word(self) -> str:
+        """The verdict as text."""
+        return {"agree": "Proved", "disagree": "Refuted", "unchecked": "Not proved"}[self.verdict]
 
     @property
     def summary(self) -> str:
@@ -180,7 +185,7 @@ def prove(
         text = f"not proved: {', '.join(claims[:_SHOWN])}"
         if len(claims) > _SHOWN:
             text += f" and {len(claims) - _SHOWN} more"
-        findings.append(kind("proof.open", claims[0], f"{text}; {reason}"))
+        findings.append(kind("prove.open", claims[0], f"{text}; {reason}"))
     return Proved(robot.name, chosen, proof, _hashes(robot), tuple(findings))
 
 
@@ -198,7 +203,7 @@ def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     text = f"it is not so that {claim.sentence}"
     if claim.error:
         text += f"; the error is {claim.error}"
-    return disagreement("proof.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
+    return disagreement("prove.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
 
 
 def _record(claim: JudgedClaim) -> JsonObject:

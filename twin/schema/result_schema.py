@@ -30,7 +30,7 @@ Kind = Literal[
     "twin/plan-together/1",
     "twin/plan/1",
     "twin/procedure/1",
-    "twin/proof/1",
+    "twin/prove/1",
     "twin/report/1",
     "twin/reports/1",
     "twin/scene-export/1",

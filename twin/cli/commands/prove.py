@@ -18,7 +18,7 @@ def arguments(command: Command) -> None:
     command.variants(VARIANT)
     command.number("--states", "N", "number of random states, 64 to 1000000", 4096, count)
     command.seed("random seed of the states")
-    command.out("./twin-out/<robot>/proof/")
+    command.out("./twin-out/<robot>/prove/")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli.chosen import asked
 
     robot = load(args.robot)
-    folder = show.folder(args, robot.name, "proof")
+    folder = show.folder(args, robot.name, "prove")
     with show.progress(args.quiet or args.json) as progress:
         result = prove(robot, asked(args.variant), args.states, args.seed, progress)
     return show.store(result, args, folder)

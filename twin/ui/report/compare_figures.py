@@ -39,8 +39,16 @@ def figure(found: Comparison) -> Figure:
     if pair.solution is not None:
         base = pair.solution.unknowns.base
         X = spatial.pose(spatial.exp_so3(base[:3]), base[3:])
-    first = _points(pair.first, q_first, X) / MM
-    second = _points(pair.second, q_second, np.eye(4)) / MM
+    first, lines_first = _points(pair.first, q_first, X)
+    second, lines_second = _points(pair.second, q_second, np.eye(4))
+    # equations tell where the line of a joint is, not where its parts are: draw it beside that of the other robot
+    if len(first) == len(second):
+        if pair.first.mechanism is None:
+            first = _beside(first, lines_first, second)
+        elif pair.second.mechanism is None:
+            second = _beside(second, lines_second, first)
+    first = first / MM
+    second = second / MM
     if pair.poses is not None:
         if not pair.first.axes:
             first = _measured(pair.first, pair.poses) / MM
@@ -77,14 +85,24 @@ def _measured(side: RobotSide, fit: PoseFit) -> Array:
     return T[:, :3, 3]
 
 
-def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> Array:
-    """Return base, joints of the chain to the tool, and tool (n, 3) in m, moved by X."""
+def _beside(points: Array, lines: Array, others: Array) -> Array:
+    """Return points (n, 3), each moved along its line, a direction (n, 3), to the place nearest to another point."""
+    along = np.sum((others - points) * lines, axis=1, keepdims=True)
+    return points + along * lines
+
+
+def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> tuple[Array, Array]:
+    """Return base, joints of the chain to the tool, and tool (n, 3) in m, moved by X, and the directions of the lines.
+
+    The direction of a base and of a tool is zero.
+    """
     tree = side.tree
     displacements = np.array([[q.get(axis.name, axis.drawn) - axis.drawn for axis in tree]])
     motions = X @ side.poses(displacements)[0]
     group, T_tool = side.frames[side.tool]
     above = {axis.child: axis for axis in tree}
     points = [(motions[group] @ T_tool)[:3, 3]]
+    lines = [np.zeros(3)]
     while group in above:
         axis = above[group]
         motion = motions[axis.parent]
@@ -92,6 +110,8 @@ def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> Array:
         if axis.kind == "prismatic":
             motion = motions[axis.child]
         points.append(motion[:3, :3] @ axis.point + motion[:3, 3])
+        lines.append(motion[:3, :3] @ axis.direction)
         group = axis.parent
     points.append(X[:3, 3])
-    return np.array(points[::-1])
+    lines.append(np.zeros(3))
+    return np.array(points[::-1]), np.array(lines[::-1])
