@@ -64,7 +64,7 @@ class ExactNumber:
             if radicand != 1:
                 word += f" sqrt({radicand})"
             words.append(word)
-        return " + ".join(words) or "0"
+        return " + ".join(words).replace("+ -", "- ") or "0"
 
 
 def exact(fraction: Fraction | int, radicand: int = 1) -> ExactNumber:
