@@ -21,14 +21,42 @@ def residues(*numbers):
     return np.array([field.residue(x) for x in numbers], np.uint64)
 
 
-def test_the_prime_is_one_and_has_the_roots_of_drawings():
-    assert all(field.PRIME % k for k in range(2, math.isqrt(field.PRIME) + 1))
-    assert field.PRIME % 24 == 23
-    for radicand in constants.ROOTS:
-        exact = constants.exact(1, radicand)
-        assert exact.residue**2 % field.PRIME == radicand
-    two, three, six = (constants.exact(1, n).residue for n in constants.ROOTS)
-    assert two * three % field.PRIME == six
+def is_prime(number):
+    """Return whether a number is a prime: a test by Miller and Rabin that is exact below 3e23."""
+    odd, twos = number - 1, 0
+    while odd % 2 == 0:
+        odd, twos = odd // 2, twos + 1
+    for base in (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37):
+        powers = [pow(base, odd * 2**k, number) for k in range(twos)]
+        if powers[0] != 1 and number - 1 not in powers:
+            return False
+    return True
+
+
+@pytest.mark.parametrize("prime", field.PRIMES)
+def test_the_primes_have_the_roots_of_drawings(prime):
+    assert is_prime(prime)
+    assert prime < 2**50
+    assert prime % 8 == 7
+    for number in (2, 3, 5, 7, 11, 13, 61):
+        assert pow(number, (prime - 1) // 2, prime) == 1
+    with field.modulo(prime):
+        for radicand in constants.ROOTS:
+            exact = constants.exact(1, radicand)
+            assert exact.residue**2 % prime == radicand
+        two, three, six = (constants.exact(1, n).residue for n in constants.ROOTS)
+        assert two * three % prime == six
+
+
+def test_products_of_large_residues_are_right_to_the_last_bit():
+    generator = np.random.default_rng(5)
+    for prime in field.PRIMES:
+        a, b = generator.integers(0, prime, (2, 20000)).astype(np.uint64)
+        a[:3], b[:3] = prime - 1, [prime - 1, 0, 1]
+        with field.modulo(prime):
+            assert field.multiply(a, b).tolist() == [x * y % prime for x, y in zip(a.tolist(), b.tolist(), strict=True)]
+            inverse = field.inverse(a)
+            assert (field.multiply(a, inverse) == (a != 0)).all()
 
 
 @given(fractions, fractions)

@@ -24,8 +24,8 @@ from twin.proof.prove import prove
 STATES = 1024
 MUTANTS = int(os.environ.get("TWIN_PROOF_MUTANTS", "12"))
 
-OPEN = {"sher": 14, "raven_left": 3, "raven_right": 3}
-"""Robots with claims that are not proved at 4096 states, and how many; at 65536 states SHER has one."""
+OPEN = {"sher": 1}
+"""Robots with claims that are not proved, and how many."""
 
 
 @pytest.mark.parametrize("name", robots(["sils"], slow=[n for n in twin.names() if n != "sils"]))

@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.proof.draws import STEPS
 from twin.proof.form import MOST_READ
 from twin.proof.program import ProgramStep
-from twin.proof.values import ExactValue, Truths
+from twin.proof.values import ExactValue, RootMark, Truths
 
 Status = Literal["proved", "refuted", "unproved"]
 
@@ -48,6 +48,8 @@ class JudgedClaim:
             there is no short formula.
         nodes: the operations of the numbers that are zero, if the claim is proved and all of them are known.
         reach: those of the margins that are not negative where it is claimed.
+        roots: the roots in its numbers.
+        luckless: whether the claim is unproved because few states have all roots in the field.
     """
 
     name: str
@@ -62,6 +64,8 @@ class JudgedClaim:
     error: str = ""
     nodes: tuple[ProgramStep, ...] = ()
     reach: tuple[ProgramStep, ...] = ()
+    luckless: bool = False
+    roots: frozenset[RootMark] = frozenset()
 
 
 def judged(
@@ -71,6 +75,7 @@ def judged(
     inside: Truths,
     state: Mapping[str, Array],
     reasons: Sequence[str],
+    drawn: int,
 ) -> JudgedClaim:
     """Return the verdict on a claim.
 
@@ -81,12 +86,13 @@ def judged(
         inside: the states (k,) within reach.
         state: {name of a random number: its real values (k,)}.
         reasons: texts of what has no exact form, for a claim that is not proved.
+        drawn: number of states that were drawn; those without roots may have been left out.
     """
     known = inside.copy()
     zero = np.ones(len(inside), bool)
     largest = np.zeros(len(inside))
     degree = 1
-    rooted = False
+    roots: frozenset[RootMark] = frozenset()
     error = ""
     nodes = []
     for number in numbers:
@@ -97,14 +103,14 @@ def judged(
         zero &= number.residue == 0
         largest = np.maximum(largest, np.abs(number.real))
         degree = max(degree, number.degree.zeros)
-        rooted = rooted or bool(number.degree.roots)
+        roots |= number.degree.roots
     zeros = int((known & zero).sum())
     exact = int(known.sum())
     largest[~inside] = 0
     undefined = int(np.isnan(largest).sum())
     largest[np.isnan(largest)] = 0
     worst = int(largest.argmax())
-    log_odds = _log_odds(zeros, exact, degree)
+    log_odds = _log_odds(zeros, drawn, degree)
     status: Status = "unproved"
     witness: dict[str, float] = {}
     reason = ""
@@ -117,7 +123,7 @@ def judged(
         reason = (
             f"a value is not defined, or has no real form, at {undefined} of {int(inside.sum())} states within reach"
         )
-    elif not rooted and zeros < exact:
+    elif not roots and zeros < exact:
         reason = (
             f"{exact - zeros} of {exact} exact values are not zero: a difference below 1e-6, at some states at least"
         )
@@ -134,9 +140,9 @@ def judged(
     kept: tuple[ProgramStep, ...] = ()
     if status == "proved" and None not in nodes:
         kept = tuple(node for node in nodes if node is not None)
-    return JudgedClaim(
-        name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept
-    )
+    luckless = status == "unproved" and roots and inside.any() and not undefined and zeros < ENOUGH
+    verdict = (name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept)
+    return JudgedClaim(*verdict, luckless=bool(luckless), roots=roots)
 
 
 def unclaimed(name: str, sentence: str, reason: str) -> JudgedClaim:

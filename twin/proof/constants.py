@@ -43,8 +43,8 @@ class ExactNumber:
         """The number in the prime field."""
         total = 0
         for radicand, fraction in self.parts:
-            total += field.residue(fraction) * _root(radicand)
-        return total % field.PRIME
+            total += field.residue(fraction) * _root(radicand, field.prime())
+        return total % field.prime()
 
     @property
     def decimal(self) -> Fraction | None:
@@ -91,13 +91,13 @@ def _text(fraction: Fraction) -> str:
 
 
 @cache
-def _root(radicand: int) -> int:
+def _root(radicand: int, prime: int) -> int:
     """Return a root in the field; that of 6 is the product of those of 2 and 3."""
     if radicand == 1:
         return 1
     if radicand == 6:
-        return _root(2) * _root(3) % field.PRIME
-    return pow(radicand, (field.PRIME + 1) // 4, field.PRIME)
+        return _root(2, prime) * _root(3, prime) % prime
+    return pow(radicand, (prime + 1) // 4, prime)
 
 
 def exact_number(value: float) -> ExactNumber | None:
@@ -129,10 +129,10 @@ def decimal(value: float, tolerance: float) -> ExactNumber | None:
     if not math.isfinite(value):
         return None
     for radicand in (1, *ROOTS):
-        factor = value / math.sqrt(radicand)
-        fraction = Fraction(round(factor * _GRID), _GRID)
-        if abs(float(fraction) - factor) * math.sqrt(radicand) <= tolerance:
-            return exact(fraction, radicand)
+        root = math.sqrt(radicand)
+        count = round(value / root * _GRID)
+        if abs(count / _GRID * root - value) <= tolerance:
+            return exact(Fraction(count, _GRID), radicand)
     return None
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -64,14 +65,27 @@ class Drawing:
         self._formulas = formulas
         self._angles = list(angles.values())
         self._sums = list(_sums(self._angles))
+        self._parts = _parts(tuple(lengths.values()))
 
     def fresh(self) -> Drawing:
         """Return the same drawing for one state, without what was found."""
-        angles = {str(i): values.first_state(angle) for i, angle in enumerate(self._angles)}
+        first = np.array([0])
+        angles = {}
+        for i, angle in enumerate(self._angles):
+            angles[str(i)] = values.angle(values.taken(angle, first))
         return Drawing(1, angles, self._lengths, formulas=False)
 
     def pose(self, T: Array, what: str) -> Matrix:
         """Return a pose (4, 4) as turn about z, shift, turn about x (common normal), shift along z, turn about z."""
+        theta, shift, bend, beyond, phi = self.steps(T, what)
+        matrix = compose(turn(theta, "z"), shifted(shift))
+        matrix = compose(matrix, turn(bend, "x"))
+        zero = values.constant(0.0, self.states)
+        matrix = compose(matrix, shifted([zero, zero, beyond]))
+        return compose(matrix, turn(phi, "z"))
+
+    def steps(self, T: Array, what: str) -> tuple[Angle, list[ExactValue], Angle, ExactValue, Angle]:
+        """Return the angles and lengths of the steps of `pose`."""
         z = T[:3, 2]
         p = T[:3, 3]
         lean = math.hypot(z[0], z[1])
@@ -90,11 +104,7 @@ class Drawing:
         bend = self.angle(alpha, what)
         x, y = self._in_plane(float(shift[0]), float(shift[1]), what)
         foot, beyond = self._feet(float(shift[2]), float(along), alpha, bend, what)
-        matrix = compose(turn(self.angle(theta, what), "z"), shifted([x, y, foot]))
-        matrix = compose(matrix, turn(bend, "x"))
-        zero = values.constant(0.0, self.states)
-        matrix = compose(matrix, shifted([zero, zero, beyond]))
-        return compose(matrix, turn(self.angle(phi, what), "z"))
+        return self.angle(theta, what), [x, y, foot], bend, beyond, self.angle(phi, what)
 
     def point(self, p: Array, what: str) -> list[ExactValue]:
         """Return a point (3,)."""
@@ -139,13 +149,10 @@ class Drawing:
         found = decimal(value, LENGTH_TOLERANCE)
         if found is not None:
             return found
-        for length in self._lengths.values():
-            for radicand in (1, *ROOTS):
-                for part in (*_PARTS, *(-part for part in _PARTS)):
-                    factor = constants.exact(part * length, radicand)
-                    rest = _on_grid(value - float(factor))
-                    if rest is not None:
-                        return constants.both(factor, rest)
+        for real, factor in self._parts:
+            rest = _on_grid(value - real)
+            if rest is not None:
+                return constants.both(factor, rest)
         return None
 
     def angle(self, value: float, what: str) -> Angle:
@@ -199,13 +206,25 @@ class Drawing:
         return None
 
 
+@cache
+def _parts(lengths: tuple[Fraction, ...]) -> list[tuple[float, ExactNumber]]:
+    """Return the parts of parameters that a length may contain, each with its value."""
+    found = []
+    for length in lengths:
+        for radicand in (1, *ROOTS):
+            for part in (*_PARTS, *(-part for part in _PARTS)):
+                factor = constants.exact(part * length, radicand)
+                found.append((float(factor), factor))
+    return found
+
+
 def _on_grid(value: float) -> ExactNumber | None:
     """Return a length in m as a multiple of a step of drawings, or of one multiplied by a root."""
     for radicand, steps in _GRIDS.items():
-        factor = value / math.sqrt(radicand)
-        fraction = Fraction(round(factor * steps), steps)
-        if abs(float(fraction) - factor) * math.sqrt(radicand) <= LENGTH_TOLERANCE:
-            return constants.exact(fraction, radicand)
+        root = math.sqrt(radicand)
+        count = round(value / root * steps)
+        if abs(count / steps * root - value) <= LENGTH_TOLERANCE:
+            return constants.exact(Fraction(count, steps), radicand)
     return None
 
 

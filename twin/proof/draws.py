@@ -15,7 +15,7 @@ from twin.proof.constants import exact_angle
 from twin.proof.program import ProgramStep
 from twin.proof.values import Angle, Degree, ExactValue, Value
 
-STEPS = 2**30
+STEPS = 2**49
 """Number of fractions among which a random number is drawn; the odds of a chance zero are a degree divided by this."""
 
 _OPEN = 0.999

@@ -77,7 +77,7 @@ class ExactMechanism:
             inverse_reference = spatial.inverse(reference)
             trial = self.drawing.fresh()
             for frame in frames:
-                trial.pose(inverse_reference @ frame, body)
+                trial.steps(inverse_reference @ frame, body)
             for p in points:
                 trial.point(inverse_reference[:3, :3] @ p + inverse_reference[:3, 3], body)
             if len(trial.unrecognised) < fewest:

@@ -39,6 +39,16 @@ _ZERO = "0*sqrt(1)"
 _ONE = "1*sqrt(1)"
 
 
+def is_zero(node: ProgramStep | None) -> bool:
+    """Return whether a value is the constant 0."""
+    return node is not None and node.text == _ZERO
+
+
+def is_one(node: ProgramStep | None) -> bool:
+    """Return whether a value is the constant 1."""
+    return node is not None and node.text == _ONE
+
+
 def operation(name: str, *operands: ProgramStep | None) -> ProgramStep | None:
     """Return an operation; None if an operand is unknown. What adds 0 or multiplies by 0 or 1 is left out."""
     known = [operand for operand in operands if operand is not None]

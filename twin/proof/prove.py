@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from dataclasses import field as made
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.body import Point
 from twin.model.mechanism import Mechanism
-from twin.proof import draws, formula_side, mechanism, values
+from twin.proof import draws, field, formula_side, mechanism, values
 from twin.proof import form as forms
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.constants import exact_angle, exact_number
@@ -21,9 +23,9 @@ from twin.proof.drawing import Drawing
 from twin.proof.formula_side import Outputs
 from twin.proof.mechanism import ExactMechanism
 from twin.proof.program import ProgramStep
-from twin.proof.replay import Notes, replay
+from twin.proof.replay import Notes, RootedStates, replay
 from twin.proof.transforms import Matrix
-from twin.proof.values import Angle, ExactValue, Truths, Value
+from twin.proof.values import Angle, ExactValue, RootMark, Truths, Value
 
 STATES = 4096
 """Number of random states."""
@@ -39,6 +41,9 @@ SPREAD_PARAMETER = 0.05
 
 _TRIAL_STATES = 256
 """Number of states at which other values of a parameter are tried."""
+
+_ROOTED_FACTORS = (16, 128)
+"""Numbers of states, as multiples, among which those with all roots are searched for claims with many roots."""
 
 _REASONS = 3
 """Number of numbers without an exact form that a claim names."""
@@ -91,9 +96,16 @@ class Proof:
         return sum(claim.status == status for claim in self.claims)
 
 
+RootGroup = tuple[frozenset[int], frozenset[int]]
+"""Instructions with roots in the first and in the second function of the equations."""
+
+
 @dataclass
 class _Work:
-    """What the steps of a proof share."""
+    """What the steps of a proof share.
+
+    `states` of the `drawn_states` are kept: all, or those where the roots of one of the groups in `rooted` exist.
+    """
 
     formula: Formula
     variants: Mapping[str, str]
@@ -101,16 +113,20 @@ class _Work:
     states: int
     generator: np.random.Generator
     formulas: bool = False
-    parameters: dict[str, Value] = field(default_factory=dict)
-    drawn: list[str] = field(default_factory=list)
-    inexact: list[str] = field(default_factory=list)
-    notes: Notes = field(default_factory=Notes)
+    rooted: Sequence[RootGroup] = ()
+    drawn_states: int = 0
+    rootless: bool = False
+    roots: list[tuple[int, RootMark, int]] = made(default_factory=list)
+    parameters: dict[str, Value] = made(default_factory=dict)
+    drawn: list[str] = made(default_factory=list)
+    inexact: list[str] = made(default_factory=list)
+    notes: Notes = made(default_factory=Notes)
     one_sided: int = 0
-    reach: list[ProgramStep] = field(default_factory=list)
-    claims: list[JudgedClaim] = field(default_factory=list)
-    uncovered: set[str] = field(default_factory=set)
-    ranges: dict[str, tuple[bool, float, float]] = field(default_factory=dict)
-    shares: list[float] = field(default_factory=list)
+    reach: list[ProgramStep] = made(default_factory=list)
+    claims: list[JudgedClaim] = made(default_factory=list)
+    uncovered: set[str] = made(default_factory=set)
+    ranges: dict[str, tuple[bool, float, float]] = made(default_factory=dict)
+    shares: list[float] = made(default_factory=list)
 
 
 def prove(
@@ -135,9 +151,18 @@ def prove(
         seed: of the random numbers.
         progress: called with a label and the finished fraction.
     """
+    primes = list(field.PRIMES)
+    works: list[_Work] = []
 
-    def attempt(drawn: Collection[str], count: int, formulas: bool = False) -> Proof:
-        return _attempt(_Work(formula, variants, robot, count, np.random.default_rng(seed), formulas), drawn)
+    def attempt(drawn: Collection[str], count: int, formulas: bool = False, rooted: Sequence[RootGroup] = ()) -> Proof:
+        while True:
+            work = _Work(formula, variants, robot, count, np.random.default_rng(seed), formulas, rooted, count)
+            with field.modulo(primes[0]):
+                proof = _attempt(work, drawn)
+            works[:] = [work]
+            if not work.rootless or len(primes) == 1:
+                return proof
+            primes.pop(0)
 
     progress("the published parameters", 0.0)
     exact = all(exact_angle(float(p.value), 1e-12) for p in formula.parameters if p.unit in _ANGULAR)
@@ -160,10 +185,40 @@ def prove(
         trial = attempt([*general, *group], _TRIAL_STATES)
         if trial.inside > 0 and not trial.count("refuted"):
             general += group
-    if not general:
-        return proof
-    progress("all of these values", (1 + len(groups)) / (2 + len(groups)))
-    return _either(proof, attempt(general, states))
+    if general:
+        progress("all of these values", (1 + len(groups)) / (2 + len(groups)))
+        proof = _either(proof, attempt(general, states))
+    for factor in _ROOTED_FACTORS:
+        groups_of_roots = _root_groups(proof, works[0])
+        if groups_of_roots:
+            progress("states with roots", 0.9)
+            proof = _completed(proof, attempt(general, factor * states, rooted=groups_of_roots))
+    return proof
+
+
+def _root_groups(proof: Proof, work: _Work) -> list[RootGroup]:
+    """Return the roots of each claim that needs more states where they exist; of the last attempt `work`."""
+    groups: list[RootGroup] = []
+    for claim, other in zip(proof.claims, work.claims, strict=True):
+        if not claim.luckless:
+            continue
+        found: tuple[set[int], set[int]] = set(), set()
+        for function, mark, instruction in work.roots:
+            if mark in other.roots:
+                found[function].add(instruction)
+        group = (frozenset(found[0]), frozenset(found[1]))
+        if group not in groups:
+            groups.append(group)
+    return groups
+
+
+def _completed(proof: Proof, rooted: Proof) -> Proof:
+    """Return the proof with the claims that need states where all roots exist."""
+    claims = []
+    for claim, other in zip(proof.claims, rooted.claims, strict=True):
+        better = claim.luckless and (other.status != "unproved" or other.zeros > claim.zeros)
+        claims.append(other if better else claim)
+    return replace(proof, claims=tuple(claims))
 
 
 def _either(published: Proof, general: Proof) -> Proof:
@@ -188,10 +243,10 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
     """Return a proof in which some angles among the parameters are drawn."""
     formula = work.formula
     _set_parameters(work, drawn)
-    exact = _exact_mechanism(work)
     if formula.has("forward"):
         work.ranges |= _joint_ranges(work)
-        state = draws.named(work.generator, _joint_ranges(work), work.states, work.formulas)
+        state = _state(work, _joint_ranges(work))
+        exact = _exact_mechanism(work)
         found = _replayed(work, formula_side.from_joints(formula, work.variants), list(state.values()))
         inside = _inside(work, found)
         _claim_mechanism(work, exact, "forward", found, state, inside, state)
@@ -202,7 +257,8 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
     else:
         outputs = formula_side.from_pose(formula, work.variants, coordinates=True)
         work.ranges |= _coordinate_ranges(formula)
-        state = draws.named(work.generator, _coordinate_ranges(formula), work.states, work.formulas)
+        state = _state(work, _coordinate_ranges(formula))
+        exact = _exact_mechanism(work)
         found = _replayed(work, outputs, list(state.values()))
         _claim_inverse(work, exact, found, _inside(work, found), state)
     return Proof(
@@ -288,11 +344,50 @@ def _coordinate_ranges(formula: Formula) -> dict[str, tuple[bool, float, float]]
     return ranges
 
 
+def _state(work: _Work, ranges: Mapping[str, tuple[bool, float, float]]) -> dict[str, Value]:
+    """Return random states by name; with `rooted`, those where the roots of one group exist in the field."""
+    state = draws.named(work.generator, ranges, work.states, work.formulas)
+    if not work.rooted:
+        return state
+    kept = np.zeros(work.states, bool)
+    for group in work.rooted:
+        kept[_rooted(work, state, group)] = True
+    places = np.flatnonzero(kept)
+    work.states = len(places)
+    work.parameters = {name: values.taken(value, places) for name, value in work.parameters.items()}
+    return {name: values.taken(value, places) for name, value in state.items()}
+
+
+def _rooted(work: _Work, state: Mapping[str, Value], group: RootGroup) -> NDArray[np.integer]:
+    """Return the places of the states where the roots of a group exist."""
+    first, second = group
+    formula = work.formula
+    if formula.has("forward"):
+        outputs = formula_side.from_joints(formula, work.variants)
+    else:
+        outputs = formula_side.from_pose(formula, work.variants, coordinates=True)
+    pose = outputs.names.index("pose")
+    inputs = [list(state.values()), list(work.parameters.values())]
+    results = [pose] if second else []
+    rooted = RootedStates(first, results, np.arange(work.states))
+    found = replay(outputs.function, inputs, Notes(), rooted)
+    if not second:
+        return rooted.places
+    parameters = [values.taken(value, rooted.places) for value in work.parameters.values()]
+    again = RootedStates(second, [], np.arange(len(rooted.places)))
+    outputs = formula_side.from_pose(formula, work.variants, coordinates=False)
+    replay(outputs.function, [found[pose], parameters], Notes(), again)
+    return rooted.places[again.places]
+
+
 def _replayed(work: _Work, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
     """Return the outputs of the equations at a state."""
     inputs = [list(state), list(work.parameters.values())]
     work.notes = Notes()
     found = replay(outputs.function, inputs, work.notes)
+    work.rootless |= work.notes.rootless
+    second = int(bool(work.shares))  # the share of the first function is known when the second one is repeated
+    work.roots += [(second, mark, instruction) for mark, instruction in work.notes.roots]
     return dict(zip(outputs.names, found, strict=True))
 
 
@@ -426,5 +521,5 @@ def _claim(
     reasons = [f"parameter {key}" for key in work.inexact]
     reasons += dict.fromkeys(exact.drawing.unrecognised)
     reasons += dict.fromkeys(work.notes.inexact)
-    claim = judged(name, sentence, numbers, inside, reals, reasons[:_REASONS])
+    claim = judged(name, sentence, numbers, inside, reals, reasons[:_REASONS], work.drawn_states)
     work.claims.append(replace(claim, reach=tuple(work.reach)))

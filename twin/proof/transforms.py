@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from twin.proof import values
+from twin.proof import program, values
 from twin.proof.values import Angle, ExactValue
 
 Matrix = list[list[ExactValue]]
@@ -18,25 +18,42 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
     for i in range(3):
         row = []
         for j in range(4):
-            entry = A[i][3] if j == 3 else None
-            for k in range(3):
-                term = values.product(A[i][k], B[k][j])
-                entry = term if entry is None else values.total(entry, term)
-            row.append(entry)
+            terms = [_product(A[i][k], B[k][j]) for k in range(3)]
+            if j == 3:
+                terms.append(A[i][3])
+            row.append(_total(terms))
         rows.append(row)
     return [*rows, B[3]]
 
 
 def inverse(A: Matrix) -> Matrix:
     """Return the inverse of a pose: the transposed rotation, and the origin of the other frame."""
-    states = len(A[0][0].real)
     rows = []
     for i in range(3):
-        moved = values.constant(0.0, states)
-        for k in range(3):
-            moved = values.difference(moved, values.product(A[k][i], A[k][3]))
-        rows.append([A[0][i], A[1][i], A[2][i], moved])
+        moved = _total([_product(A[k][i], A[k][3]) for k in range(3)])
+        rows.append([A[0][i], A[1][i], A[2][i], values.minus(moved)])
     return [*rows, A[3]]
+
+
+def _product(a: ExactValue, b: ExactValue) -> ExactValue:
+    """Return a b; most entries of poses are 0 or 1, and need no multiplication."""
+    for first, second in ((a, b), (b, a)):
+        if program.is_zero(first.node):
+            return first
+        if program.is_one(first.node):
+            return second
+    return values.product(a, b)
+
+
+def _total(terms: Sequence[ExactValue]) -> ExactValue:
+    """Return the sum of terms."""
+    kept = [term for term in terms if not program.is_zero(term.node)]
+    if not kept:
+        return terms[0]
+    result = kept[0]
+    for term in kept[1:]:
+        result = values.total(result, term)
+    return result
 
 
 def identity(states: int) -> Matrix:

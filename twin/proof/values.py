@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Literal
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,28 @@ from twin.proof.program import ProgramStep
 Truths = NDArray[np.bool_]
 
 
+@dataclass(frozen=True, eq=False)
+class RootMark:
+    """A root, by the residues (k,) of its argument and whether they are known (k,)."""
+
+    residue: Residues
+    known: Truths
+
+    def fits(self, argument: ExactValue) -> bool:
+        """Return whether an argument equals that of the root at `ALIKE` states at least, and at all that are known."""
+        if len(argument.residue) != len(self.residue):
+            return False
+        known = argument.known & self.known
+        return int(known.sum()) >= ALIKE and bool((argument.residue == self.residue)[known].all())
+
+
+ALIKE = 4
+"""Number of states at which arguments of roots are equal, each by chance with odds of 1e-9 at most."""
+
+_marks: WeakSet[RootMark] = WeakSet()
+"""The roots of the values that exist."""
+
+
 @dataclass(frozen=True)
 class Degree:
     """A bound of the degree of an algebraic function of the random numbers.
@@ -40,7 +63,7 @@ class Degree:
 
     numerator: int = 0
     factors: Mapping[int, tuple[int, int]] = field(default_factory=dict)
-    roots: frozenset[int] = frozenset()
+    roots: frozenset[RootMark] = frozenset()
 
     @property
     def denominator(self) -> int:
@@ -73,10 +96,10 @@ class Degree:
             factors[next(_numbers)] = (self.numerator, 1)
         return Degree(self.denominator, factors, self.roots)
 
-    def root(self, number: int) -> Degree:
-        """Return the degree of the root of the function; `number` distinguishes it from other roots."""
+    def root(self, mark: RootMark) -> Degree:
+        """Return the degree of the root of the function; the mark distinguishes it from other roots."""
         half = -(-(self.numerator + self.denominator) // 2)
-        return Degree(half, self.factors, self.roots | {number})
+        return Degree(half, self.factors, self.roots | {mark})
 
     def either(self, other: Degree) -> Degree:
         """Return a degree that holds for both functions."""
@@ -90,7 +113,7 @@ class Degree:
 
 
 _numbers = count()
-"""Numbers of roots and of factors of denominators."""
+"""Numbers of factors of denominators."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +203,31 @@ def unknown(real: Array) -> ExactValue:
 def real_of(value: Value) -> Array:
     """Return the real values (k,); a condition is 1 or 0."""
     return value.real.astype(float)
+
+
+def taken(value: Value, places: NDArray[np.integer]) -> Value:
+    """Return a value at some of its states, given by their places (m,)."""
+    if isinstance(value, DrawnCondition):
+        return replace(value, real=value.real[places])
+    if isinstance(value, Angle):
+        return Angle(
+            number_at(value.cosine, places), number_at(value.sine, places), value.real[places], value.published
+        )
+    return number_at(value, places)
+
+
+def number_at(value: ExactValue, places: NDArray[np.integer]) -> ExactValue:
+    """Return a number at some of its states, given by their places (m,)."""
+    return replace(value, residue=value.residue[places], known=value.known[places], real=value.real[places])
+
+
+def known_at(value: Value) -> Truths:
+    """Return the states (k,) where a value is known in the field."""
+    if isinstance(value, DrawnCondition):
+        return np.ones(len(value.real), bool)
+    if isinstance(value, Angle):
+        return value.cosine.known & value.sine.known
+    return value.known
 
 
 def scalar(value: Value) -> ExactValue:
@@ -291,18 +339,23 @@ def root(a: Value) -> ExactValue:
     if len(same) and (same == same[0]).all():
         # a length that does not depend on the state, written as a root; in the field both signs are roots
         length = decimal(float(real[number.known][0]), ROUNDING)
-        if length is not None and length.residue**2 % prime.PRIME == same[0]:
+        if length is not None and length.residue**2 % prime.prime() == same[0]:
             residue = np.full(len(real), length.residue, np.uint64)
             return ExactValue(residue, number.known, real, node=node)
     residue = prime.root(number.residue)
     squares = prime.multiply(residue, residue) == number.residue
     known = number.known & squares
-    return ExactValue(residue, known, real, number.degree.root(_number_of(number)), node=node)
+    return ExactValue(residue, known, real, number.degree.root(_mark_of(number)), node=node)
 
 
-def _number_of(argument: ExactValue) -> int:
-    """Return the number of a root; equal arguments, as seen at the first states, have one root."""
-    return hash(("root", argument.residue[:8].tobytes()))
+def _mark_of(argument: ExactValue) -> RootMark:
+    """Return the mark of a root; arguments that are equal at all states where both are known have one root."""
+    for mark in _marks:
+        if mark.fits(argument):
+            return mark
+    mark = RootMark(argument.residue, argument.known)
+    _marks.add(mark)
+    return mark
 
 
 def power(a: Value, exponent: Value) -> Value:
@@ -371,13 +424,6 @@ def angle(value: Value) -> Angle:
 def turned_back(a: Angle) -> Angle:
     """Return -a of an angle."""
     return Angle(a.cosine, minus(a.sine), -a.real, -a.published)
-
-
-def first_state(a: Angle) -> Angle:
-    """Return an angle at the first state alone."""
-    cosine = replace(a.cosine, residue=a.cosine.residue[:1], known=a.cosine.known[:1], real=a.cosine.real[:1])
-    sine = replace(a.sine, residue=a.sine.residue[:1], known=a.sine.known[:1], real=a.sine.real[:1])
-    return Angle(cosine, sine, a.real[:1], a.published)
 
 
 def turned(a: Angle, b: Angle) -> Angle:

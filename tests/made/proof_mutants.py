@@ -1,0 +1,163 @@
+"""Mutants of the equations of a robot for `twin prove`: slips, equivalent rewrites, and errors in a small box."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from made import explain_mutants
+from twin.kinematics.compile import compile_formula
+from twin.validation.explain.tokens import line_starts, span
+
+POSES = 300
+
+
+def functions(formula):
+    """Return the functions in files of robots that the equations use, in their default variants."""
+    found = []
+    waiting = [inspect.unwrap(e.variants[e.default]) for e in formula.equations]
+    while waiting:
+        function = waiting.pop(0)
+        if function in found or not function.__module__.startswith("twin.robots."):
+            continue
+        if not function.__code__.co_freevars and "." not in function.__qualname__:
+            found.append(function)
+        home = function.__globals__
+        waiting += [home[name] for name in function.__code__.co_names if inspect.isfunction(home.get(name))]
+    return found
+
+
+@contextmanager
+def with_text(function, text):
+    """Let a function compute what a changed text of its file says."""
+    module = compile(text, function.__code__.co_filename, "exec")
+    (code,) = [c for c in module.co_consts if inspect.iscode(c) and c.co_name == function.__name__]
+    before = function.__code__
+    function.__code__ = code
+    try:
+        yield
+    finally:
+        function.__code__ = before
+
+
+def slips(function):
+    """Yield (what, changed text) of each slip in a function."""
+    text = _text(function)
+    for kind, found in explain_mutants.changes(text, function).items():
+        for start, end, new in found:
+            yield _changed(text, kind, start, end, new)
+
+
+def rewrites(function):
+    """Yield (what, changed text) of each rewriting that computes the same."""
+    text = _text(function)
+    for node, said in _expressions(text, function):
+        news = []
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+            news.append(f"({said(node.right)} + {said(node.left)})")
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub):
+            news.append(f"(-({said(node.right)} - ({said(node.left)})))")
+        if isinstance(node, ast.Call) and said(node.func) == "cos" and len(node.args) == 1:
+            news.append(f"(2 * cos(({said(node.args[0])}) / 2) ** 2 - 1)")
+            news.append(f"sin({said(node.args[0])} + pi / 2)".replace("pi", repr(np.pi)))
+        if isinstance(node, ast.Call) and said(node.func) == "sin" and len(node.args) == 1:
+            news.append(f"cos({said(node.args[0])} - {np.pi!r} / 2)")
+        if isinstance(node, ast.Call) and said(node.func) == "atan2":
+            news.append(f"atan2(3 * ({said(node.args[0])}), 3 * ({said(node.args[1])}))")
+        if isinstance(node, ast.Call) and said(node.func) == "sqrt":
+            news.append(f"(sqrt(4 * ({said(node.args[0])})) / 2)")
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and said(node.right) == "2":
+            news.append(f"(({said(node.left)}) * ({said(node.left)}))")
+        for new in news:
+            yield _changed(text, "rewrite", *_place(text, node), new)
+
+
+def hidden(function, generator, ranges):
+    """Yield (what, changed text) of errors that show in a small box, or beyond a value of an argument."""
+    text = _text(function)
+    arguments = inspect.signature(function).parameters
+    names = [name for name in ranges if name in arguments]
+    if not names:
+        return
+    for node, said in _expressions(text, function):
+        if not isinstance(node, ast.BinOp) or isinstance(node.op, ast.MatMult | ast.Pow):
+            continue
+        name = names[generator.integers(len(names))]
+        _, low, high = ranges[name]
+        middle = generator.uniform(low, high)
+        width = (high - low) * 10 ** generator.uniform(-7, -4)
+        near = f"(fabs({name} - {middle!r}) < {width!r})"
+        new = f"(({said(node)}) + 0.001 * {near})"
+        yield _changed(text, "box", *_place(text, node), new)
+
+
+def _text(function):
+    return Path(function.__code__.co_filename).read_text(encoding="utf-8")
+
+
+def _expressions(text, function):
+    tree = next(n for n in ast.parse(text).body if isinstance(n, ast.FunctionDef) and n.name == function.__name__)
+    for statement in tree.body:
+        if isinstance(statement, ast.Expr):
+            continue
+        for node in ast.walk(statement):
+            yield node, lambda n: ast.get_source_segment(text, n)
+
+
+def _place(text, node):
+    return span(node, line_starts(text.encode()))
+
+
+def _changed(text, kind, start, end, new):
+    data = text.encode()
+    old = data[start:end].decode()
+    line = data[:start].count(b"\n") + 1
+    return f"{kind} in line {line}: {old} -> {new}", (data[:start] + new.encode() + data[end:]).decode()
+
+
+class Oracle:
+    """The numbers of the right equations at random states, computed with double precision."""
+
+    def __init__(self, robot, ranges, count=POSES, seed=77):
+        """Compute them."""
+        generator = np.random.default_rng(seed)
+        self.formula = robot.formula
+        low, high = np.array([[r[1], r[2]] for r in ranges.values()]).T
+        self.state = generator.uniform(low, high, (count, len(low)))
+        right = compile_formula(robot.formula)
+        if robot.formula.has("forward"):
+            self.poses = right.forward_many(self.state)
+        else:
+            self.poses = np.array([right.program.pose_of_coordinates.one(x) for x in self.state]).reshape(-1, 4, 4)
+        self.right = self.numbers()
+
+    def numbers(self):
+        """Return the numbers of the equations as they are now, without those of poses out of reach."""
+        found = compile_formula(self.formula)
+        numbers = []
+        if self.formula.has("forward"):
+            numbers.append(found.forward_many(self.state).reshape(len(self.state), -1))
+        joints = None
+        if self.formula.has("inverse"):
+            joints = found.inverse_many(self.poses)
+            for i, joint in enumerate(self.formula.joints):
+                column = joints[:, i : i + 1]
+                if joint.kind == "revolute":
+                    column = np.column_stack([np.cos(column), np.sin(column)])
+                numbers.append(column)
+        named = found.points_many(Ts=self.poses)
+        numbers += [np.asarray(p).reshape(len(self.state), -1) for p in named.values()]
+        return np.column_stack(numbers)
+
+    def differs(self):
+        """Return the largest difference of the numbers of the equations as they are now; infinite if one is missing."""
+        with np.errstate(all="ignore"):
+            wrong = self.numbers()
+        known = np.isfinite(self.right)
+        if not np.isfinite(wrong[known]).all():
+            return np.inf
+        return float(np.abs(wrong[known] - self.right[known]).max())
