@@ -14,61 +14,13 @@ from hypothesis import strategies as st
 
 import twin
 from made.lanes import contrasting, one_of_a_kind
+from made.operations import BY_SQUARES, ODD, OPERATIONS, a, b
 from twin.codegen import Kernel, Stage
 from twin.codegen import kernel as kernel_module
 from twin.codegen.lower import lowered
-from twin.core import machine_code
+from twin.core import kernel_cache, machine_code
 
 pytestmark = pytest.mark.usefixtures("several_processors")
-
-a, b = ca.SX.sym("a"), ca.SX.sym("b")
-
-OPERATIONS = {
-    "add": a + b,
-    "sub": a - b,
-    "mul": a * b,
-    "div": a / b,
-    "neg": -a,
-    "sq": a * a,
-    "twice": 2 * a,
-    "inv": 1 / a,
-    "sqrt": ca.sqrt(a),
-    "fabs": ca.fabs(a),
-    "floor": ca.floor(a),
-    "ceil": ca.ceil(a),
-    "sign": ca.sign(a),
-    "copysign": ca.copysign(a, b),
-    "fmin": ca.fmin(a, b),
-    "fmax": ca.fmax(a, b),
-    "sin": ca.sin(a),
-    "cos": ca.cos(a),
-    "tan": ca.tan(a),
-    "asin": ca.asin(a),
-    "acos": ca.acos(a),
-    "atan": ca.atan(a),
-    "atan2": ca.atan2(a, b),
-    "sin of atan2": ca.sin(ca.atan2(a, b)),
-    "cos of atan2": ca.cos(ca.atan2(a, b)),
-    "hypot": ca.hypot(a, b),
-    "exp": ca.exp(a),
-    "log": ca.log(a),
-    "pow": a**b,
-    "constpow": a**2.5,
-    "sinh": ca.sinh(a),
-    "cosh": ca.cosh(a),
-    "tanh": ca.tanh(a),
-    "lt": a < b,
-    "le": a <= b,
-    "eq": a == b,
-    "ne": a != b,
-    "not": ca.logic_not(a > 0),
-    "and": ca.logic_and(a > 0, b > 0),
-    "or": ca.logic_or(a > 0, b > 0),
-    "if_else": ca.if_else(a > b, a, 3.0),
-}
-
-BY_SQUARES = ("hypot", "sin of atan2", "cos of atan2")
-ODD = [0.0, -0.0, 1.0, -1.0, np.nan, np.pi, -np.pi / 2, 1e-300, 1e6, -1e6, 0.5, 2.0]
 
 
 def both(function: ca.Function, X: np.ndarray, **more) -> tuple[np.ndarray, np.ndarray]:
@@ -338,7 +290,7 @@ def test_cache_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
 
 
 def test_cache_keeps_the_newest(cache, monkeypatch):
-    monkeypatch.setattr(machine_code, "_CACHED", 3)
+    monkeypatch.setattr(kernel_cache, "_CACHED", 3)
     for i in range(6):
         compile_one(i + 1.5)
         for k, file in enumerate(sorted(cache.glob("*.o"), key=lambda p: p.stat().st_mtime)):
@@ -393,7 +345,7 @@ SCATTERED = """
 import mmap
 import twin
 from twin.codegen import kernel
-from twin.core import machine_code
+from twin.core import kernel_cache, machine_code
 from twin.analysis.tolerance import ErrorPropagation, Spread
 texts = []
 kernel.compiled = lambda text: texts.append(text) or machine_code.compiled(text)

@@ -10,11 +10,15 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
 from twin.codegen.emit import Stage, emit
+from twin.codegen.gpu_entry import computable
+from twin.codegen.gpu_kernel import GpuKernel
+from twin.core import compute_device, gpu
+from twin.core.gpu import Gpu
 from twin.core.machine_code import compiled, lanes
 from twin.core.processors import usable
 from twin.core.spatial import Array
@@ -31,6 +35,15 @@ _BLOCK = 1024
 _WORTH = 2e-4
 """Minimum computing time in s for which a further thread is used."""
 
+_MANY = 4096
+"""Minimum number of samples for which a GPU is used."""
+
+_LOADING = 1.0
+"""Time in s for loading a kernel into a GPU. A kernel has taken as long on the processor before a GPU is considered.
+
+How many calls will follow is not known. With this rule, both together take at most twice the time of the better one.
+"""
+
 
 @cache
 def _pool() -> ThreadPoolExecutor:
@@ -39,6 +52,8 @@ def _pool() -> ThreadPoolExecutor:
 
 class Kernel:
     """Compiled stages (CasADi functions), called for many samples.
+
+    The processor computes, or a GPU, as `twin.core.compute_device` states; the results differ by rounding only.
 
     Attributes:
         inputs: {name of the input: count of numbers per sample}.
@@ -79,6 +94,9 @@ class Kernel:
             self._width = 1
         text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried, backwards, exact)
         self._call, self._alive = compiled(text)
+        self._stages = tuple(stages)
+        self._exact = exact
+        self._busy = 0.0  # computing time of the processor in s, where the choice is "auto"
 
     def __call__(
         self,
@@ -114,11 +132,53 @@ class Kernel:
         else:
             results = tuple(out)
             self._check_out(results, k)
+        card = self._gpu(k)
+        if card is not None and self.for_gpu is not None:
+            self.for_gpu.columns(card, given, results, 0, k)
+            return results
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
         if whole < k:
             self._run_rest(given, results, whole, carry)
         return results
+
+    def _gpu(self, samples: int, seconds: float | None = None) -> Gpu | None:
+        """Return the GPU that is to compute a number of samples; None: the processor computes them.
+
+        `seconds` is the expected computing time of the processor in s; None: it is not known yet.
+
+        Raises:
+            GpuError: a GPU is required, and there is none.
+        """
+        choice = compute_device.current().choice
+        if choice == "cpu":
+            return None
+        if choice == "gpu":
+            card = gpu.required()
+            return card if samples >= _MANY and self.for_gpu is not None else None
+        if seconds is None:
+            return None
+        self._busy += seconds
+        if self._busy < _LOADING:
+            return None
+        card, _ = gpu.found()
+        if card is None or self.for_gpu is None or self.for_gpu.seconds(samples) >= seconds:
+            return None
+        return card
+
+    @cached_property
+    def for_gpu(self) -> GpuKernel | None:
+        """The kernel for a GPU; None: it must run on the processor.
+
+        That is so for kernels that take results of the sample before, that equal CasADi bit for bit, or that call the C
+        library.
+        """
+        if self._carried or self._exact:
+            return None
+        text, outputs = emit(self._stages, self.inputs, list(self.outputs), 1, {})
+        if not computable(text):
+            return None
+        return GpuKernel(text, sum(self.inputs.values()), sum(outputs.values()))
 
     def _zeros(self, k: int) -> tuple[Array, ...]:
         """Return an array (c, k) of zeros for each output."""
@@ -162,6 +222,10 @@ class Kernel:
         if Z.shape != (k, count):
             raise ValueError(f"samples have shape {Z.shape}, not {(k, count)}")
         result = np.zeros((k, size))
+        card = self._gpu(k)
+        if card is not None and self.for_gpu is not None:
+            self.for_gpu.rows(card, Z, result, 0, k)
+            return result
         begins = deque(range(0, k, _BLOCK))
 
         def work(most: int = k) -> None:
@@ -181,8 +245,12 @@ class Kernel:
 
         start = time.perf_counter()
         work(1)
-        seconds_per_block = time.perf_counter() - start
-        _share(work, len(begins), seconds_per_block * len(begins))
+        seconds = (time.perf_counter() - start) * len(begins)
+        card = self._gpu(k, seconds / usable())
+        if card is not None and self.for_gpu is not None:
+            self.for_gpu.rows(card, Z, result, begins[0], k)
+            return result
+        _share(work, len(begins), seconds)
         return result
 
     def single(self) -> Callable[..., Array]:
@@ -261,7 +329,12 @@ class Kernel:
         chunks = deque((first, min(first + size, end)) for first in range(begin, end, size))
         start = time.perf_counter()
         self._call(*chunks.popleft(), ins, outs, None)
-        seconds_per_chunk = time.perf_counter() - start
+        seconds = (time.perf_counter() - start) * len(chunks)
+        workers = min(threads or usable(), usable())
+        card = self._gpu(end - begin - size, seconds / workers)
+        if card is not None and self.for_gpu is not None:
+            self.for_gpu.columns(card, given, results, begin + size, end)
+            return
 
         # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, other
         # threads still compute their chunks; `_alive` keeps the arrays in memory until then.
@@ -275,7 +348,7 @@ class Kernel:
                 chunks.clear()
                 raise
 
-        _share(work, threads or len(chunks), seconds_per_chunk * len(chunks))
+        _share(work, threads or len(chunks), seconds)
 
 
 def _share(work: Callable[[], None], most: int, seconds: float) -> None:

@@ -91,6 +91,10 @@ class DeviceError(TwinError):
     """A packet of an input device is malformed; the message names the field, its value and its limit."""
 
 
+class GpuError(TwinError):
+    """No graphics processor can compute a kernel: none is there, its driver refuses, or it has too little memory."""
+
+
 class OutputError(TwinError):
     """A result cannot be written; no partial result remains."""
 

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
-import hashlib
-import os
-import stat
 import threading
 from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
 
-from twin.core.atomic import atomic_folder
-from twin.core.cache import cache_folder
-from twin.core.errors import OutputError
-
-_CACHED = 1024
-"""Maximum number of kernels in the cache; the oldest kernels are removed first."""
+from twin.core import kernel_cache
 
 Call = Any
 """C type of the kernel: a function of (begin, end, in, out, carry)."""
@@ -30,17 +21,16 @@ _ready = False
 def compiled(text: str) -> tuple[Call, Any]:
     """Compile a kernel, or read it from the cache; return (kernel, object to keep alive while the kernel is used).
 
-    The cache is in the user's folder and may be deleted at any time. The key of a kernel is a hash of the text, the
-    processor and the version of LLVM. Truncated files, and files that other users can write, are not loaded.
+    The key of a kernel in the cache is a hash of the text, the processor and the version of LLVM.
     """
     with _lock:
         target = _machine()
         cpu = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
-        key = hashlib.sha256(f"{llvmlite.__version__} {cpu}\n{text}".encode()).hexdigest()
-        code = _cached(key)
+        key = kernel_cache.key(f"{llvmlite.__version__} {cpu}", text)
+        code = kernel_cache.read(key)
         if code is None:
             code = _code(text, target)
-            _keep(key, code)
+            kernel_cache.keep(key, code)
         library = llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol("kernel")
         # Code and constants are in one block: if they were more than 2 GB apart, LLVM would abort the process.
         engine = llvm.create_lljit_compiler(target, use_jit_link=True)
@@ -80,28 +70,3 @@ def _code(text: str, target: llvm.TargetMachine) -> bytes:
     builder = llvm.create_pass_builder(target, options)
     builder.getModulePassManager().run(module, builder)
     return target.emit_object(module)
-
-
-def _cached(key: str) -> bytes | None:
-    path = cache_folder("kernels") / f"{key}.o"
-    try:
-        for at in (path.parent, path):
-            seen = at.stat()
-            if seen.st_uid != os.getuid() or seen.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-                return None
-        data = path.read_bytes()
-    except OSError:
-        return None
-    digest, code = data[:32], data[32:]
-    return code if hashlib.sha256(code).digest() == digest else None
-
-
-def _keep(key: str, code: bytes) -> None:
-    folder = cache_folder("kernels")
-    with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for old in sorted(folder.glob("*.o"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
-            old.unlink()
-        with atomic_folder(folder) as work:
-            (work / f"{key}.o").write_bytes(hashlib.sha256(code).digest() + code)
-            (work / f"{key}.o").chmod(0o600)

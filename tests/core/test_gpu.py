@@ -1,0 +1,307 @@
+"""Kernels for a GPU give the answers of the processor, which also runs their text here: made/processor_as_gpu.py."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import twin
+from made.lanes import one_of_a_kind
+from made.operations import BY_SQUARES, ODD, OPERATIONS, a, b
+from made.processor_as_gpu import ProcessorAsGpu
+from twin.codegen import Kernel, Stage, gpu_kernel
+from twin.codegen import kernel as kernel_module
+from twin.core import gpu
+from twin.core.compute_device import PROCESSOR, computing_on, current
+from twin.core.errors import GpuError, TwinError
+
+BY_THE_C_LIBRARY = {"exp", "log", "pow", "constpow", "sinh", "cosh", "tanh"}
+
+
+@pytest.fixture
+def card(monkeypatch) -> ProcessorAsGpu:
+    """A GPU of this computer, which takes any number of samples."""
+    card = ProcessorAsGpu()
+    monkeypatch.setattr(gpu, "found", lambda: (card, ""))
+    monkeypatch.setattr(kernel_module, "_MANY", 1)
+    return card
+
+
+@pytest.fixture
+def no_card(monkeypatch):
+    monkeypatch.setattr(gpu, "found", lambda: (None, "the NVIDIA driver is missing"))
+
+
+def product() -> Kernel:
+    """Return the kernel of (x y, x + z) for x (2,), y and z numbers."""
+    x = ca.SX.sym("x", 2)
+    y = ca.SX.sym("y")
+    function = ca.Function("f", [x, y], [x * y, x[0] - y])
+    return Kernel([Stage(function, ("x", "y"), ("product", "difference"))], {"x": 2, "y": 1}, ["product", "difference"])
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_operation_is_what_the_processor_computes(name, card):
+    rng = np.random.default_rng(3)
+    X = np.concatenate([np.array(np.meshgrid(ODD, ODD)).reshape(2, -1), rng.normal(size=(2, 500)) * 3], 1)
+    if name in BY_SQUARES:
+        X = X[:, (np.abs(X) != 1e-300).all(axis=0)]
+    function = ca.Function("f", [ca.vertcat(a, b)], [OPERATIONS[name]])
+    kernel = Kernel([Stage(function, ("x",), ("y",))], {"x": 2}, ["y"])
+    (expected,) = kernel(X)
+    with computing_on("gpu") as device:
+        (out,) = kernel(X)
+    assert device.name == (PROCESSOR if name in BY_THE_C_LIBRARY else card.name)
+    np.testing.assert_allclose(out, expected, rtol=1e-15, atol=1e-300)
+
+
+@pytest.mark.parametrize("samples", [1, 127, 128, 129, 1000])
+def test_samples_pass_in_blocks(samples, card, monkeypatch):
+    monkeypatch.setattr(gpu_kernel, "_BLOCK", 128)
+    kernel = product()
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(2, samples))
+    y = rng.normal(size=(1, samples))
+    expected = kernel(x, y)
+    with computing_on("gpu"):
+        found = kernel(x, y)
+        again = kernel(x, y)
+    assert len(card.launches) == 2 * -(-samples // 128)
+    assert card.modules == 1
+    for one, other, third in zip(expected, found, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(one, third)
+
+
+def test_slices_and_given_arrays_are_read_and_filled(card):
+    kernel = product()
+    x = np.arange(40.0).reshape(4, 10)[::2]
+    y = np.arange(20.0).reshape(1, 20)[:, ::2]
+    out = (np.zeros((2, 10)), np.zeros((1, 10)))
+    with computing_on("gpu"):
+        kernel(x, y, out=out)
+    np.testing.assert_array_equal(out[0], x * y)
+    np.testing.assert_array_equal(out[1], x[:1] - y)
+
+
+def test_samples_in_rows_give_the_rows_of_the_results(card, monkeypatch):
+    monkeypatch.setattr(gpu_kernel, "_BLOCK", 100)
+    x = ca.SX.sym("x", 3)
+    kernel = Kernel(
+        [Stage(ca.Function("f", [x], [ca.vertcat(ca.sin(x), x[0] * x[2])]), ("x",), ("y",))], {"x": 3}, ["y"]
+    )
+    Z = np.random.default_rng(1).normal(size=(777, 3))
+    expected = kernel.rows(Z)
+    with computing_on("gpu") as device:
+        found = kernel.rows(Z)
+    assert device.name == card.name
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
+
+
+def test_blocks_are_smaller_where_memory_is_short(card):
+    kernel = product()
+    x = np.ones((2, 1000))
+    y = np.ones((1, 1000))
+    card.free = 40_000  # half of it, for two lanes of 48 bytes a sample: 208 samples
+    with computing_on("gpu"):
+        kernel(x, y)
+    assert card.launches == [(2, 128)] * 4 + [(2, 128)]
+    assert sum(memory.nbytes for memory in card.memory.values()) <= 20_000
+
+
+def test_too_little_memory_is_an_error_that_names_both_sizes(card):
+    card.free = 5000
+    with (
+        computing_on("gpu"),
+        pytest.raises(GpuError, match=r"0\.005 MB of free memory.*needs 0\.0246 MB.*--device cpu"),
+    ):
+        product()(np.ones((2, 1000)), np.ones((1, 1000)))
+
+
+def test_an_interruption_waits_for_the_blocks_under_way(card, monkeypatch):
+    monkeypatch.setattr(gpu_kernel, "_BLOCK", 128)
+    kernel = product()
+    copy_to = card.copy_to
+    copies = []
+
+    def interrupted(*arguments):
+        copies.append(arguments)
+        if len(copies) == 2:
+            raise KeyboardInterrupt
+        copy_to(*arguments)
+
+    monkeypatch.setattr(card, "copy_to", interrupted)
+    x = np.ones((2, 1000))
+    y = np.full((1, 1000), 3.0)
+    with computing_on("gpu"), pytest.raises(KeyboardInterrupt):
+        kernel(x, y)
+    assert not any(card.waiting)
+    with computing_on("gpu"):
+        np.testing.assert_array_equal(kernel(x, y)[0], 3 * x)
+
+
+def test_kernels_that_depend_on_the_sample_before_stay_on_the_processor(card):
+    c, x = ca.SX.sym("c"), ca.SX.sym("x")
+    stage = Stage(ca.Function("sum", [c, x], [c + x]), ("c", "x"), ("c",))
+    kernel = Kernel([stage], {"x": 1}, ["c"], carried={"c": 1})
+    with computing_on("gpu") as device:
+        (sums,) = kernel(np.ones((1, 50)), carry=np.zeros(1))
+    assert device.name == PROCESSOR
+    np.testing.assert_array_equal(sums[0], np.arange(1, 51))
+
+
+def test_few_samples_stay_on_the_processor(monkeypatch):
+    card = ProcessorAsGpu()
+    monkeypatch.setattr(gpu, "found", lambda: (card, ""))
+    with computing_on("gpu") as device:
+        product()(np.ones((2, 100)), np.ones((1, 100)))
+    assert device.name == PROCESSOR
+
+
+def test_auto_moves_to_the_gpu_when_loading_it_has_paid(card, monkeypatch):
+    kernel = product()
+    x = np.ones((2, 50_000))
+    y = np.full((1, 50_000), 2.0)
+    with computing_on("auto") as device:
+        kernel(x, y)
+    assert device.name == PROCESSOR  # the processor has not been busy for long
+
+    monkeypatch.setattr(kernel_module, "_LOADING", 0.0)
+    with computing_on("auto") as device:
+        kernel(x, y)
+    assert device.name == PROCESSOR  # copying takes longer than the processor
+
+    monkeypatch.setattr(gpu_kernel, "_BYTES_PER_S", 1e30)
+    monkeypatch.setattr(gpu_kernel, "_LAUNCH", 0.0)
+    with computing_on("auto") as device:
+        found = kernel(x, y)
+    assert device.name == card.name
+    np.testing.assert_array_equal(found[0], 2 * x)
+    np.testing.assert_array_equal(found[1], x[:1] - 2)
+    with computing_on("auto") as device:
+        rows = one_input().rows(np.ones((50_000, 2)))
+    assert device.name == card.name
+    np.testing.assert_array_equal(rows, 2 * np.ones((50_000, 2)))
+
+
+def one_input() -> Kernel:
+    x = ca.SX.sym("x", 2)
+    return Kernel([Stage(ca.Function("f", [x], [x + x]), ("x",), ("y",))], {"x": 2}, ["y"])
+
+
+def test_without_a_gpu_auto_is_the_processor(no_card, monkeypatch):
+    monkeypatch.setattr(kernel_module, "_LOADING", 0.0)
+    with computing_on("auto") as device:
+        product()(np.ones((2, 50_000)), np.ones((1, 50_000)))
+    assert device.name == PROCESSOR
+
+
+def test_without_a_gpu_gpu_is_an_error_that_says_why(no_card):
+    with (
+        computing_on("gpu"),
+        pytest.raises(GpuError, match="the NVIDIA driver is missing; choose --device cpu or auto"),
+    ):
+        product()(np.ones((2, 5000)), np.ones((1, 5000)))
+
+
+def test_the_choice_of_the_environment_holds_outside_of_blocks(monkeypatch):
+    assert current().choice == "cpu"
+    monkeypatch.setenv("TWIN_DEVICE", "auto")
+    assert current().choice == "auto"
+    with computing_on("cpu"):
+        assert current().choice == "cpu"
+    monkeypatch.setenv("TWIN_DEVICE", "gpuu")
+    with pytest.raises(TwinError, match=r"no compute device 'gpuu'\. Did you mean 'gpu'"):
+        current()
+
+
+def random_states(robot: twin.Robot, count: int) -> np.ndarray:
+    """Return joint values (count, n) within the limits and a tenth of their range beyond."""
+    limits = np.where(np.isfinite(robot.mechanism.limits), robot.mechanism.limits, [-np.pi, np.pi])
+    beyond = 0.1 * np.ptp(limits, axis=1)
+    rng = np.random.default_rng(11)
+    return rng.uniform(limits[:, 0] - beyond, limits[:, 1] + beyond, (count, len(limits)))
+
+
+def equal_answers(robot: twin.Robot, count: int) -> None:
+    """Assert that closed loops and inverse have the same answers, and the same states without an answer."""
+    q = random_states(robot, count)
+    by_processor = robot.loops.forward_many(q)
+    with computing_on("gpu") as device:
+        by_card = robot.loops.forward_many(q)
+    assert device.name != PROCESSOR
+    lost = np.isnan(by_processor.Ts_base_tool).any(axis=(1, 2))
+    np.testing.assert_array_equal(lost, np.isnan(by_card.Ts_base_tool).any(axis=(1, 2)))
+    # A residual of 1e-12 is an error of 1e-12 / margin beside a singularity of the loops.
+    allowed = 1e-12 / np.minimum(1.0, by_processor.margin[~lost])
+    difference = np.abs(by_card.Ts_base_tool - by_processor.Ts_base_tool)[~lost].max(axis=(1, 2), initial=0.0)
+    assert (difference <= allowed).all(), (difference / allowed).max()
+    kin = robot.kinematics()
+    if not kin.closed_inverse:
+        return
+    Ts = by_processor.Ts_base_tool[~lost]
+    q = kin.inverse_many(Ts)
+    with computing_on("gpu"):
+        again = kin.inverse_many(Ts)
+    np.testing.assert_array_equal(np.isnan(q), np.isnan(again))
+    # The pose of these joint values, since beside a singularity many joint values have nearly one pose.
+    reached = np.isfinite(q).all(axis=1)
+    if kin.closed_forward:
+        np.testing.assert_allclose(kin.forward_many(again[reached]), kin.forward_many(q[reached]), rtol=0, atol=1e-12)
+    else:
+        np.testing.assert_allclose(again[reached], q[reached], rtol=0, atol=1e-12)
+
+
+def test_states_of_a_robot(card):
+    equal_answers(twin.load("davinci_psm"), 2000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", one_of_a_kind())
+def test_states_of_every_robot(name, card):
+    equal_answers(twin.load(name), 5000)
+
+
+def test_the_driver_takes_the_arguments():
+    """Without a GPU's driver: the library converts all arguments before it misses the driver."""
+    driver = pytest.importorskip("cuda.bindings.driver", reason="the extra gpu is not installed")
+    found, reason = gpu.found()
+    if found is not None:
+        pytest.skip(f"{found.name} answers")
+    assert "the NVIDIA driver is missing" in reason
+    card = object.__new__(gpu.CudaGpu)
+    card._driver = driver
+    card._context = driver.CUcontext()
+    array = np.zeros(8)
+    address = driver.CUdeviceptr(64)
+    stream = driver.CUstream(8)
+    function = driver.CUfunction(8)
+    calls = [
+        (driver.cuInit, 0),
+        (driver.cuDeviceGet, 0),
+        (driver.cuDevicePrimaryCtxRetain, driver.CUdevice(0)),
+        (driver.cuDeviceGetName, 256, driver.CUdevice(0)),
+        (driver.cuModuleLoadData, b".version 6.3\0"),
+        (driver.cuModuleGetFunction, driver.CUmodule(), b"samples"),
+    ]
+    for call in calls:
+        with pytest.raises(GpuError, match="driver is missing"):
+            card._do("answer", *call)
+    card._enter = lambda: None
+    card._pinned = {array.ctypes.data: 64}
+    for work in (
+        card.free_bytes,
+        card.stream,
+        lambda: card.pinned(8),
+        lambda: card.reserved(8),
+        lambda: card.release((address,), (), ()),
+        lambda: card.release((), (array,), ()),
+        lambda: card.release((), (), (stream,)),
+        lambda: card.copy_to(address, array, stream),
+        lambda: card.copy_from(array, address, stream),
+        lambda: card.launch(function, 4, 128, (10, address, 1, 2, address, 3, 4), stream),
+        lambda: card.wait(stream),
+    ):
+        with pytest.raises(GpuError, match="driver is missing"):
+            work()
