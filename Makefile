@@ -13,7 +13,7 @@ export UV_PYTHON_DOWNLOADS ?= never
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-slow test-nightly test-pages test-alone test-long witnesses check cad-check usd-check bench bench-check \
-	kinerrata lock-check clean
+	bench-gpu kinerrata lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -80,6 +80,9 @@ bench: .venv/.synced-dev
 	$(RUN) python tests/benchmarks/viewer_first.py
 	$(RUN) python tests/benchmarks/export.py
 	$(RUN) python tests/benchmarks/stream.py
+
+bench-gpu: .venv/.synced-dev  ## kernels on an NVIDIA GPU against the processor; without one it says so and ends with 2
+	$(RUN) python tests/benchmarks/gpu.py
 
 bench-check: .venv/.synced-dev  ## the short form: has a ratio fallen far below its record?
 	$(RUN) python tests/benchmarks/run.py --short --check

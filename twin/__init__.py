@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         operate_console as operate_console,
         replay_session as replay_session,
     )
+    from twin.core.compute_device import computing_on as computing_on
     from twin.core.errors import TwinError as TwinError
     from twin.core.findings import Finding as Finding
     from twin.core.result import Result as Result
@@ -92,6 +93,7 @@ _HOMES = {
     "twin.analysis.sweep": ("sweep",),
     "twin.analysis.tolerance": ("Spread", "tolerance"),
     "twin.checking.checker": ("check",),
+    "twin.core.compute_device": ("computing_on",),
     "twin.core.errors": ("TwinError",),
     "twin.core.findings": ("Finding",),
     "twin.core.result": ("Result",),

@@ -71,6 +71,7 @@ def test_public_names_are_those_promised():
     calls |= {"console", "load_scene", "operate", "operate_console", "play", "replay_session", "world"}
     calls |= {"operate_procedure", "replay_procedure"}
     analyses = {"workspace", "tolerance", "sweep", "track"}
+    calls |= {"computing_on"}
     classes = {"Finding", "TwinError", "Joints", "Pose", "Tip", "Trocar", "Result", "Robot", "Spread"}
     assert set(twin.__all__) == calls | analyses | classes | {"__version__"}
     for name in twin.__all__:

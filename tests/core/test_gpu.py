@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -305,3 +310,13 @@ def test_the_driver_takes_the_arguments():
     ):
         with pytest.raises(GpuError, match="driver is missing"):
             work()
+
+
+@pytest.mark.nightly
+def test_the_benchmark_can_be_rehearsed(tmp_path):
+    script = Path(__file__).parents[1] / "benchmarks/gpu.py"
+    command = [sys.executable, script, "--rehearse", "--out", tmp_path]
+    subprocess.run(command, check=True, capture_output=True)
+    found = json.loads((tmp_path / "gpu.json").read_text())
+    assert all(row["met"] for row in found["same answers"].values())
+    assert set(found["user's work"]) == {"workspace sils", "tolerance sher"}

@@ -17,6 +17,7 @@ from twin.analysis.tolerance import ErrorPropagation, Spread
 from twin.analysis.workspace import PoseGrid, centre, shared_bounds, volume_error
 from twin.api.robot import Robot, load
 from twin.core import spatial
+from twin.core.compute_device import Choice, computing_on
 from twin.core.errors import TwinError, unknown
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
@@ -277,6 +278,13 @@ def judge(work: DesignJob, design: Sequence[float]) -> dict[str, float]:
     if set(work.objectives) - {"tolerance"}:
         results |= _reach(work, robot, named)
     return {name: results[name] for name in work.objectives}
+
+
+def judge_on(work: DesignJob, design: Sequence[float], device: Choice) -> tuple[dict[str, float], str]:
+    """Return the objectives of one design, as `judge` does, and what has computed them (`ComputeDevice.name`)."""
+    with computing_on(device) as computing:
+        results = judge(work, design)
+    return results, computing.name
 
 
 def _tolerance(mechanism: Mechanism, lengths: dict[str, float]) -> float:

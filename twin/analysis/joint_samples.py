@@ -16,6 +16,7 @@ from twin import robots
 from twin.analysis import measure
 from twin.analysis.workspace import CHUNK, PoseGrid, Workspace, limit_facts, passive_check, shared_bounds
 from twin.api.robot import Robot
+from twin.core import compute_device
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
@@ -102,6 +103,7 @@ def by_joints(
     facts: JsonObject = {
         "sampled": "joints",
         "samples": count,
+        "device": compute_device.current().name,
         "assembled": reached / count,
         "outside_of_box": outside,
         "without_limits": open_ended,

@@ -14,6 +14,7 @@ from twin.analysis import design, table
 from twin.analysis.cluster import HERE, cluster, each
 from twin.analysis.workspace import limited_passive_joints
 from twin.api.robot import Progress, Robot, silent
+from twin.core.compute_device import Choice
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
@@ -36,6 +37,7 @@ class Sweep(Result):
         best: (k,) bool, whether a design is Pareto-optimal.
         before: number of designs with results that a previous run had stored in the folder.
         unchecked: names of the passive joints with limits, which are not checked for designs.
+        devices: what has computed the designs that were missing, see `ComputeDevice.name`.
     """
 
     robot: str
@@ -45,6 +47,7 @@ class Sweep(Result):
     best: np.ndarray
     before: int
     unchecked: tuple[str, ...] = ()
+    devices: tuple[str, ...] = ()
 
     kind = "sweep"
     judges = False
@@ -79,6 +82,7 @@ class Sweep(Result):
             "robot": self.robot,
             "designs": len(self.designs),
             "judged_before": self.before,
+            "devices": list(self.devices),
             "objectives": objectives,
             "grid": grid,
             "passive_limits_unchecked": list(self.unchecked),
@@ -135,6 +139,7 @@ def sweep(
     seed: int = 0,
     workers: int | None = None,
     scheduler: str | None = None,
+    device: Choice = "cpu",
     fresh: bool = False,
     progress: Progress = silent,
 ) -> Sweep:
@@ -153,6 +158,7 @@ def sweep(
         seed: seed of the Latin hypercube.
         workers: number of processes; default: one for each processor.
         scheduler: address of a Dask scheduler to use instead of local processes.
+        device: what computes in each process, see `twin.core.compute_device`.
         fresh: whether designs with stored results are evaluated again.
         progress: see `twin.api.Progress`.
 
@@ -169,19 +175,21 @@ def sweep(
     objectives = tuple(dict.fromkeys(objectives or default))
     progress("positions", 0.0)
     work = design.job(robot, source, protocol, factors, objectives)
+    computed_by: set[str] = set()
     designs = design.values(factors, samples, grid, seed)
     store = table.SweepTable(folder(table.key_of(work, designs)), work, designs, fresh=fresh)
     with store:
         before = len(store.done)
         missing = [number for number in range(len(designs)) if number not in store.done]
         if missing:
-            _judge(work, designs, missing, store, scheduler or HERE, workers, progress)
+            computed_by = _judge(work, designs, missing, store, scheduler or HERE, workers, device, progress)
     judged = np.zeros((len(designs), len(objectives)))
     for number in range(len(designs)):
         judged[number] = [store.done[number][name] for name in objectives]
     directions = [design.OBJECTIVES[name][1] for name in objectives]
     best = design.pareto(judged, directions)
-    return Sweep(robot.name, work, designs, judged, best, before, _unchecked(robot, objectives))
+    unchecked = _unchecked(robot, objectives)
+    return Sweep(robot.name, work, designs, judged, best, before, unchecked, tuple(sorted(computed_by)))
 
 
 def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:
@@ -198,16 +206,19 @@ def _judge(
     store: table.SweepTable,
     scheduler: str,
     workers: int | None,
+    device: Choice,
     progress: Progress,
-) -> None:
-    """Evaluate the designs with the numbers `missing`, and store the result of each."""
-    tasks = [(work, designs[number].tolist()) for number in missing]
+) -> set[str]:
+    """Evaluate the designs with the numbers `missing`, and store the result of each; return what has computed them."""
+    tasks = [(work, designs[number].tolist(), device) for number in missing]
+    computed_by: set[str] = set()
     # Ctrl-C or SIGTERM stops the sweep; results of evaluated designs are kept.
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with cluster(scheduler, workers) as client:
-            for k, result in each(client, design.judge, tasks):
+            for k, (result, name) in each(client, design.judge_on, tasks):
                 store.add(missing[k], result)
+                computed_by.add(name)
                 done = len(store.done)
                 progress(f"{done} of {len(designs)} designs", done / len(designs))
     except KeyboardInterrupt:
@@ -215,3 +226,4 @@ def _judge(
         raise KeyboardInterrupt(f"{done}; run the same command again to go on") from None
     finally:
         signal.signal(signal.SIGTERM, before)
+    return computed_by

@@ -18,7 +18,8 @@ from twin.analysis.declared_limits import beyond_limits
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, silent
 from twin.codegen import Kernel, Stage
-from twin.core import spatial
+from twin.core import compute_device, spatial
+from twin.core.compute_device import PROCESSOR
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
@@ -316,6 +317,7 @@ class ToleranceBudget(Result):
         required: maximum position error in m for the fraction `SHARE` of the robots, or None.
         requirement: provenance and note of the requirement.
         beyond: findings on limits that the states exceed.
+        device: what has computed the Monte Carlo check, see `ComputeDevice.name`.
     """
 
     robot: str
@@ -324,6 +326,7 @@ class ToleranceBudget(Result):
     required: float | None = None
     requirement: str = ""
     beyond: tuple[Finding, ...] = ()
+    device: str = PROCESSOR
 
     kind = "tolerance"
 
@@ -386,6 +389,7 @@ class ToleranceBudget(Result):
             "requirement": self.requirement,
             "factor": self.factor,
             "worst": self.worst.name,
+            "device": self.device,
             "states": [as_dict(budget) for budget in self.budgets],
         }
 
@@ -407,6 +411,8 @@ class ToleranceBudget(Result):
                     f"{budget.sampled_within[0] / UM:.4g} µm; the standard deviations differ by up to "
                     f"{100 * budget.difference:.2g} % from the first-order values above"
                 )
+        if self.device != PROCESSOR:
+            yield f"  Monte Carlo computed by {self.device}"
         if self.required is not None and self.factor is not None:
             result = "met"
             if self.factor < 1:
@@ -482,7 +488,8 @@ def tolerance(
             required = stated.tool_um * UM
             requirement = f"{stated.provenance}: {stated.note}"
     beyond = tuple(beyond_limits(robot, tolerances.solver, states))
-    return ToleranceBudget(robot.name, spread, tuple(budgets), required, requirement, beyond)
+    device = compute_device.current().name
+    return ToleranceBudget(robot.name, spread, tuple(budgets), required, requirement, beyond, device)
 
 
 def _states(robot: Robot, protocol: str | None, progress: Progress) -> list[tuple[str, Array]]:

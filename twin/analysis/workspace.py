@@ -21,6 +21,8 @@ import numpy as np
 from twin.analysis import measure
 from twin.analysis.cluster import each
 from twin.api.robot import Robot, load
+from twin.core import compute_device
+from twin.core.compute_device import PROCESSOR
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonMapping, JsonObject
@@ -312,6 +314,8 @@ class Workspace(Result):
             names = ", ".join(content["soft_limits_unchecked"])
             yield f"  not checked       soft limits of {names}, which only cause warnings"
         yield "  not checked       collisions"
+        if content.get("device", PROCESSOR) != PROCESSOR:
+            yield f"  computed by       {content['device']}"
         yield ""
 
     def _size_text(self, content: JsonMapping) -> str:
@@ -580,4 +584,5 @@ def workspace(
         for first, last in chunks(grid):
             values[first:last] = evaluate(kernel, grid, first, last)
             progress(label, last / grid.positions)
-    return Workspace(robot.name, grid, values, limit_facts(robot, passive_check(robot)))
+    facts: JsonObject = {"device": compute_device.current().name, **limit_facts(robot, passive_check(robot))}
+    return Workspace(robot.name, grid, values, facts)

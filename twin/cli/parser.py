@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from twin.cli.commands import HELP
+from twin.core.compute_device import CHOICES
 from twin.core.errors import unknown
 from twin.core.version import __version__
 
@@ -210,6 +211,14 @@ class Command(_Parser):
         """Add the option --tolerance-um."""
         text = "accuracy of the CAD in micrometres: smaller differences count as agreement (default 0.001)"
         self.number("--tolerance-um", "UM", text)
+
+    def device(self) -> None:
+        """Add the option --device."""
+        text = (
+            "what computes: the processor (cpu), an NVIDIA graphics processor (gpu), or such a one where it is "
+            "expected to be faster, copies included (auto)"
+        )
+        self.add_argument("--device", choices=CHOICES, default="auto", help=f"{text} (default auto)")
 
     def scheduler(self) -> None:
         """Add the option --scheduler."""

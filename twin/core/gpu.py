@@ -98,8 +98,8 @@ class CudaGpu:
         """
         try:
             error, *results = function(*arguments)
-        except RuntimeError as failure:  # the library of the driver is missing
-            raise GpuError(f"the NVIDIA driver is missing: {_sentence(failure)}") from failure
+        except RuntimeError as failure:  # the library of the driver is not found
+            raise GpuError("the NVIDIA driver is missing") from failure
         if error != self._driver.CUresult.CUDA_SUCCESS:
             raise GpuError(f"the NVIDIA driver cannot {purpose}: {error.name}")
         if len(results) == 1:
@@ -189,10 +189,6 @@ class CudaGpu:
         """Wait until all work of a stream is done."""
         self._enter()
         self._do("finish a kernel", self._driver.cuStreamSynchronize, stream)
-
-
-def _sentence(failure: Exception) -> str:
-    return str(failure).strip().rstrip(".")
 
 
 @cache

@@ -27,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
 
     packages = _needed()
     extras = {
+        "cuda-bindings": "computing on an NVIDIA graphics processor, --device (extra: gpu)",
         "distributed": "sweeps, on several processors or machines (extra: cluster)",
         "mcap": "sessions for Foxglove (extra: mcap)",
         "pyarrow": "--parquet (extra: parquet)",
@@ -48,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
         rows.append((name, _installed(name) or "-", f"optional: {purpose}"))
     for name, purpose in programs.items():
         rows.append((name, shutil.which(name) or "-", f"optional: {purpose}"))
+    rows.append(("graphics processor", *_graphics_processor()))
     if args.json:
         found = {name: version for name, version, _ in rows}
         content = {"python": platform.python_version(), "found": found, "missing": missing}
@@ -65,6 +67,16 @@ def run(args: argparse.Namespace) -> int:
     if missing:
         return 2
     return 0
+
+
+def _graphics_processor() -> tuple[str, str]:
+    """Return (name of the GPU that can compute, or -; what it is for, or why there is none)."""
+    from twin.core import gpu
+
+    card, reason = gpu.found()
+    if card is None:
+        return "-", f"optional: computing with --device gpu ({reason})"
+    return card.name, "optional: computing with --device gpu"
 
 
 def _needed() -> list[str]:

@@ -25,6 +25,7 @@ def arguments(command: Command) -> None:
     command.trocar()
     command.seed("random seed of the Latin hypercube")
     command.scheduler()
+    command.device()
     command.integer("--workers", "number of worker processes (default: one for each processor)")
     command.flag("--parquet", "also write sweep.parquet")
     command.flag("--fresh", "evaluate all designs again instead of reusing results")
@@ -71,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             workers=args.workers,
             scheduler=args.scheduler,
+            device=args.device,
             fresh=args.fresh,
             progress=progress,
         )

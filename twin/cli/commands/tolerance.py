@@ -34,6 +34,7 @@ def arguments(command: Command) -> None:
     command.number("--require-um", "UM", text)
     command.number("--samples", "N", "number of Monte Carlo samples, at least 1000, or 0 for none", 20_000, count)
     command.seed("random seed")
+    command.device()
     command.out("./twin-out/<robot>/tolerance/")
 
 
@@ -46,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis.tolerance import Spread
     from twin.analysis.tolerance import tolerance as compute
     from twin.cli import show
+    from twin.core.compute_device import computing_on
 
     if args.samples and args.samples < 1000:
         raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 to omit the Monte Carlo check")
@@ -64,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "tolerance")
     spread = Spread(args.sigma_um * UM, args.sigma_deg * DEG, args.encoder_um * UM, args.encoder_deg * DEG)
-    with show.progress(args.quiet or args.json) as progress:
+    with show.progress(args.quiet or args.json) as progress, computing_on(args.device):
         found = compute(
             robot,
             spread,

@@ -27,6 +27,7 @@ def arguments(command: Command) -> None:
     text = "sample joint values instead of poses (always done for equations without a closed-form inverse)"
     command.flag("--joints", text)
     command.scheduler()
+    command.device()
     command.out("./twin-out/<robot>/workspace/")
 
 
@@ -37,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis.search import workspace as search
     from twin.cli import show
     from twin.core import assets
+    from twin.core.compute_device import computing_on
     from twin.ui.report.files import write_result
 
     for name, value, least in (("--count", args.count, 1000), ("--turns", args.turns, 1)):
@@ -49,19 +51,20 @@ def run(args: argparse.Namespace) -> int:
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "workspace")
     with assets.atomic_folder(folder) as work, show.progress(args.quiet or args.json) as progress:
-        found = search(
-            robot,
-            args.count,
-            args.step_mm * MM if args.step_mm else None,
-            tilt=args.tilt_deg * DEG,
-            turns=args.turns,
-            by_joint_positions=args.joints,
-            protocol=args.protocol,
-            store=work,
-            scheduler=args.scheduler,
-            source=args.robot,
-            progress=progress,
-        )
+        with computing_on(args.device):
+            found = search(
+                robot,
+                args.count,
+                args.step_mm * MM if args.step_mm else None,
+                tilt=args.tilt_deg * DEG,
+                turns=args.turns,
+                by_joint_positions=args.joints,
+                protocol=args.protocol,
+                store=work,
+                scheduler=args.scheduler,
+                source=args.robot,
+                progress=progress,
+            )
         progress("write", 0.0)
         shown = write_result(found, work)
         cloud.write_ply(found, work / "workspace.ply")
