@@ -17,10 +17,11 @@ import yaml
 from made.repository import ARM, FAULTS, faulty, repository
 from twin.checking.baseline import read_baseline, write_baseline
 from twin.checking.checker import check
-from twin.checking.descriptions import excluded, walk
+from twin.checking.descriptions import patterns, walk
 from twin.checking.file_verdict import JudgeJob, judge
 from twin.checking.found import CheckFinding, numbered
 from twin.checking.junit import junit
+from twin.checking.places import repository_prefix, within
 from twin.checking.rules import RULES
 from twin.checking.sarif import sarif
 from twin.checking.twins import compare_two, pairs, stem
@@ -139,6 +140,159 @@ def test_a_scaled_control_and_a_rod_without_width_are_no_faults(tmp_path):
     assert {finding.level for finding in one.findings} <= {"note"}
 
 
+# -- files that the reader refuses ----------------------------------------------------------------
+
+
+def test_a_fault_of_an_element_does_not_hide_the_error_of_the_reader(tmp_path):
+    bad = ARM.replace('xyz="0.2 0 0" rpy', 'xyz="0.2 0 zero" rpy')
+    repository(tmp_path / "a", bad.replace("fore.stl", "Fore.stl"))
+    found = findings(tmp_path / "a")
+    assert [finding.rule for finding in found] == ["mesh/missing", "file/malformed"]
+    assert found[1].message == "joint 'elbow': origin xyz = '0.2 0 zero' is not 3 numbers"
+    assert "0 zero" in bad.splitlines()[found[1].line + 2]
+    other = ARM.replace('xyz="0 0 0.1" rpy', 'xyz="0 0 zero" rpy').replace(
+        'lower="-2" upper="2"', 'lower="2" upper="-2"'
+    )
+    repository(tmp_path / "b", other)  # the fault of the elbow is not that of the shoulder
+    assert {finding.rule for finding in findings(tmp_path / "b")} == {"limits/order", "file/malformed"}
+
+
+_SDF = '<sdf version="1.7"><model name="m"><link name="a"/><link name="b"/>{}</model></sdf>'
+_XACRO = '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro">{}</robot>'
+_PACKAGE = "<package><name>arm</name></package>"
+_JOINT = '<parent link="a"/><child link="b"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+
+REFUSED = {
+    "a USD stage with a mistake of syntax": ({"a.usda": '#usda 1.0\ndef Xform "a" {'}, "file/malformed"),
+    "a joint of SDF with a link that does not exist": (
+        {"a.sdf": _SDF.format('<joint name="j" type="fixed"><parent>a</parent><child>c</child></joint>')},
+        "file/malformed",
+    ),
+    "a joint of SDF without parent": (
+        {"a.sdf": _SDF.format('<joint name="j" type="fixed"><child>b</child></joint>')},
+        "file/malformed",
+    ),
+    "a joint type of SDF that exists": (
+        {"a.sdf": _SDF.format('<joint name="j" type="screw"><parent>a</parent><child>b</child></joint>')},
+        "file/unsupported",
+    ),
+    "a joint type of SDF that does not exist": (
+        {"a.sdf": _SDF.format('<joint name="j" type="scrw"><parent>a</parent><child>b</child></joint>')},
+        "file/malformed",
+    ),
+    "a URDF with joints and without links": (
+        {"a.urdf": f'<robot name="a"><joint name="j" type="revolute">{_JOINT}</joint></robot>'},
+        "names/unknown",
+    ),
+    "a table with a cell that is no number": (
+        {"dh.csv": "# convention: standard\n# units: m, deg\njoint,theta,d,a,alpha\n1,q1,0.3,0.1o,90\n"},
+        "file/malformed",
+    ),
+    "a table with a cell too few": (
+        {"dh.csv": "# convention: standard\n# units: m, deg\njoint,theta,d,a,alpha\n1,q1,0.3,0.1\n"},
+        "file/malformed",
+    ),
+    "a table that does not say its convention": (
+        {"dh.csv": "joint,theta,d,a,alpha\n1,q1,0.3,0.1,90\n"},
+        "file/unsupported",
+    ),
+    "a table of something else": ({"angles.csv": "time,theta,alpha,torque\n1,2,3,4\n1,2\n"}, None),
+    "a xacro whose include does not exist": (
+        {"a.xacro": _XACRO.format('<xacro:include filename="none.xacro"/><xacro:arm/>')},
+        "file/malformed",
+    ),
+    "a xacro whose include is missing in a package that is here": (
+        {
+            "arm/package.xml": _PACKAGE,
+            "arm/a.xacro": _XACRO.format("<xacro:include filename=\"$(find arm)/package 'x'/--arg.xacro\"/>"),
+        },
+        "file/malformed",
+    ),
+    "a xacro with an argument that is not given": (
+        {"a.xacro": _XACRO.format('<link name="$(arg side)"/>')},
+        "file/incomplete",
+    ),
+}
+"""{what: (files, rule that finds it, or None)}."""
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_a_reader_refuses_is_a_fault_of_the_file_or_a_limit_of_twin(tmp_path, what):
+    files, rule = REFUSED[what]
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    assert {finding.rule for finding in findings(tmp_path)} == ({rule} if rule else set())
+
+
+def test_an_argument_that_must_be_given_is_no_missing_file(tmp_path):
+    text = '<xacro:arg name="dof" default="{}"/><xacro:include filename="arm_$(arg dof).xacro"/>'
+    (tmp_path / "arm_7.xacro").write_text(_XACRO.format(""), encoding="utf-8")
+    for default, rule in (("", "file/incomplete"), ("8", "file/malformed")):
+        (tmp_path / "arm.xacro").write_text(_XACRO.format(text.format(default)), encoding="utf-8")
+        found = [finding for finding in findings(tmp_path) if finding.file == "arm.xacro"]
+        assert [finding.rule for finding in found] == [rule]
+
+
+LOST = """<mujoco model="lost">
+  <asset><mesh name="m" file="lost.stl"/></asset>
+  <worldbody>
+    <body name="a"><joint name="qa" axis="0 0 1"/><geom type="mesh" mesh="m"/>
+      <body name="b"><joint name="qb" axis="0 0 1"/><geom type="mesh" mesh="m"/></body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_a_missing_mesh_of_a_mjcf_is_told_once_and_the_mass_that_it_would_give_is_not(tmp_path):
+    (tmp_path / "lost.xml").write_text(LOST, encoding="utf-8")
+    (finding,) = findings(tmp_path)
+    assert finding.rule == "mesh/missing"
+    assert finding.message == "mesh 'lost.stl' does not exist"
+    text = '<mujoco><compiler meshdir="meshes"/><include file="lost.xml"/></mujoco>'
+    (tmp_path / "whole.xml").write_text(text, encoding="utf-8")
+    assert {(finding.file, finding.rule) for finding in findings(tmp_path)} == {("whole.xml", "mesh/missing")}
+
+
+def test_what_a_mechanism_cannot_express_of_a_mjcf_is_no_fault_also_if_a_mesh_is_missing(tmp_path):
+    robots = LOST.replace("</worldbody>", '<body><joint axis="0 0 1"/><geom size="1"/></body></worldbody>')
+    (tmp_path / "two.xml").write_text(robots, encoding="utf-8")
+    (finding,) = findings(tmp_path)
+    assert finding.rule == "file/unsupported"
+    assert "2 robots" in finding.message
+
+
+def test_what_only_the_audit_refuses_is_told(tmp_path, monkeypatch):
+    def refuse(path, **_):
+        raise SourceError(f"{path}: joint 'elbow': no reason")
+
+    monkeypatch.setattr("twin.exchange.audit.audit", refuse)
+    repository(tmp_path)
+    (finding,) = findings(tmp_path)
+    assert finding.rule == "audit/fault"
+    assert finding.message.endswith("refuses the file: joint 'elbow': no reason")
+
+
+def test_messages_name_files_as_seen_from_the_folder_and_keep_other_paths(tmp_path, monkeypatch):
+    repository(tmp_path, ARM.replace("package://arm_description/meshes", "../.././meshes"))
+    (finding,) = findings(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (same,) = findings(Path())
+    assert "'../.././meshes/fore.stl'" in finding.message
+    assert same.fingerprint == finding.fingerprint
+    folder = Path("/a/b")
+    assert within(folder, "/a/b/x.stl: see 'file:///a/b/y.stl'") == "x.stl: see 'y.stl'"
+    assert within(folder, "/c/a/b/x.stl and package://a/b/x.stl") == "/c/a/b/x.stl and package://a/b/x.stl"
+
+
+def test_a_mesh_is_searched_in_the_checked_folder_only(tmp_path):
+    repository(tmp_path, ARM.replace("package://arm_description/meshes", "meshes"))
+    assert findings(tmp_path) == []
+    (finding,) = findings(tmp_path / "arm_description/urdf")  # the meshes are beside the folder
+    assert finding.rule == "mesh/missing"
+
+
 # -- which files are descriptions -----------------------------------------------------------------
 
 
@@ -200,10 +354,31 @@ def test_code_that_is_not_allowed_leaves_a_xacro_unjudged(tmp_path, monkeypatch)
         ("new/old/arm.urdf", "old/arm.urdf", False),
         ("old/deep/arm.urdf", "old/*", True),
         ("arm_old.urdf", "*_old.urdf", True),
+        ("a/b/c/arm.urdf", "a/**/arm.urdf", True),
+        ("arm.urdf", "/arm.urdf", True),
+        ("a/arm.urdf", "/arm.urdf", False),
+        ("arm.urdf", "arm.urdf/", False),  # a pattern for folders
+        ("arm.urdf", "*.urdf !arm.urdf", False),
+        ("arm.urdf", "!arm.urdf *.urdf", True),  # the last pattern counts
+        ("a/arm.urdf", "#a", False),
     ],
 )
 def test_excludes(name, pattern, out):
-    assert excluded(name, [pattern]) == out
+    assert patterns(pattern.split()).match_file(name) == out
+
+
+def test_an_excluded_folder_is_not_searched_and_a_negation_keeps_a_file(tmp_path):
+    file = repository(tmp_path)
+    (file.parent / "old").mkdir()
+    (file.parent / "old/arm.urdf").write_text(ARM, encoding="utf-8")
+    names = [description.name for description in walk(tmp_path, ["old/"]).descriptions]
+    assert names == ["arm_description/urdf/arm.urdf"]
+    names = [description.name for description in walk(tmp_path, ["*.urdf", "!old/arm.urdf"]).descriptions]
+    assert names == []  # as for git, a pattern with / is one from the folder itself
+    names = [description.name for description in walk(tmp_path, ["*.urdf", "!**/old/arm.urdf"]).descriptions]
+    assert names == ["arm_description/urdf/old/arm.urdf"]
+    with pytest.raises(SourceError, match="--exclude '!': not a pattern"):
+        walk(tmp_path, ["!"])
 
 
 def test_links_that_form_a_loop_and_lead_nowhere(tmp_path):
@@ -339,6 +514,23 @@ def everything() -> list[CheckFinding]:
     for i, rule in enumerate(RULES):
         found.append(CheckFinding(rule, "a b/ä.urdf", "joint 'a'", 'text <&"> \x00 ü', i))
     return numbered(found)
+
+
+def test_the_addresses_of_sarif_are_those_in_the_repository(tmp_path, monkeypatch):
+    (tmp_path / "repository/.git").mkdir(parents=True)
+    folder = tmp_path / "repository/robots/my arms"
+    folder.mkdir(parents=True)
+    assert repository_prefix(folder) == "robots/my arms/"
+    assert repository_prefix(tmp_path / "repository") == ""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bare").mkdir()
+    assert repository_prefix(Path("bare")) == "bare/"  # no repository: seen from the current folder
+    finding = CheckFinding("mesh/missing", "a {0}:\udcff.urdf", "", "mesh '{0}.stl' does not exist \udcff", 3)
+    (result,) = sarif([finding], "robots/my arms/")["runs"][0]["results"]
+    (location,) = result["locations"]
+    address = location["physicalLocation"]["artifactLocation"]["uri"]
+    assert address == "robots/my%20arms/a%20%7B0%7D%3A%FF.urdf"
+    assert result["message"]["text"].startswith("mesh '{{0}}.stl' does not exist \ufffd")
 
 
 def test_sarif_has_what_the_standard_requires():

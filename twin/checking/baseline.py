@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from twin.checking.found import CheckFinding
+from twin.checking.found import CheckFinding, readable
 from twin.core.atomic import write_text
 from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.text import load_json
@@ -49,8 +49,8 @@ def write_baseline(path: Path, findings: Iterable[CheckFinding]) -> int:
                 {
                     "fingerprint": finding.fingerprint,
                     "rule": finding.rule,
-                    "file": finding.file,
-                    "message": finding.message,
+                    "file": readable(finding.file),
+                    "message": readable(finding.message),
                 }
             )
     rows.sort(key=lambda row: (row["file"], row["rule"], row["message"], row["fingerprint"]))

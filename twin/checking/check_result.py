@@ -34,6 +34,7 @@ class FolderCheck(Result):
         fail_on: the least level with which a new finding fails.
         baseline: path of the baseline, "" without one.
         forgotten: number of findings of the baseline that were not found again.
+        prefix: path of the folder in its repository, such as "robots/"; "" for the repository itself.
     """
 
     kind: ClassVar[str] = "check"
@@ -45,6 +46,7 @@ class FolderCheck(Result):
     fail_on: Level = "error"
     baseline: str = ""
     forgotten: int = 0
+    prefix: str = ""
 
     @property
     def findings(self) -> list[Finding]:
@@ -108,7 +110,7 @@ class FolderCheck(Result):
 
     def sarif(self) -> JsonObject:
         """Return the findings as SARIF 2.1.0."""
-        return sarif(self.found)
+        return sarif(self.found, self.prefix)
 
     def junit(self) -> str:
         """Return the files as test cases of JUnit XML."""

@@ -14,6 +14,7 @@ from twin.checking.check_result import FolderCheck
 from twin.checking.descriptions import DescriptionFile, FolderContent, walk
 from twin.checking.file_verdict import JudgedFile, JudgeJob, judged_stream
 from twin.checking.found import CheckFinding, numbered
+from twin.checking.places import repository_prefix
 from twin.checking.rules import LEVELS, Level
 from twin.checking.twins import PairJob, compared_stream, pairs
 from twin.core.errors import CodeRefusedError, TwinError
@@ -79,7 +80,8 @@ def check(
         found.append(replace(finding, known=finding.fingerprint in known))
     forgotten = len(known - {finding.fingerprint for finding in found})
     named = "" if baseline is None else str(baseline)
-    return FolderCheck(str(folder), tuple(judged), tuple(found), len(chosen), fail_on, named, forgotten)
+    prefix = repository_prefix(Path(folder))
+    return FolderCheck(str(folder), tuple(judged), tuple(found), len(chosen), fail_on, named, forgotten, prefix)
 
 
 def _judge_all(
@@ -140,7 +142,7 @@ def _compare_all(
 
 
 def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
-    text = message.replace(f"{description.path}: ", "")
+    text = message.removeprefix(f"{description.path}: ")
     return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
 
 

@@ -6,8 +6,10 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from pathlib import Path
+
+from pathspec import GitIgnoreSpec
+from pathspec.patterns.gitignore import GitIgnorePatternError
 
 from twin.core.errors import SourceError
 from twin.core.foreign.budget import MJCF_SUFFIXES, STAGE_SUFFIXES
@@ -56,7 +58,7 @@ class FolderContent:
     """What a checked folder contains.
 
     Attributes:
-        folder: the folder.
+        folder: the folder, an absolute path.
         descriptions: the descriptions, by name.
         packages: {name of a ROS package or folder: folders with this name}.
         unreadable: {name: reason} of files and folders that cannot be read.
@@ -73,16 +75,18 @@ class FolderContent:
 def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = ()) -> FolderContent:
     """Search a folder and its subfolders for descriptions.
 
-    Links to folders are not followed, so a loop of links ends. `exclude` are patterns as in a .gitignore file: a name
-    (`build`), a path (`old/arm.urdf`) or a pattern with `*`; `packages` are further folders with packages.
+    Links to folders are not followed, so a loop of links ends. `exclude` are the lines of a .gitignore file in the
+    folder; `packages` are further folders with packages.
 
     Raises:
-        SourceError: the folder does not exist, is not a folder, or has too many files.
+        SourceError: the folder does not exist, is not a folder, or has too many files; or a pattern has no meaning.
     """
     if not folder.exists():
         raise SourceError(f"{folder}: the folder does not exist")
     if not folder.is_dir():
         raise SourceError(f"{folder}: this is a file; give the folder that contains it")
+    folder = folder.resolve()  # messages have one path of each file, which names in the folder replace
+    left_out = patterns(exclude)
     tree = FolderContent(folder)
     count = 0
 
@@ -94,7 +98,8 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
         here = Path(place)
         kept: list[str] = []
         for name in sorted(folders):
-            if name not in _SKIPPED and not excluded(_relative(here / name, folder), exclude):
+            # the final / says that the name is that of a folder
+            if name not in _SKIPPED and not left_out.match_file(f"{_relative(here / name, folder)}/"):
                 kept.append(name)
                 tree.packages.setdefault(name, []).append(here / name)
         folders[:] = kept
@@ -105,9 +110,10 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
             tree.descriptions.append(DescriptionFile(here, _relative(here, folder), "folder"))
         for name in sorted(files):
             relative = _relative(here / name, folder)
-            if not excluded(relative, exclude):
+            if not left_out.match_file(relative):
                 _file(tree, here / name, relative)
-    for place in packages:
+    for given in packages:
+        place = given.resolve()
         tree.packages.setdefault(place.name, []).append(place)
         for inner in place.iterdir():
             if inner.is_dir():
@@ -171,20 +177,18 @@ def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, str] | None:
     return None
 
 
-def excluded(name: str, patterns: Sequence[str]) -> bool:
-    """Return whether a path relative to the folder matches a pattern, as in a .gitignore file without `!`."""
-    for given in patterns:
-        pattern = given.rstrip("/")
-        if "/" in pattern.strip("/"):
-            pattern = pattern.lstrip("/")
-            if fnmatch(name, pattern) or fnmatch(name, f"{pattern}/*"):
-                return True
-        else:
-            pattern = pattern.lstrip("/")
-            for part in name.split("/"):
-                if fnmatch(part, pattern):
-                    return True
-    return False
+def patterns(exclude: Sequence[str]) -> GitIgnoreSpec:
+    """Return the patterns of `--exclude`, which mean what they mean as lines of a .gitignore file.
+
+    Raises:
+        SourceError: a pattern has no meaning.
+    """
+    try:
+        return GitIgnoreSpec.from_lines(exclude)
+    except GitIgnorePatternError as error:
+        shown = ", ".join(f"'{pattern}'" for pattern in exclude)
+        text = f"--exclude {shown}: not a pattern of .gitignore ({error}); give a name, a path, or a pattern with *"
+        raise SourceError(text) from error
 
 
 def _is_robot_folder(folder: Path) -> bool:
@@ -219,7 +223,7 @@ class FoundMesh:
 def find_mesh(address: str, beside: Path, tree: FolderContent) -> FoundMesh:
     """Return where the mesh at a path or a `package://`, `model://` or `file://` address is.
 
-    Paths are relative to the file's folder, or to a folder around it within the checked folder.
+    Paths are relative to the file's folder, or to a folder around it, up to the checked folder.
     """
     scheme, mark, rest = address.partition("://")
     if not mark:
@@ -231,10 +235,10 @@ def find_mesh(address: str, beside: Path, tree: FolderContent) -> FoundMesh:
     known = True
     if scheme in ("package", "model"):
         package, _, inner = rest.lstrip("/").partition("/")
-        known = package in tree.packages or tree.folder.resolve().name == package
+        known = package in tree.packages or tree.folder.name == package
         for place in tree.packages.get(package, ()):
             candidates.append(place / inner)
-        if tree.folder.resolve().name == package:
+        if tree.folder.name == package:
             candidates.append(tree.folder / inner)
         for around in _around(beside, tree.folder):
             candidates.append(around / rest.lstrip("/"))
@@ -257,13 +261,12 @@ def find_mesh(address: str, beside: Path, tree: FolderContent) -> FoundMesh:
 
 
 def _around(beside: Path, folder: Path) -> list[Path]:
-    """Return a folder and those around it, up to the one that contains the checked folder."""
-    top = folder.resolve().parent
-    places = [beside.resolve()]
-    for parent in beside.resolve().parents:
-        places.append(parent)
-        if parent == top:
+    """Return a folder in the checked folder, and those around it, up to the checked folder itself."""
+    places = [beside]
+    for parent in beside.parents:
+        if beside == folder or not parent.is_relative_to(folder):
             break
+        places.append(parent)
     return places
 
 

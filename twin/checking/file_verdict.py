@@ -14,8 +14,16 @@ from twin.checking.descriptions import DescriptionFile, FolderContent, find_mesh
 from twin.checking.elements import Elements, check_elements
 from twin.checking.found import CheckFinding
 from twin.checking.mechanisms import check_loops, check_masses, check_zero
-from twin.checking.places import element_lines
-from twin.core.errors import BudgetError, CodeRefusedError, SourceError, TwinError
+from twin.checking.places import element_lines, within
+from twin.core.errors import (
+    BudgetError,
+    CodeRefusedError,
+    IncompleteError,
+    NoMechanismError,
+    SourceError,
+    TwinError,
+    UnsupportedError,
+)
 from twin.core.foreign.text import parse_xml
 from twin.exchange.read.source import Imported
 from twin.exchange.xacro import Expanded, XacroSettings, expand, is_xacro
@@ -23,14 +31,28 @@ from twin.usd.read.names import identifier
 
 Status = Literal["judged", "no robot", "incomplete", "unsupported", "unjudged", "part"]
 
-_INCOMPLETE = re.compile(r"Undefined substitution argument|was not found|package '|ROS_PACKAGE_PATH|--arg|--packages")
-"""What the error of a xacro says if it needs arguments or packages."""
-
-_NO_ROBOT = re.compile(r"so there is no mechanism|has no joints|no robot")
-"""What the error of a reader says if a file has no robot."""
+_REFUSALS = {
+    "limits/order": "is not below the upper limit",
+    "limits/fixed": "is not below the upper limit",
+    "axis/zero": "the axis has length 0",
+    "mimic/leader": ", mimic: ",
+    "names/duplicate": "the name is used twice",
+    "names/unknown": "there is no link|the joint has no <|the file has no <link>",
+    "names/tree": "is the child of two joints|expected one root link",
+}
+"""{rule: what a reader says of its fault}: the reader then refuses the file for the reason that the rule has told."""
 
 _ABSENT = re.compile(r"was not found|is not a file of type")
 """What the import says of a mesh that does not exist, for which another rule knows packages, or of an unread format."""
+
+_ELEMENT = re.compile(r"(joint|link|body) '[^']+'")
+"""Beginning of the error of a reader that is about an element."""
+
+_GONE = re.compile(r"\bis missing[:;]")
+"""What the import of a MJCF says of a mesh that does not exist."""
+
+_WITHOUT_MESH = re.compile(r"because its mesh is missing")
+"""What it says of a body whose mass is that of such a mesh."""
 
 _CRASH = re.compile(r"parser crashed|exceeded its limit|waited for")
 
@@ -78,13 +100,9 @@ class JudgeJob:
 def judge(job: JudgeJob) -> JudgedFile:
     """Return the findings on one file."""
     judged = _judge(job)
-    folders = {f"{job.tree.folder}/", f"{job.tree.folder.resolve()}/"}
     findings: list[CheckFinding] = []
     for finding in judged.findings:
-        message = finding.message
-        for folder in folders:  # the same fingerprint on each machine
-            message = message.replace(folder, "")
-        findings.append(replace(finding, message=message))
+        findings.append(replace(finding, message=within(job.tree.folder, finding.message)))
     return replace(judged, findings=tuple(findings))
 
 
@@ -96,9 +114,9 @@ def _judge(job: JudgeJob) -> JudgedFile:
             return _robot_folder(job)
         if description.root:
             return _text(job)
-        judged = _imported(job, (), "unsupported")
+        judged = _imported(job, ())
         if description.kind == "mjcf":
-            judged = _mjcf_places(job, judged)
+            judged = _mjcf_places(job, _unless_part(job, judged))
         return judged
     except CodeRefusedError as error:
         return _unjudged(description, str(error))
@@ -117,8 +135,18 @@ def judged_stream(job: JudgeJob) -> Iterator[JudgedFile]:
 
 
 def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
-    text = message.replace(f"{description.path}: ", "")
+    text = _without_path(description, message)
     return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
+
+
+def _without_path(description: DescriptionFile, message: str) -> str:
+    """Return a message without the path of the file at its beginning; of `PATH:12: ...`, "line 12: ..." remains."""
+    path = str(description.path)
+    if message.startswith(f"{path}: "):
+        return message[len(path) + 2 :]
+    if re.match(r":\d", message.removeprefix(path)):
+        return f"line {message[len(path) + 1 :]}"
+    return message
 
 
 # -- texts: URDF, xacro, SDF ----------------------------------------------------------------------
@@ -144,17 +172,25 @@ def _text(job: JudgeJob) -> JudgedFile:
             text += f" And {len(expanded.omitted) - 1} more are missing."
         finding = CheckFinding("file/incomplete", description.name, "", text)
         return JudgedFile(description, "incomplete", (finding,))
-    links = list(root.iter("link"))
-    joints = [joint for joint in root.iter("joint") if joint.find("parent") is not None]
-    if not links:
+    links = _parts(root, "link")
+    joints = _parts(root, "joint")
+    if not links and not joints:
         return JudgedFile(description, "no robot")
     elements = Elements(root, tag == "sdf", _placed(job, data, root, expanded))
     findings = list(check_elements(elements))
     findings += _meshes(job, elements)
     if not joints:
         return JudgedFile(description, "judged", tuple(findings))
-    judged = _imported(job, findings, "unsupported" if tag == "sdf" else "judged")
+    judged = _imported(job, findings)
     return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
+
+
+def _parts(root: Element, kind: str) -> list[Element]:
+    """Return the links or joints of a URDF, or of all models of a SDF; those of plug-ins and transmissions are none."""
+    found = list(root.findall(kind))
+    for model in root.iter("model"):
+        found += model.findall(kind)
+    return found
 
 
 def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterator[CheckFinding]:
@@ -173,6 +209,16 @@ def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterat
         yield replace(finding, file=file, line=line)
 
 
+def _unless_part(job: JudgeJob, judged: JudgedFile) -> JudgedFile:
+    """Return the findings on a MJCF; those on a part of other files, which has no sense by itself, are told there."""
+    if job.description.path not in job.tree.parts:
+        return judged
+    rules = {finding.rule for finding in judged.findings}
+    if rules.isdisjoint({"file/malformed", "mesh/missing"}):
+        return judged
+    return JudgedFile(job.description, "part")
+
+
 def _mjcf_places(job: JudgeJob, judged: JudgedFile) -> JudgedFile:
     """Return the findings on a MJCF with lines, if its elements are in the file and not in one that it includes."""
     data = job.description.path.read_bytes()
@@ -188,8 +234,8 @@ def _refused(description: DescriptionFile, error: SourceError) -> JudgedFile:
     message = str(error)
     if _CRASH.search(message):
         return _unjudged(description, message)
-    text = message.replace(f"{description.path}: ", "").replace(f"{description.path}:", "line ")
-    if description.kind == "xacro" and _INCOMPLETE.search(message):
+    text = _without_path(description, message)
+    if isinstance(error, IncompleteError):
         return JudgedFile(description, "incomplete", (CheckFinding("file/incomplete", description.name, "", text),))
     finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
     return JudgedFile(description, "judged", (finding,))
@@ -263,11 +309,8 @@ def _meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
 # -- the import -----------------------------------------------------------------------------------
 
 
-def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: Status) -> JudgedFile:
-    """Return the findings of the elements with those of the import and the audit.
-
-    `refused` is the status if the reader refuses the file: "judged" if that is a defect of the file.
-    """
+def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()]) -> JudgedFile:
+    """Return the findings of the elements with those of the import and the audit."""
     from twin.exchange.read import read
     from twin.exchange.read.closing import close
 
@@ -284,7 +327,7 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: 
     except (BudgetError, CodeRefusedError):
         raise
     except TwinError as error:
-        return _not_imported(job, collected, error, refused)
+        return _not_imported(job, collected, error)
     collected += _of_import(job, imported)
     if description.kind != "dh":
         collected += _of_audit(job)
@@ -293,51 +336,57 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()], refused: 
     return JudgedFile(description, "judged", tuple(collected), mechanism.name, moving)
 
 
-def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError, refused: Status) -> JudgedFile:
+def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError) -> JudgedFile:
     description = job.description
+    name = description.name
     message = str(error)
-    if _CRASH.search(message):
-        return _unjudged(description, message)
-    text = message.replace(f"{description.path}: ", "")
-    if _NO_ROBOT.search(message):
+    text = _without_path(description, message)
+    if _CRASH.search(text):
+        unjudged = _unjudged(description, message)
+        return replace(unjudged, findings=(*findings, *unjudged.findings))
+    if isinstance(error, NoMechanismError):
         status: Status = "judged" if findings else "no robot"
         return JudgedFile(description, status, tuple(findings))
-    if description.kind == "dh":
-        return JudgedFile(description, "no robot")
-    if description.kind == "mjcf":
-        if description.path.resolve() in job.tree.parts:
-            return JudgedFile(description, "part")
-        if _compiles(description.path):
-            finding = CheckFinding("file/unsupported", description.name, "", text)
-            return JudgedFile(description, "unsupported", (finding,))
-        finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
-        return JudgedFile(description, "judged", (finding,))
-    explained = [finding for finding in findings if finding.level == "error" or finding.rule == "limits/fixed"]
-    if explained:  # the reader refuses the file for the same reason
-        return JudgedFile(description, "judged", tuple(findings))
-    rule = "file/malformed" if refused == "judged" else "file/unsupported"
-    findings.append(CheckFinding(rule, description.name, "", text, _line_in(message)))
-    return JudgedFile(description, refused, tuple(findings))
+    if isinstance(error, IncompleteError):
+        finding = CheckFinding("file/incomplete", name, "", text, _line_in(message))
+        return JudgedFile(description, "incomplete", (*findings, finding))
+    if isinstance(error, UnsupportedError):
+        finding = CheckFinding("file/unsupported", name, "", text, _line_in(message))
+        return JudgedFile(description, "unsupported", (*findings, finding))
+    if not _told(text, findings):
+        element = _ELEMENT.match(text)
+        subject = "" if element is None else element[0]
+        findings.append(CheckFinding("file/malformed", name, subject, text, _line_in(message)))
+    return JudgedFile(description, "judged", tuple(findings))
 
 
-def _compiles(path: Path) -> bool:
-    """Return whether MuJoCo compiles a file."""
-    from twin.core.foreign.guard import run
-
-    return run(path, "MJCF") == 0
+def _told(text: str, findings: Sequence[CheckFinding]) -> bool:
+    """Return whether a finding tells the fault for which a reader refuses the file with a text."""
+    for finding in findings:
+        said = _REFUSALS.get(finding.rule)
+        if said is None or not re.search(said, text):
+            continue
+        if finding.rule == "names/tree" or finding.subject in text or "no <link>" in text:
+            return True
+    return False
 
 
 def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
     name = job.description.name
+    missing: set[str] = set()
     printed = bool(job.description.root)  # the rules for elements have judged its inertias and limits
     for finding in imported.findings:
-        if finding.code == "import.inertia" and not printed:
+        if finding.code == "import.inertia" and not printed and not _WITHOUT_MESH.search(finding.message):
             rule = "inertia/triangle" if "triangle" in finding.message else "inertia/positive"
             if "principal moment 0 kg" in finding.message:
                 rule = "inertia/zero"
             yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
-        if finding.code == "import.mesh" and not _ABSENT.search(finding.message):
+        if finding.code == "import.mesh" and _GONE.search(finding.message):  # told for each body: once is enough
+            missing.add(finding.where)
+        elif finding.code == "import.mesh" and not _ABSENT.search(finding.message):
             yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
+    for mesh in sorted(missing):
+        yield CheckFinding("mesh/missing", name, f"mesh '{mesh}'", f"mesh '{mesh}' does not exist")
     yield from check_loops(imported, name)
     if not printed:
         yield from check_zero(imported.mechanism, name)
@@ -361,8 +410,10 @@ def _of_audit(job: JudgeJob) -> Iterator[CheckFinding]:
         report = audit(path, xacro=job.xacro)
     except BudgetError:
         raise
-    except TwinError:
-        return  # what the reader for an import has accepted, but not that of the audit, is not a robot for it
+    except TwinError as error:
+        text = f"the independent reader of an audit refuses the file: {_without_path(job.description, str(error))}"
+        yield CheckFinding("audit/fault", name, "", text, _line_in(str(error)))
+        return
     for finding in report.findings:
         if finding.severity == _FAULT and not _OWN.match(finding.code):
             subject = finding.where or finding.code
@@ -380,7 +431,8 @@ def _robot_folder(job: JudgeJob) -> JudgedFile:
     except (BudgetError, CodeRefusedError):
         raise
     except TwinError as error:
-        finding = CheckFinding("file/malformed", description.name, "", str(error), _line_in(str(error)))
+        text = _without_path(description, str(error))
+        finding = CheckFinding("file/malformed", description.name, "", text, _line_in(str(error)))
         return JudgedFile(description, "judged", (finding,))
     moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
     findings = tuple(check_zero(mechanism, description.name))

@@ -88,6 +88,11 @@ class CheckFinding:
         }
 
 
+def readable(text: str) -> str:
+    """Return a text for a file in UTF-8: what is not UTF-8 in names of files becomes the sign �."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 def numbered(findings: Iterable[CheckFinding]) -> list[CheckFinding]:
     """Return the findings by file and line, equal ones counted; a finding that is told twice for one line once."""
     counts: dict[tuple[str, str, str, str], int] = {}

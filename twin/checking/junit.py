@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from twin.checking.file_verdict import JudgedFile
-from twin.checking.found import CheckFinding
+from twin.checking.found import CheckFinding, readable
 from twin.checking.rules import LEVELS, Level
 
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -67,4 +67,4 @@ def _add(case: ElementTree.Element, tag: str, findings: Sequence[CheckFinding]) 
 
 
 def _clean(text: str) -> str:
-    return _FORBIDDEN.sub("?", text)
+    return _FORBIDDEN.sub("?", readable(text))

@@ -1,7 +1,10 @@
-"""The lines on which the elements of an XML file begin."""
+"""Where things are: the lines of the elements of an XML file, and paths as seen from a folder."""
 
 from __future__ import annotations
 
+import os
+import re
+from pathlib import Path
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
 
@@ -23,3 +26,31 @@ def element_lines(data: bytes, root: Element) -> dict[Element, int]:
     if len(elements) != len(lines):
         return {}
     return dict(zip(elements, lines, strict=True))
+
+
+def within(folder: Path, message: str) -> str:
+    """Return a message with the paths of files in a folder relative to it, so that it is the same on each machine."""
+    beginning = re.escape(f"{folder}{os.sep}")
+    return re.sub(rf"(?<![\w.~/-])(?:file://)?{beginning}", "", message)
+
+
+def repository_prefix(folder: Path) -> str:
+    """Return the path of a folder in its repository, such as "robots/arms/"; "" for the repository itself.
+
+    The repository is the nearest folder around it with an entry .git; without one, the current folder, if it contains
+    the folder.
+    """
+    place = folder.resolve()
+    for root in (place, *place.parents):
+        if (root / ".git").exists():
+            return _below(place, root)
+    here = Path.cwd()
+    if place.is_relative_to(here):
+        return _below(place, here)
+    return ""
+
+
+def _below(place: Path, root: Path) -> str:
+    if place == root:
+        return ""
+    return f"{place.relative_to(root).as_posix()}/"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from urllib.parse import quote
+from urllib.parse import quote_from_bytes
 
-from twin.checking.found import CheckFinding
+from twin.checking.found import CheckFinding, readable
 from twin.checking.rules import RULES
 from twin.core.json_types import JsonObject
 from twin.core.version import __version__
@@ -16,8 +16,11 @@ _FINGERPRINT = "twinCheck/v1"
 """Key of our fingerprints among the partial fingerprints of a result."""
 
 
-def sarif(findings: Sequence[CheckFinding], command: str = "twin check") -> JsonObject:
-    """Return the findings as one run; known findings are unchanged in comparison with the baseline."""
+def sarif(findings: Sequence[CheckFinding], prefix: str = "", command: str = "twin check") -> JsonObject:
+    """Return the findings as one run; known findings are unchanged in comparison with the baseline.
+
+    `prefix` is the path of the checked folder in its repository, as "robots/": files have paths in the repository.
+    """
     ids = list(RULES)
     rules: list[JsonObject] = []
     for rule in RULES.values():
@@ -31,7 +34,7 @@ def sarif(findings: Sequence[CheckFinding], command: str = "twin check") -> Json
         )
     unjudged = [finding for finding in findings if finding.rule == "file/unjudged"]
     driver: JsonObject = {"name": "twin check", "version": __version__, "rules": rules}
-    results = [_result(finding, ids) for finding in findings]
+    results = [_result(finding, ids, prefix) for finding in findings]
     run: JsonObject = {
         "tool": {"driver": driver},
         "invocations": [{"executionSuccessful": not unjudged, "commandLine": command}],
@@ -41,15 +44,15 @@ def sarif(findings: Sequence[CheckFinding], command: str = "twin check") -> Json
     return {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
 
 
-def _result(finding: CheckFinding, ids: Sequence[str]) -> JsonObject:
+def _result(finding: CheckFinding, ids: Sequence[str], prefix: str) -> JsonObject:
     # GitHub shows only results with a region; without a known line, the first one
     line = finding.line or 1
-    uri = quote(finding.file)
+    uri = quote_from_bytes(f"{prefix}{finding.file}".encode("utf-8", "surrogateescape"))
     return {
         "ruleId": finding.rule,
         "ruleIndex": ids.index(finding.rule),
         "level": finding.level,
-        "message": {"text": f"{finding.message} {finding.way}"},
+        "message": {"text": _literal(f"{finding.message} {finding.way}")},
         "locations": [
             {
                 "physicalLocation": {
@@ -61,3 +64,9 @@ def _result(finding: CheckFinding, ids: Sequence[str]) -> JsonObject:
         "partialFingerprints": {_FINGERPRINT: finding.fingerprint},
         "baselineState": "unchanged" if finding.known else "new",
     }
+
+
+def _literal(text: str) -> str:
+    """Return a text as a message string, in which single braces would stand for arguments (SARIF 2.1.0, 3.11.5)."""
+    doubled = text.replace("{", "{{").replace("}", "}}")
+    return readable(doubled)

@@ -39,6 +39,18 @@ class StageError(TwinError):
     """A USD stage cannot be read or written as a mechanism."""
 
 
+class NoMechanismError(SourceError, StageError):
+    """A file in another format can be read, but describes no robot: it has no bodies, or no joints."""
+
+
+class UnsupportedError(SourceError, StageError):
+    """A file in another format is valid, but has something that a mechanism cannot express, or describes a choice."""
+
+
+class IncompleteError(SourceError):
+    """A file in another format needs arguments or packages that were not given and not found."""
+
+
 class CodeRefusedError(TwinError):
     """The equations are in a Python file, and executing Python files is disabled."""
 

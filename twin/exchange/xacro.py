@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
-from twin.core.errors import SourceError
+from twin.core.errors import IncompleteError, SourceError
 from twin.core.extras import require
 from twin.core.foreign.budget import check_size, read_bytes
 from twin.core.foreign.consent import require_consent
@@ -122,6 +122,7 @@ def expand(path: Path, given: XacroSettings) -> Expanded:
 
     Raises:
         CodeRefusedError: running code of files is forbidden.
+        IncompleteError: an argument has no value, or a package was not found.
         SourceError: it cannot be expanded; the message names file, line, value and a way out.
         BudgetError: it takes too much time or memory, as a macro without end does.
         TwinError: the package `xacro` is not installed.
@@ -139,6 +140,8 @@ def expand(path: Path, given: XacroSettings) -> Expanded:
             raise SourceError(f"{path}: xacro ended with exit code {code} and no result: the file may be damaged")
         outcome = json.loads(answer.read_text("utf-8"))
     if "error" in outcome:
+        if outcome["incomplete"]:
+            raise IncompleteError(_located(path, outcome))
         raise SourceError(_located(path, outcome))
     omitted: list[str] = []
     for package, file, line in outcome["missing"]:

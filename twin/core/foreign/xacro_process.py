@@ -50,6 +50,9 @@ _NUMBERS = {
 }
 """Attributes with numbers."""
 
+_NO_ARGUMENT = "Undefined substitution argument"
+"""Beginning of what xacro says of an argument without a value."""
+
 _NOT_FINITE = re.compile(r"(?i)(?<![\w.])[+-]?(nan|inf(inity)?)(?![\w.])")
 
 
@@ -66,11 +69,12 @@ class _PackageMissingError(Exception):
 
 
 class _Fault(Exception):  # noqa: N818, it carries a message of another error
-    """A fault with the file and line where it is, and a way out."""
+    """A fault with the file and line where it is, and a way out; `incomplete`: arguments or packages are not here."""
 
-    def __init__(self, message: str, place: tuple[str, int] | None = None) -> None:
+    def __init__(self, message: str, place: tuple[str, int] | None = None, incomplete: bool = False) -> None:
         super().__init__(message)
         self.place = place
+        self.incomplete = incomplete
 
 
 class _Packages:
@@ -206,6 +210,8 @@ class _Expansion:
         self.left_out: list[tuple[str, str, int]] = []
         """(macro, file, line) of each macro of a missing package that was left out."""
         self.read = 0
+        self._values = dict(arguments)
+        """Values of the arguments; xacro adds the defaults."""
         self._lent: set[str] = set()
         self._texts: list[str] = []
         self._include, self._call = xacro.process_include, xacro.handle_macro_call
@@ -223,13 +229,13 @@ class _Expansion:
             _Fault: the file cannot be expanded.
         """
         try:
-            document = self.xacro.process_file(str(self.file), mappings=dict(self.arguments), verbosity=0)
+            document = self.xacro.process_file(str(self.file), mappings=self._values, verbosity=0)
         except _Fault:
             raise
         except (RecursionError, MemoryError):
             raise
         except Exception as error:
-            raise _Fault(self._message(error), _error_place(error)) from error
+            raise _Fault(self._message(error), _error_place(error), self._lacks(error)) from error
         self._check_finite(document.documentElement)
         self._find_meshes(document.documentElement)
         return document
@@ -290,16 +296,27 @@ class _Expansion:
             self.xacro.replace_node(node, by=None)
             return True
 
+    def _lacks(self, error: BaseException) -> bool:
+        """Return whether an error is due to an argument or a package that is not here, and not to the file."""
+        if _missing_package(error) is not None or _said(error).startswith(_NO_ARGUMENT):
+            return True
+        causes = list(_causes(error))
+        if any(isinstance(cause, OSError) for cause in causes):
+            # "arms/$(arg size)/arm.xacro" with an empty default: the argument must be given
+            return "" in self._values.values()
+        if any(isinstance(cause, MemoryError) for cause in causes):
+            return False
+        return bool(self.missing)  # macros and properties may be in the package that was not found
+
     def _message(self, error: BaseException) -> str:
         """Return what is wrong and the way out."""
-        said = " ".join(str(error).split()).rstrip(".")
-        said = re.sub(r"<class '[\w.]+'>: ", "", said)
+        said = _said(error)
         causes = list(_causes(error))
         package = _missing_package(error)
         if package is not None:
             text = f"package '{package}' was not found: it is in no folder of --packages, ROS_PACKAGE_PATH and "
             return text + "AMENT_PREFIX_PATH, and not beside the file. Give the folder that contains it: --packages DIR"
-        if said.startswith("Undefined substitution argument"):
+        if said.startswith(_NO_ARGUMENT):
             name = said.split()[-1]
             return f"the argument '{name}' has no value and no default. Give it: --arg {name}:=VALUE"
         for cause in causes:
@@ -369,6 +386,12 @@ class _Expansion:
         return places
 
 
+def _said(error: BaseException) -> str:
+    """Return the text of an error of xacro in one line, without the names of Python's classes."""
+    said = " ".join(str(error).split()).rstrip(".")
+    return re.sub(r"<class '[\w.]+'>: ", "", said)
+
+
 def _looks(node: Any) -> bool:
     """Return whether an element is inside one that only says what a link looks like."""
     while node is not None:
@@ -410,7 +433,7 @@ def _error_place(error: BaseException) -> tuple[str, int] | None:
 def main(file: str, request: str, answer: str) -> None:
     """Expand the file; write the result to the file `answer`.
 
-    It is {"text", "missing", "left_out", "lent", "places"} or {"error", "file", "line"}.
+    It is {"text", "missing", "left_out", "lent", "places"} or {"error", "file", "line", "incomplete"}.
     """
     asked = json.loads(Path(request).read_text("utf-8"))
     sys.setrecursionlimit(_FRAMES)
@@ -428,10 +451,10 @@ def main(file: str, request: str, answer: str) -> None:
         if place is None:
             stack = [name for name in expansion.xacro.filestack or [] if name] if expansion is not None else []
             place = (stack[-1] if stack else file, 0)
-        outcome = {"error": str(fault), "file": place[0], "line": place[1]}
+        outcome = {"error": str(fault), "file": place[0], "line": place[1], "incomplete": fault.incomplete}
     except TwinError as error:
-        outcome = {"error": str(error), "file": "", "line": 0}
+        outcome = {"error": str(error), "file": "", "line": 0, "incomplete": False}
     except RecursionError:
         text = "its elements or macros are nested too deeply. Simplify the file"
-        outcome = {"error": text, "file": file, "line": 0}
+        outcome = {"error": text, "file": file, "line": 0, "incomplete": False}
     Path(answer).write_text(json.dumps(outcome), "utf-8")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import MechanismError, SourceError
+from twin.core.errors import MechanismError, NoMechanismError, SourceError
 from twin.core.findings import Finding, finding
 from twin.core.spatial import Array
 from twin.exchange.xacro import XacroSettings
@@ -262,7 +262,7 @@ def assemble(
         SourceError: the parts do not form a mechanism.
     """
     if not joints:
-        raise SourceError(f"{path}: the file has no joints, so there is no mechanism")
+        raise NoMechanismError(f"{path}: the file has no joints, so there is no mechanism")
     try:
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
         mechanism = replace(bare, rest=rest_poses(bare, start), couplings=tuple(couplings))

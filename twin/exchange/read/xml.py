@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from twin.core.errors import SourceError
+from twin.core.errors import SourceError, UnsupportedError
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.text import DoctypeError, parse_xml
 from twin.core.spatial import Array
@@ -64,6 +64,10 @@ class Xml:
     def fail(self, where: str, message: str) -> NoReturn:
         """Raise `SourceError` with the file and the element in its message."""
         raise SourceError(f"{self.path}: {where}: {message}")
+
+    def refuse(self, where: str, message: str) -> NoReturn:
+        """Raise `UnsupportedError` with the file and the element: no mechanism can express this valid file."""
+        raise UnsupportedError(f"{self.path}: {where}: {message}")
 
     def name(self, element: ElementTree.Element, kind: str) -> str:
         """Return the name of an element; raise `SourceError` if the name is missing."""

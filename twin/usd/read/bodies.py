@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
-from twin.core.errors import StageError
+from twin.core.errors import StageError, UnsupportedError
 from twin.core.findings import Finding, info
 from twin.core.spatial import Array
 from twin.model.body import Finish, Mesh
@@ -49,7 +49,7 @@ def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
     reason = ""
     if prim != body:
         reason = f", because of the scale of its ancestor {prim.GetPath()}"
-    raise StageError(
+    raise UnsupportedError(
         f"{scene.path}: rigid body {body.GetPath()} is scaled by {factor}{reason}. Scale the meshes "
         "below the body instead, or write the stage in its final unit."
     )

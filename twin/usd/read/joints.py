@@ -9,7 +9,7 @@ import numpy as np
 from pxr import Usd, UsdPhysics
 
 from twin.core import spatial
-from twin.core.errors import StageError
+from twin.core.errors import NoMechanismError, StageError, UnsupportedError
 from twin.core.findings import Finding, info
 from twin.core.spatial import Array
 from twin.core.units import DEG
@@ -49,10 +49,12 @@ def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection
     if root:
         place = f"{scene.path}, below {root}"
     if not bodies:
-        raise StageError(f"{place}: the stage has no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism")
+        raise NoMechanismError(
+            f"{place}: the stage has no rigid bodies (PhysicsRigidBodyAPI), so there is no mechanism"
+        )
     joints = _enabled_joints(scene, root, notes)
     if not joints:
-        raise StageError(f"{place}: the stage has no joints, so there is no mechanism")
+        raise NoMechanismError(f"{place}: the stage has no joints, so there is no mechanism")
     robots = _robots(_groups(bodies, joints), joints)
     if root and len(robots) > 1 and all(_is_grounded(group, joints) for group in robots):
         # several chains that start at the world form one robot
@@ -62,7 +64,7 @@ def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection
         robots = [connected]
     if len(robots) > 1:
         firsts = ", ".join(group[0] for group in robots)
-        raise StageError(
+        raise UnsupportedError(
             f"{place}: the stage has {len(robots)} robots, with the first bodies {firsts}. Choose a robot by its root "
             "prim: "
             "twin new NAME --from FILE --root PRIM."
@@ -106,6 +108,8 @@ def _enabled_joints(scene: RawStage, root: str | None, notes: list[Finding]) -> 
             text = f"joint {joint.path} is disabled and left out"
             notes.append(info("stage.read.disabled", joint.path, text))
     for joint in enabled:
+        if joint.problem:
+            raise UnsupportedError(f"{scene.path}: joint {joint.path}: {joint.problem}")
         if joint.fault:
             raise StageError(f"{scene.path}: joint {joint.path}: {joint.fault}")
     return enabled
@@ -243,7 +247,7 @@ def _base(
     if len(fixed) == 1:
         return next(iter(fixed.items()))
     if len(fixed) > 1:
-        raise StageError(
+        raise UnsupportedError(
             f"{place}: the base is ambiguous: several bodies are fixed to the world ({', '.join(fixed)}). Keep one of "
             "these fixed joints, and connect the other bodies to the base by joints."
         )

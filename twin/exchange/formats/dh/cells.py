@@ -11,7 +11,7 @@ import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from twin.core.errors import SourceError
+from twin.core.errors import NoMechanismError, SourceError
 from twin.core.foreign.text import check_depth, read_text
 
 ROWS = 100
@@ -38,26 +38,30 @@ class Cells:
         line: line of the headings.
         rows: the rows.
         stated: what lines outside the table or keys state: "convention", "units".
+        fault: fault of the rows, a sentence; "" without a fault.
     """
 
     headings: list[str]
     line: int
     rows: list[TableRow] = field(default_factory=list)
     stated: dict[str, str] = field(default_factory=dict)
+    fault: str = ""
 
 
 def read_cells(path: Path) -> Cells:
-    """Return the table of a file.
+    """Return the table of a file; its `fault` is told by the reader of the headings, since other tables have others.
 
     Raises:
-        SourceError: it has no table, or a row has more or fewer cells than there are headings.
+        SourceError: the file has no table.
         BudgetError: the file is too large.
     """
     suffix = path.suffix.lower()
     try:
         text = read_text(path, "TOML" if suffix == ".toml" else "text", encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SourceError(f"{path}: the file is not text in UTF-8: {error.reason} at byte {error.start}") from error
+        raise NoMechanismError(
+            f"{path}: the file is not text in UTF-8: {error.reason} at byte {error.start}"
+        ) from error
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
     if suffix == ".toml":
@@ -69,27 +73,24 @@ def read_cells(path: Path) -> Cells:
     else:
         lines = _lines_of_csv(path, text)
     if not lines:
-        raise SourceError(f"{path}: the file has no table: a line of headings, then a line for each joint")
+        raise NoMechanismError(f"{path}: the file has no table: a line of headings, then a line for each joint")
     (line, headings), *rest = lines
     cells = Cells(headings, line, stated=_stated(text))
-    for heading in headings:
-        if headings.count(heading) > 1:
-            raise SourceError(f"{path}:{line}: the heading '{heading}' stands twice: remove one of the columns")
     for line, row in rest:
-        if len(row) != len(headings):
-            raise SourceError(
+        if len(row) != len(headings) and not cells.fault:
+            cells.fault = (
                 f"{path}:{line}: the row has {len(row)} cells ({' | '.join(row)[:80]}), but there are {len(headings)} "
                 f"headings ({' | '.join(headings)[:120]}): write all cells"
             )
-        cells.rows.append(TableRow(line, dict(zip(headings, row, strict=True))))
+        cells.rows.append(TableRow(line, dict(zip(headings, row, strict=False))))
     return _bounded(path, cells)
 
 
 def _bounded(path: Path, cells: Cells) -> Cells:
     if not cells.rows:
-        raise SourceError(f"{path}:{cells.line}: the table has no rows: write one for each joint")
+        cells.fault = f"{path}:{cells.line}: the table has no rows: write one for each joint"
     if len(cells.rows) > ROWS:
-        raise SourceError(f"{path}: the table has {len(cells.rows)} rows; the limit is {ROWS}")
+        cells.fault = f"{path}: the table has {len(cells.rows)} rows; the limit is {ROWS}"
     return cells
 
 
@@ -209,20 +210,20 @@ def _of_toml(path: Path, text: str) -> Cells:
     try:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise SourceError(f"{path}: the file is not TOML: {error}") from error
+        raise NoMechanismError(f"{path}: the file is not TOML: {error}") from error
     lines = text.splitlines()
     stated: dict[str, str] = {}
     rows = data.pop("joint", None)
     for key, value in data.items():
         if key not in ("convention", "units", "name", "source") or not isinstance(value, str):
             line = _line_of(lines, 0, key)
-            raise SourceError(
+            raise NoMechanismError(
                 f"{path}:{line}: there is no key '{key}' with the value {str(value)[:60]!r}; the keys are convention, "
                 "units, name, source (texts) and [[joint]], a table for each row"
             )
         stated[key] = value
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise SourceError(f"{path}: the file has no [[joint]]: write a table [[joint]] for each row")
+        raise NoMechanismError(f"{path}: the file has no [[joint]]: write a table [[joint]] for each row")
     heads = [number for number, line in enumerate(lines, 1) if re.match(r"\s*\[\[\s*joint\s*\]\]", line)]
     headings: list[str] = []
     cells = Cells(headings, heads[0] if heads else 1, stated=stated)

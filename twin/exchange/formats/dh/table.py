@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from twin.core.errors import SourceError
+from twin.core.errors import NoMechanismError, SourceError, UnsupportedError
 from twin.core.units import DEG, LENGTH, MM
 from twin.exchange.formats.dh.cells import Cells, TableRow, read_cells
 from twin.exchange.read.source import DhOptions
@@ -177,11 +177,23 @@ class _Reader:
         """Columns whose heading has the index of the joint before."""
         self.guessed: list[str] = []
 
+        self.recognised = False
+        """Whether the headings are those of a table of Denavit-Hartenberg parameters."""
+
     def fail(self, line: int, message: str) -> NoReturn:
-        raise SourceError(f"{self.path}:{line}: {message}")
+        """Raise an error with file and line: a `NoMechanismError` for a table of something else."""
+        kind = SourceError if self.recognised else NoMechanismError
+        raise kind(f"{self.path}:{line}: {message}")
+
+    def lacks(self, line: int, message: str) -> NoReturn:
+        """Raise an error for a table without a fault that does not say all that is needed."""
+        kind = UnsupportedError if self.recognised else NoMechanismError
+        raise kind(f"{self.path}:{line}: {message}")
 
     def read(self) -> DhTable:
         self._headings()
+        if self.cells.fault:
+            raise (SourceError if self.recognised else NoMechanismError)(self.cells.fault)
         convention = self._convention()
         self._require_columns(convention)
         self.moving = ("theta", "r") if convention == "khalil" else ("theta", "d")
@@ -198,6 +210,8 @@ class _Reader:
         known: list[str] = []
         for names in _HEADINGS.values():
             known += names
+        strange: list[str] = []
+        repeated: list[str] = []
         for heading in self.cells.headings:
             name, unit, before = _bare(heading)
             column = None
@@ -205,16 +219,26 @@ class _Reader:
                 if name in names:
                     column = candidate
             if column is None:
-                text = f"the heading '{heading}' is not known: rename or remove the column. Known are "
-                self.fail(self.cells.line, text + ", ".join(n for n in known if n and n != "#"))
+                strange.append(heading)
+                continue
             if column in self.columns:
-                both = f"'{self.columns[column]}' and '{heading}'"
-                self.fail(self.cells.line, f"the headings {both} mean the same: remove one of the columns")
+                text = f"the headings '{self.columns[column]}' and '{heading}' mean the same"
+                if heading == self.columns[column]:
+                    text = f"the heading '{heading}' stands twice"
+                repeated.append(f"{text}: remove one of the columns")
+                continue
             self.columns[column] = heading
             if unit:
                 self.heading_units[column] = unit
             if before:
                 self.before.add(column)
+        stated = set(self.columns)
+        self.recognised = {"alpha", "theta", "d"} <= stated and not stated.isdisjoint({"a", "r"})
+        if repeated:
+            self.fail(self.cells.line, repeated[0])
+        if strange:
+            text = f"the heading '{strange[0]}' is not known: rename or remove the column. Known are "
+            self.lacks(self.cells.line, text + ", ".join(n for n in known if n and n != "#"))
 
     def _convention(self) -> str:
         """Return the convention that the user, a key or the headings state; none is guessed."""
@@ -257,7 +281,7 @@ class _Reader:
                 "state it by --dh standard (distal, Denavit-Hartenberg), --dh modified (proximal, Craig), --dh khalil "
                 "or --dh hayati"
             )
-            self.fail(self.cells.line, text)
+            self.lacks(self.cells.line, text)
         return next(iter(said.values()))
 
     def _require_columns(self, convention: str) -> None:
@@ -351,7 +375,7 @@ class _Reader:
             units = " or ".join(of_kind)
             example = "mm,deg" if what == "length" else "m,rad"
             text = f"the unit of {what}s ({plain[0][0]}) is not stated: {units}?"
-            self.fail(plain[0][2], f"{text} Give it by --units, as in --units {example}")
+            self.lacks(plain[0][2], f"{text} Give it by --units, as in --units {example}")
         return of_kind[-1]
 
     def _check_number(self, i: int, row: TableRow) -> None:

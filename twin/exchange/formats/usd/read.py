@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.core.errors import SourceError, TwinError
+from twin.core.errors import SourceError, TwinError, UnsupportedError
 from twin.core.findings import Finding
 from twin.core.foreign.admit import admit
 from twin.exchange.read.source import Findings, Imported, Options, possible, stated_gravity, tooled
@@ -105,7 +105,7 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
                 continue
             # Couplings of our own stages are read from customData.
             if is_joint and "mimic" in name.lower() and prim.GetName() not in coupled:
-                raise SourceError(
+                raise UnsupportedError(
                     f"{path}: joint {where} is coupled to another joint by {schema}: couplings of other vendors are "
                     "not supported. "
                     "Remove the schema, and write the [[coupling]] into the new folder."

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import SourceError
+from twin.core.errors import SourceError, UnsupportedError
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size, read_bytes
 from twin.core.spatial import Array
@@ -138,7 +138,7 @@ class _Mjcf:
     def read(self) -> Imported:
         m = self.m
         if m.nflex:
-            raise SourceError(f"{self.path}: the model has a flexible body, but only rigid bodies are supported")
+            raise UnsupportedError(f"{self.path}: the model has a flexible body, but only rigid bodies are supported")
         if m.nskin:  # for display only: a surface that bends with the bodies
             self.findings.warn("skin", f"{m.nskin} skins are not imported: only rigid bodies are shown.", "skin")
         self.bodies = self._names("BODY", m.nbody)
@@ -340,7 +340,7 @@ class _Mjcf:
         if not m.jnt_limited[k]:
             return None
         if kind == _BALL:
-            raise SourceError(
+            raise UnsupportedError(
                 f"{self.path}: ball joint '{self.joints[k]}' has a range of its rotation angle, which is not supported"
             )
         low, high = map(float, m.jnt_range[k])
@@ -432,7 +432,7 @@ class _Mjcf:
             if kind != eq.mjEQ_TENDON:
                 what = f"has the type {kind.name.removeprefix('mjEQ_').lower()}"
             known = "supported are connect, weld, joint and tendon (a single tendon)"
-            raise SourceError(f"{self.path}: equality '{name}' {what}, which a mechanism cannot express; {known}")
+            raise UnsupportedError(f"{self.path}: equality '{name}' {what}, which a mechanism cannot express; {known}")
 
     def _coupling(self, i: int, name: str, label: str) -> Coupling:
         """Return the coupling of two joints a and b. MuJoCo: a - a_ref = c0 + c1 (b - b_ref) + c2 (b - b_ref)^2 ..."""
@@ -441,9 +441,11 @@ class _Mjcf:
         b = int(m.eq_obj2id[i])
         c = m.eq_data[i, :5]
         if b < 0 or not np.any(c[1:]):
-            raise SourceError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
+            raise UnsupportedError(f"{self.path}: equality '{name}' locks joint '{self.joints[a]}': remove the joint")
         if np.any(c[2:]):
-            raise SourceError(f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1")
+            raise UnsupportedError(
+                f"{self.path}: equality '{name}' is a polynomial of degree > 1; the degree must be 1"
+            )
         ratio = float(c[1])
         a_ref = float(m.qpos0[m.jnt_qposadr[a]])
         b_ref = float(m.qpos0[m.jnt_qposadr[b]])
@@ -455,7 +457,9 @@ class _Mjcf:
         tendon = int(self.m.eq_obj1id[i])
         tied = fixed_tendon(self.m, tendon)
         if not tied:
-            raise SourceError(f"{self.path}: equality '{name}' constrains a spatial tendon, which is not supported")
+            raise UnsupportedError(
+                f"{self.path}: equality '{name}' constrains a spatial tendon, which is not supported"
+            )
         total = float(self.m.tendon_length0[tendon] + self.m.eq_data[i, 0])
         return Coupling(label, tuple(self.joints[j] for j in tied), tuple(tied.values()), total)
 

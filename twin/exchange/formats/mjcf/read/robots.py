@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from twin.core.errors import SourceError, unknown
+from twin.core.errors import SourceError, UnsupportedError, unknown
 from twin.exchange.read.source import Findings
 
 WORLD = "world"
@@ -34,7 +34,7 @@ def chosen(m, path: Path, root: str | None, name: Callable[[str, int], str], fin
         robots = _driven(m, moving) or moving
         if len(robots) > 1:
             tops = ", ".join(_title(group, name) for group in robots)
-            raise SourceError(
+            raise UnsupportedError(
                 f"{path}: the file has {len(robots)} robots: {tops}. Choose one with --root NAME, or read all as one "
                 f"with --root {WORLD}."
             )

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import MechanismError, SourceError, unknown
+from twin.core.errors import MechanismError, NoMechanismError, SourceError, UnsupportedError, unknown
 from twin.core.spatial import Array
 from twin.exchange.formats.sdf.read.world import robot_of
 from twin.exchange.read.shapes import SIZES, Color, link_meshes, mesh_file, placed, shows_all, sized, stated_color
@@ -43,6 +43,9 @@ TYPES: dict[str, JointType] = {
     "fixed": "fixed",
 }
 """Joint types of SDF that a mechanism can express."""
+
+_OTHER_TYPES = ("revolute2", "universal", "screw", "gearbox", "piston")
+"""Joint types of SDF that a mechanism cannot express."""
 
 _ENDLESS = 1e16
 """Magnitude in m or rad from which a limit means "no limit" in SDF."""
@@ -91,7 +94,10 @@ class _Sdf:
         joints = self.xml.named(self.model, "joint")
         marks = self.xml.named(self.model, "frame")
         if not links:
-            raise SourceError(f"{self.path}: the model has no <link>, so there is no mechanism")
+            text = f"{self.path}: the model has no <link>, so there is no mechanism"
+            if joints:
+                raise SourceError(text)
+            raise NoMechanismError(text)
         self.links = links
         self.elements = {**links, **joints, **marks}
         self.poses: dict[str, Array] = {}
@@ -214,7 +220,7 @@ class _Sdf:
             active = joint.active and joint.name in driven and joint.name not in followers
             if active and joint.name in closing:
                 fault = "the joint is driven, but closes a loop: list it before the passive joints"
-                self.xml.fail(f"joint '{joint.name}'", fault)
+                self.xml.refuse(f"joint '{joint.name}'", fault)
             drives.append(replace(joint, active=active))
         if closing and not plugged:
             listed = ", ".join(sorted(closing))
@@ -257,12 +263,12 @@ class _Sdf:
         if leader not in names:
             self.xml.fail(where, unknown("joint", leader, [e for e in self.elements if e in names]))
         if element.get("axis", "axis") != "axis":
-            self.xml.fail(where, "the joint mimics a second axis, which is not supported")
+            self.xml.refuse(where, "the joint mimics a second axis, which is not supported")
         ratio = self.xml.number(where, "multiplier", element.findtext("multiplier"), 1.0)
         offset = self.xml.number(where, "offset", element.findtext("offset"), 0.0)
         reference = self.xml.number(where, "reference", element.findtext("reference"), 0.0)
         if ratio == 0:
-            self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
+            self.xml.refuse(where, "mimic multiplier is 0; use a fixed joint")
         total = offset - ratio * reference
         follower = names[name]
         return Coupling(f"{follower}_mimic", (follower, names[leader]), (1.0, -ratio), total)
@@ -274,9 +280,10 @@ class _Sdf:
             body = names[link]
             if body not in children:
                 roots.append(body)
-        if len(roots) != 1:
-            found = ", ".join(roots) or "none: the joints form a cycle"
-            raise SourceError(f"{self.path}: expected one base link, found {found}")
+        if not roots:
+            raise SourceError(f"{self.path}: expected one base link, found none: the joints form a cycle")
+        if len(roots) > 1:  # bodies of a SDF need no joint
+            raise UnsupportedError(f"{self.path}: expected one base link, found {', '.join(roots)}")
         return roots[0]
 
     # -- poses ----------------------------------------------------------------------------------------
@@ -343,6 +350,8 @@ class _Sdf:
     def _joint(self, name: str, new: str, joint: Element, names: Names) -> Joint:
         where = f"joint '{name}'"
         kind = joint.get("type")
+        if kind in _OTHER_TYPES:
+            self.xml.refuse(where, unknown("joint type", str(kind), TYPES))
         if kind not in TYPES:
             self.xml.fail(where, unknown("joint type", str(kind), TYPES))
         parent = self._end(where, joint, "parent")

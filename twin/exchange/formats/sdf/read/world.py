@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
-from twin.core.errors import SourceError, unknown
+from twin.core.errors import IncompleteError, NoMechanismError, SourceError, UnsupportedError, unknown
 from twin.core.foreign.budget import INCLUDES, over
 from twin.exchange.read.shapes import find
 from twin.exchange.read.source import Findings, note, warning
@@ -61,9 +61,9 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
             known[name] = model
     if missing and not known:
         text = f"the file has no <model>, and include {missing[0]} is missing: put it beside the folder of the SDF file"
-        raise SourceError(f"{xml.path}: {text}")
+        raise _missing(missing[0])(f"{xml.path}: {text}")
     if not known:
-        raise SourceError(f"{xml.path}: the file has no <model>")
+        raise NoMechanismError(f"{xml.path}: the file has no <model>")
     jointed = [n for n, m in known.items() if next(m.iter("joint"), None) is not None]
     if root is not None:
         if root not in known:
@@ -74,7 +74,7 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
         if len(robots) > 1:
             what = "models with joints" if jointed else "models, none with joints"
             text = f"the file has {len(robots)} {what}: {', '.join(robots)}. Choose one with --root NAME."
-            raise SourceError(f"{xml.path}: {text}")
+            raise UnsupportedError(f"{xml.path}: {text}")
         own = robots[0]
     for name in known:
         if name != own:
@@ -118,9 +118,8 @@ def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
             uri = (element.findtext("uri") or "").strip()
             inner = _included(xml, element, depth + 1, taken)
             if inner is None:
-                xml.fail(
-                    f"model '{model.get('name')}'", f"include {uri} is missing: put it into the folder of the SDF file"
-                )
+                text = f"model '{model.get('name')}': include {uri} is missing: put it into the folder of the SDF file"
+                raise _missing(uri)(f"{xml.path}: {text}")
             model[i] = inner
         elif element.tag == "model":
             _resolve(xml, element, depth + 1, taken)
@@ -133,7 +132,7 @@ def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Elem
         xml.fail("<include>", "the <uri> is missing")
     if frame := (include.findtext("placement_frame") or "").strip():
         text = f"placement_frame = '{frame}' is not supported: expand the model (gz sdf -p)"
-        xml.fail(f"include {uri}", text)
+        xml.refuse(f"include {uri}", text)
     file = _file(uri, xml.path.parent)
     if file is None:
         return None
@@ -175,6 +174,13 @@ def _file(uri: str, beside: Path) -> Path | None:
     return next((f for n in (f"{uri}/model.sdf", f"{uri}.sdf", uri) if (f := find(n, beside)) is not None), None)
 
 
+def _missing(uri: str) -> type[SourceError]:
+    """Return the error for a missing include: one of a server or a package may be elsewhere, a path is wrong."""
+    if _remote(uri) or _package(uri):
+        return IncompleteError
+    return SourceError
+
+
 def _remote(uri: str) -> bool:
     """Return whether a URI names a model on a server."""
     return uri.startswith(("http://", "https://"))
@@ -191,7 +197,7 @@ def _flatten(xml: Xml, model: Element) -> None:
     for inner in model.findall("model"):
         name = xml.name(inner, "model")
         if inner.get("placement_frame"):
-            xml.fail(f"model '{name}'", "placement_frame is not supported: expand the model (gz sdf -p)")
+            xml.refuse(f"model '{name}'", "placement_frame is not supported: expand the model (gz sdf -p)")
         _flatten(xml, inner)
         model.remove(inner)
         links = [e for e in inner if e.tag == "link"]

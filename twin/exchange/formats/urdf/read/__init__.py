@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import SourceError, unknown
+from twin.core.errors import NoMechanismError, SourceError, unknown
 from twin.core.spatial import Array
 from twin.exchange.formats.urdf.read.bounds import JointBounds, read_bounds
 from twin.exchange.formats.urdf.read.closures import Closures, read_closures
@@ -240,7 +240,10 @@ class _Urdf:
         for name, element in out.items():
             self._strange(element, kind, f"{kind} '{name}'")
         if not out:
-            raise SourceError(f"{self.path}: the file has no <{kind}>, so there is no mechanism")
+            text = f"{self.path}: the file has no <{kind}>, so there is no mechanism"
+            if kind == "link" and self.xml.root.find("joint") is not None:
+                raise SourceError(text)
+            raise NoMechanismError(text)
         return out
 
     def _strange(self, element: Element, kind: str, where: str) -> None:
@@ -611,10 +614,10 @@ class _Urdf:
         if leader is None or leader not in self.joints:
             self.xml.fail(where, unknown("joint", str(leader), self.joints))
         if _PLANAR in (self.joints[name].get("type"), self.joints[leader].get("type")):
-            self.xml.fail(where, "a planar joint has three coordinates, so it cannot mimic or be mimicked")
+            self.xml.refuse(where, "a planar joint has three coordinates, so it cannot mimic or be mimicked")
         ratio = self.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)
         if ratio == 0:
-            self.xml.fail(where, "mimic multiplier is 0; use a fixed joint")
+            self.xml.refuse(where, "mimic multiplier is 0; use a fixed joint")
         total = self.xml.number(where, "offset", mimic.get("offset"), 0.0)
         return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
 
