@@ -86,9 +86,9 @@ class Intervals:
 
     @property
     def middle(self) -> Array:
-        """A number in the interval, near its middle."""
+        """A number near the middle of the interval."""
         with np.errstate(all="ignore"):
-            return np.clip(0.5 * self.low + 0.5 * self.high, self.low, self.high)
+            return 0.5 * self.low + 0.5 * self.high
 
     @property
     def radius(self) -> Array:
@@ -386,6 +386,13 @@ def product(A: Intervals | Array, B: Intervals | Array) -> Intervals:
     """
     first = as_intervals(A)
     second = as_intervals(B)
+    if second.low.ndim == 2 and first.low.ndim > 2:
+        # one product with all rows is faster than many small ones
+        *stacked, rows, terms = first.shape
+        flat = Intervals(first.low.reshape(-1, terms), first.high.reshape(-1, terms))
+        found = product(flat, second)
+        shape = (*stacked, rows, second.shape[1])
+        return Intervals(found.low.reshape(shape), found.high.reshape(shape))
     A_middle = first.middle
     A_radius = first.radius
     B_middle = second.middle

@@ -1,0 +1,334 @@
+"""Boxes of tool positions in which a mechanism is assembled, within its limits, and not singular, at every position."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.proof import intervals, krawczyk
+from twin.proof.interval_pose import IntervalPose
+from twin.proof.intervals import Certainty, Intervals
+from twin.proof.krawczyk import Solutions
+from twin.proof.loops import Closure, LoopEquations, ToolBox, independent_rows
+
+BATCH = 2048
+"""Number of boxes at once."""
+
+_LENGTH = 0.1
+"""Length in m that counts as 1 rad where rows of derivatives are chosen."""
+
+
+class Prediction(Protocol):
+    """What the equations say of boxes of tool positions."""
+
+    def values(self, p: Array) -> Array:
+        """Return joint values (n, k) in m and rad at tool positions (n, 3) in m; NaN where there are none."""
+        ...
+
+    def outside(self, low: Array, high: Array) -> Certainty:
+        """Return where no position of boxes with corners low, high (n, 3) is within reach and limits."""
+        ...
+
+
+@dataclass(frozen=True)
+class LinearLimit:
+    """A limit of joints: weights @ values must be at least `least`, in m or rad.
+
+    Attributes:
+        name: what is limited, as "q1 lower".
+        weights: {joint: weight}.
+        least: the limit.
+    """
+
+    name: str
+    weights: dict[str, float]
+    least: float
+
+
+@dataclass(frozen=True)
+class RegularWorkspace:
+    """What is proved of the boxes.
+
+    Attributes:
+        low, high: corners (k, 3) in m of the proved boxes.
+        orientation: (3, 3) rotation of the tool in base, the same at all positions.
+        volume: volume in m3 of the proved boxes, which do not overlap.
+        outside: volume in m3 where a limit is certainly exceeded.
+        open: {reason: volume in m3} of the smallest boxes where nothing is proved.
+        edge: edge in m of the smallest boxes.
+        boxes: number of boxes that were examined.
+        redundant: largest value of the closing conditions that follow from the others only if the CAD is ideal, in m
+            or as a sine; NaN if there is none.
+    """
+
+    low: Array
+    high: Array
+    orientation: Array
+    volume: float
+    outside: float
+    open: dict[str, float]
+    edge: float
+    boxes: int
+    redundant: float
+
+
+@dataclass(eq=False)
+class _Judged:
+    """The verdicts of n boxes."""
+
+    proved: Certainty
+    outside: Certainty
+    promising: Certainty
+    reasons: dict[str, Certainty] = field(default_factory=dict)
+    redundant: float = 0.0
+
+
+@dataclass(frozen=True)
+class LoopGroup:
+    """Loops whose joint values follow from the tool pose without the other loops.
+
+    Attributes:
+        closures: their closing joints.
+        coordinates: numbers of their coordinates.
+        rows: numbers of independent conditions, as many as coordinates.
+        others: numbers of the other conditions.
+    """
+
+    closures: list[Closure]
+    coordinates: list[int]
+    rows: list[int]
+    others: list[int]
+
+
+class BoxJudge:
+    """Judges boxes of tool positions with one orientation.
+
+    Attributes:
+        loops: the closing conditions.
+        R: (3, 3) orientation of the tool in base.
+        limits: limits of joints.
+        groups: the loops, in groups.
+    """
+
+    def __init__(
+        self, loops: LoopEquations, R: Array, limits: Sequence[LinearLimit], equations: Prediction, p: Array
+    ) -> None:
+        """Choose independent conditions at the position p (3,).
+
+        Raises:
+            TwinError: the equations have no joint values there, or the loops leave joint values free.
+        """
+        self.loops = loops
+        self.R = R
+        self.limits = limits
+        self.equations = equations
+        x = equations.values(p[None])
+        if not np.isfinite(x).all():
+            place = np.round(p * 1e3, 3).tolist()
+            raise TwinError(f"the equations have no joint values at {place} mm: choose another box")
+        tool = self._tool(p[None], p[None])
+        count = len(loops.names)
+        self.groups = []
+        for closures, coordinates in loops.groups:
+            J = loops.jacobian(closures, intervals.exactly(x), tool, coordinates).middle[0]
+            rows = independent_rows(J, range(len(coordinates)))
+            others = [row for row in range(len(J)) if row not in rows]
+            self.groups.append(LoopGroup(closures, coordinates, rows, others))
+        enclosed = {number for group in self.groups for number in group.coordinates}
+        free = [name for i, name in enumerate(loops.names) if i not in enclosed]
+        if free:
+            raise TwinError(f"no loop determines the values of {', '.join(free)} from the tool pose")
+        # passive joints and the tool move while the active joints are at rest
+        self.moving = [*np.flatnonzero(~loops.active).tolist(), *range(count, count + 6)]
+        self.weights = np.zeros((len(limits), count))
+        for i, limit in enumerate(limits):
+            for name, weight in limit.weights.items():
+                self.weights[i, loops.names.index(name)] = weight
+        self.least = np.array([limit.least for limit in limits])
+
+    def _tool(self, low: Array, high: Array) -> ToolBox:
+        R = np.broadcast_to(self.R, (len(low), 3, 3))
+        return ToolBox(IntervalPose(intervals.exactly(R), intervals.between(low, high)))
+
+    def judge(self, low: Array, high: Array) -> _Judged:
+        """Return the verdicts of boxes with corners low, high (n, 3) in m."""
+        outside = self.equations.outside(low, high)
+        proved = np.zeros(len(low), bool)
+        worth = np.flatnonzero(~outside)
+        judged = _Judged(proved, outside, promising=np.zeros(len(low), bool))
+        if len(worth):
+            self._prove(judged, worth, low[worth], high[worth])
+        return judged
+
+    def _prove(self, judged: _Judged, numbers: np.ndarray, low: Array, high: Array) -> None:
+        """Judge the boxes with some numbers."""
+        m = self.equations.values(0.5 * (low + high))
+        predicted = np.all(np.isfinite(m), axis=1)
+        judged.reasons["no assembly"] = np.zeros(len(judged.proved), bool)
+        judged.reasons["no assembly"][numbers[~predicted]] = True
+        m, low, high, numbers = m[predicted], low[predicted], high[predicted], numbers[predicted]
+        if not len(m):
+            return
+        judged.promising[numbers] = (m @ self.weights.T >= self.least).all(axis=1)
+        tool = self._tool(low, high)
+        assembled = np.ones(len(m), bool)
+        x = intervals.unknown(m.shape)
+        x = Intervals(np.array(x.low), np.array(x.high))
+        values = intervals.exactly(np.zeros((len(low), len(self.limits))))
+        for group in self.groups:
+            found, solutions = self._solved(group, m, tool)
+            assembled &= found
+            x.low[:, group.coordinates] = solutions.x.low
+            x.high[:, group.coordinates] = solutions.x.high
+            # a limit of joints of several groups is the sum of its parts
+            values = values + solutions.functionals(m[:, group.coordinates], self.weights[:, group.coordinates])
+        kept = (values >= self.least).all(axis=1)
+        outside = (values < self.least).any(axis=1)
+        for joint, cosine in self.loops.cones(x, tool):
+            limit = intervals.cosine(intervals.decimals(joint.cone or 0.0))
+            kept &= cosine >= limit
+            outside |= cosine < limit
+        worth = assembled & kept
+        regular = np.zeros(len(low), bool)
+        if worth.any():
+            some = ToolBox(IntervalPose(tool.pose.R[worth], tool.pose.p[worth]))
+            regular[worth] = self._regular(x[worth], some)
+        proved = worth & regular
+        judged.proved[numbers] = proved
+        judged.outside[numbers] |= outside & assembled
+        judged.redundant = self._redundant(x, tool, proved)
+        for reason, where in (
+            ("no assembly", ~assembled),
+            ("limit", assembled & ~kept),
+            ("singular", worth & ~regular),
+        ):
+            judged.reasons.setdefault(reason, np.zeros(len(judged.proved), bool))[numbers] |= where
+
+    def _solved(self, group: LoopGroup, m: Array, tool: ToolBox) -> tuple[Certainty, Solutions]:
+        """Return the joint values of a group around the predictions m (n, k)."""
+        rows = np.array(group.rows)
+        whole = Intervals(np.array(m), np.array(m))
+
+        def at(part: Intervals) -> Intervals:
+            whole.low[:, group.coordinates] = part.low
+            whole.high[:, group.coordinates] = part.high
+            return whole
+
+        def residual(part: Intervals) -> Intervals:
+            return self.loops.residual(group.closures, at(part), tool)[:, rows]
+
+        def jacobian(part: Intervals) -> Intervals:
+            return self.loops.jacobian(group.closures, at(part), tool, group.coordinates)[:, rows]
+
+        solutions = krawczyk.solve(residual, jacobian, m[:, group.coordinates])
+        return solutions.found, solutions
+
+    def _regular(self, x: Intervals, tool: ToolBox) -> Certainty:
+        """Return where the tool cannot move while the active joints are at rest: regular derivatives."""
+        blocks = []
+        for group in self.groups:
+            J = self.loops.jacobian(group.closures, x, tool, self.moving)
+            blocks.append(J[:, np.array(group.rows)])
+        low = np.concatenate([block.low for block in blocks], axis=1)
+        high = np.concatenate([block.high for block in blocks], axis=1)
+        if low.shape[1] != low.shape[2]:
+            return np.zeros(len(low), bool)
+        return krawczyk.regular(Intervals(low, high))
+
+    def _redundant(self, x: Intervals, tool: ToolBox, proved: Certainty) -> float:
+        """Return the largest value of the conditions that are not among the independent ones, in proved boxes."""
+        largest = 0.0
+        if not proved.any():
+            return largest
+        some = ToolBox(IntervalPose(tool.pose.R[proved], tool.pose.p[proved]))
+        for group in self.groups:
+            if group.others:
+                rest = self.loops.residual(group.closures, x[proved], some)[:, np.array(group.others)]
+                largest = max(largest, float(rest.largest.max()))
+        return largest
+
+
+def cover(
+    judge: BoxJudge,
+    low: Array,
+    high: Array,
+    edge: float,
+    halvings: int,
+    progress: Callable[[str, float], None] = lambda label, fraction: None,
+) -> RegularWorkspace:
+    """Return the proved boxes in a box of tool positions.
+
+    The box is covered with cubes of edge `edge` m times 2^halvings; a cube that is not proved is cut into eight, down
+    to the edge.
+
+    Args:
+        judge: judges boxes.
+        low: (3,) lower corner of the box in m, in base.
+        high: (3,) upper corner.
+        edge: edge of the smallest cubes in m.
+        halvings: how often a cube is halved.
+        progress: called with a label and the finished fraction.
+    """
+    first = edge * 2**halvings
+    counts = np.maximum(np.ceil((high - low) / first).astype(int), 1)
+    corners = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
+    # corners in whole numbers of the smallest edge: neighbours share their faces exactly
+    waiting = [(corners[k : k + BATCH] * 2**halvings, halvings) for k in range(0, len(corners), BATCH)]
+    total = len(corners) * first**3
+    state = _Cover(low, edge)
+    finished = 0.0
+    octants = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
+    while waiting:
+        numbers, level = waiting.pop()
+        judged = judge.judge(low + edge * numbers, low + edge * (numbers + 2**level))
+        volume = (edge * 2**level) ** 3
+        undecided = ~(judged.proved | judged.outside)
+        if level == 1:
+            # of a cube whose middle is beyond a limit, less than half can be proved
+            undecided &= judged.promising
+        state.keep(judged, numbers, level, volume, undecided if level else np.zeros(len(numbers), bool))
+        if level and undecided.any():
+            parts = (numbers[undecided][:, None] + octants * 2 ** (level - 1)).reshape(-1, 3)
+            waiting += [(parts[k : k + BATCH], level - 1) for k in range(0, len(parts), BATCH)]
+            finished += volume * (~undecided).sum()
+        else:
+            finished += volume * len(numbers)
+        progress(f"{state.boxes} boxes", min(finished / total, 1.0))
+    return state.result(judge.R)
+
+
+class _Cover:
+    """Collects the verdicts."""
+
+    def __init__(self, low: Array, edge: float) -> None:
+        self.low = low
+        self.edge = edge
+        self.boxes = 0
+        self.outside = 0.0
+        self.open: dict[str, float] = {}
+        self.redundant = 0.0
+        self.proved: list[tuple[Array, Array]] = []
+
+    def keep(self, judged: _Judged, numbers: np.ndarray, level: int, volume: float, cut: Certainty) -> None:
+        """Keep the verdicts of cubes with corners `numbers` (n, 3), in units of the smallest edge; some will be cut."""
+        self.boxes += len(numbers)
+        self.outside += volume * float((judged.outside & ~judged.proved).sum())
+        self.redundant = max(self.redundant, judged.redundant)
+        corners = numbers[judged.proved]
+        self.proved.append((self.low + self.edge * corners, self.low + self.edge * (corners + 2**level)))
+        rest = ~(judged.outside | judged.proved | cut)
+        for reason, which in judged.reasons.items():
+            amount = volume * float((which & rest).sum())
+            self.open[reason] = self.open.get(reason, 0.0) + amount
+
+    def result(self, R: Array) -> RegularWorkspace:
+        """Return what is proved."""
+        low = np.concatenate([first for first, _ in self.proved])
+        high = np.concatenate([last for _, last in self.proved])
+        volume = float(np.prod(high - low, axis=1).sum())
+        return RegularWorkspace(low, high, R, volume, self.outside, self.open, self.edge, self.boxes, self.redundant)
