@@ -14,13 +14,11 @@ from twin.proof import intervals, krawczyk
 from twin.proof.interval_pose import IntervalPose
 from twin.proof.intervals import Certainty, Intervals
 from twin.proof.krawczyk import Solutions
+from twin.proof.limits import LinearLimit
 from twin.proof.loops import Closure, LoopEquations, ToolBox, independent_rows
 
 BATCH = 2048
 """Number of boxes at once."""
-
-_LENGTH = 0.1
-"""Length in m that counts as 1 rad where rows of derivatives are chosen."""
 
 
 class Prediction(Protocol):
@@ -36,21 +34,6 @@ class Prediction(Protocol):
 
 
 @dataclass(frozen=True)
-class LinearLimit:
-    """A limit of joints: weights @ values must be at least `least`, in m or rad.
-
-    Attributes:
-        name: what is limited, as "q1 lower".
-        weights: {joint: weight}.
-        least: the limit.
-    """
-
-    name: str
-    weights: dict[str, float]
-    least: float
-
-
-@dataclass(frozen=True)
 class RegularWorkspace:
     """What is proved of the boxes.
 
@@ -60,7 +43,7 @@ class RegularWorkspace:
         volume: volume in m3 of the proved boxes, which do not overlap.
         outside: volume in m3 where a limit is certainly exceeded.
         open: {reason: volume in m3} of the smallest boxes where nothing is proved.
-        edge: edge in m of the smallest boxes.
+        edges: (3,) edges in m of the smallest boxes.
         boxes: number of boxes that were examined.
         redundant: largest value of the closing conditions that follow from the others only if the CAD is ideal, in m
             or as a sine; NaN if there is none.
@@ -72,7 +55,7 @@ class RegularWorkspace:
     volume: float
     outside: float
     open: dict[str, float]
-    edge: float
+    edges: Array
     boxes: int
     redundant: float
 
@@ -263,33 +246,33 @@ def cover(
 ) -> RegularWorkspace:
     """Return the proved boxes in a box of tool positions.
 
-    The box is covered with cubes of edge `edge` m times 2^halvings; a cube that is not proved is cut into eight, down
-    to the edge.
+    The box is cut into bricks with edges up to `edge` m times 2^halvings; a brick that is not proved is cut into eight,
+    down to the edge.
 
     Args:
         judge: judges boxes.
         low: (3,) lower corner of the box in m, in base.
         high: (3,) upper corner.
-        edge: edge of the smallest cubes in m.
-        halvings: how often a cube is halved.
+        edge: largest edge of the smallest bricks in m.
+        halvings: how often a brick is halved.
         progress: called with a label and the finished fraction.
     """
-    first = edge * 2**halvings
-    counts = np.maximum(np.ceil((high - low) / first).astype(int), 1)
+    counts = np.maximum(np.ceil((high - low) / (edge * 2**halvings) - 1e-9).astype(int), 1)
+    edges = (high - low) / (counts * 2**halvings)
     corners = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
-    # corners in whole numbers of the smallest edge: neighbours share their faces exactly
+    # corners in whole numbers of the smallest edges: neighbours share their faces exactly
     waiting = [(corners[k : k + BATCH] * 2**halvings, halvings) for k in range(0, len(corners), BATCH)]
-    total = len(corners) * first**3
-    state = _Cover(low, edge)
+    total = float(np.prod(high - low))
+    state = _Cover(low, edges)
     finished = 0.0
     octants = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
     while waiting:
         numbers, level = waiting.pop()
-        judged = judge.judge(low + edge * numbers, low + edge * (numbers + 2**level))
-        volume = (edge * 2**level) ** 3
+        judged = judge.judge(low + edges * numbers, low + edges * (numbers + 2**level))
+        volume = float(np.prod(edges * 2**level))
         undecided = ~(judged.proved | judged.outside)
         if level == 1:
-            # of a cube whose middle is beyond a limit, less than half can be proved
+            # of a brick whose middle is beyond a limit, less than half can be proved
             undecided &= judged.promising
         state.keep(judged, numbers, level, volume, undecided if level else np.zeros(len(numbers), bool))
         if level and undecided.any():
@@ -305,9 +288,9 @@ def cover(
 class _Cover:
     """Collects the verdicts."""
 
-    def __init__(self, low: Array, edge: float) -> None:
+    def __init__(self, low: Array, edges: Array) -> None:
         self.low = low
-        self.edge = edge
+        self.edges = edges
         self.boxes = 0
         self.outside = 0.0
         self.open: dict[str, float] = {}
@@ -315,12 +298,12 @@ class _Cover:
         self.proved: list[tuple[Array, Array]] = []
 
     def keep(self, judged: _Judged, numbers: np.ndarray, level: int, volume: float, cut: Certainty) -> None:
-        """Keep the verdicts of cubes with corners `numbers` (n, 3), in units of the smallest edge; some will be cut."""
+        """Keep the verdicts of bricks with corners `numbers` (n, 3), in smallest edges; some will be cut."""
         self.boxes += len(numbers)
         self.outside += volume * float((judged.outside & ~judged.proved).sum())
         self.redundant = max(self.redundant, judged.redundant)
         corners = numbers[judged.proved]
-        self.proved.append((self.low + self.edge * corners, self.low + self.edge * (corners + 2**level)))
+        self.proved.append((self.low + self.edges * corners, self.low + self.edges * (corners + 2**level)))
         rest = ~(judged.outside | judged.proved | cut)
         for reason, which in judged.reasons.items():
             amount = volume * float((which & rest).sum())
@@ -331,4 +314,4 @@ class _Cover:
         low = np.concatenate([first for first, _ in self.proved])
         high = np.concatenate([last for _, last in self.proved])
         volume = float(np.prod(high - low, axis=1).sum())
-        return RegularWorkspace(low, high, R, volume, self.outside, self.open, self.edge, self.boxes, self.redundant)
+        return RegularWorkspace(low, high, R, volume, self.outside, self.open, self.edges, self.boxes, self.redundant)

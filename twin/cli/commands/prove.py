@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from twin.cli.parser import VARIANT, Command, count
+from twin.core.errors import TwinError
+from twin.core.units import MM
+
+if TYPE_CHECKING:
+    from twin.api.robot import Robot
 
 EXAMPLES = """\
   twin prove sils                           all loops, all points, at all poses
   twin prove sils --variant eq1=printed     a printed error is refuted, with a pose where it shows
+  twin prove sils --workspace               the tool positions without singularities, with their volume
   twin prove my_robot/ --json"""
 
 
@@ -18,6 +25,13 @@ def arguments(command: Command) -> None:
     command.variants(VARIANT)
     command.number("--states", "N", "number of random states, 64 to 1000000", 4096, count)
     command.seed("random seed of the states")
+    text = (
+        "prove boxes of tool positions assembled, within limits and free of singularities, in the orientation of home"
+    )
+    command.flag("--workspace", text)
+    command.number("--edge-mm", "MM", "edge of the smallest boxes of --workspace (default: the longest side / 232)")
+    text = "box of positions for --workspace: lower and upper end along x, y and z of base (default: all reached ones)"
+    command.text("--box-mm", "MM", text, nargs=6, type=float)
     command.out("./twin-out/<robot>/prove/")
 
 
@@ -29,7 +43,31 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli.chosen import asked
 
     robot = load(args.robot)
+    if args.workspace:
+        return _workspace(robot, args)
+    for option in ("edge_mm", "box_mm"):
+        if getattr(args, option) is not None:
+            raise TwinError(f"--{option.replace('_', '-')} needs --workspace")
     folder = show.folder(args, robot.name, "prove")
     with show.progress(args.quiet or args.json) as progress:
         result = prove(robot, asked(args.variant), args.states, args.seed, progress)
     return show.store(result, args, folder)
+
+
+def _workspace(robot: Robot, args: argparse.Namespace) -> int:
+    """Print the volume of the tool positions that are proved free of singularities, and write the boxes."""
+    import numpy as np
+
+    from twin.analysis.proven_workspace import proven_workspace
+    from twin.cli import show
+    from twin.cli.chosen import asked
+
+    edge = None if args.edge_mm is None else args.edge_mm * MM
+    corners = None
+    if args.box_mm is not None:
+        ends = MM * np.array(args.box_mm)
+        corners = ends[0::2], ends[1::2]
+    folder = show.folder(args, robot.name, "prove-workspace")
+    with show.progress(args.quiet or args.json) as progress:
+        result = proven_workspace(robot, asked(args.variant), edge, corners, progress)
+    return show.store(result, args, folder, ["boxes.json"])

@@ -1,0 +1,248 @@
+"""The part of a workspace that is proved free of singularities, beside the sampled one."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.analysis import workspace as sampled
+from twin.api.robot import Progress, Robot, silent
+from twin.core.errors import TwinError
+from twin.core.findings import Finding, warning
+from twin.core.json_types import JsonObject
+from twin.core.result import Part, Result
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.formula import flow
+from twin.kinematics.closed_loops.dragging import bounds_of
+from twin.proof.formula_boxes import FormulaBoxes
+from twin.proof.limits import LinearLimit
+from twin.proof.loops import LoopEquations
+from twin.proof.regular_workspace import BoxJudge, RegularWorkspace, cover
+
+_PARTS = 232
+"""Number of smallest boxes along the longest side of the workspace, unless an edge is given."""
+
+_HALVINGS = 3
+
+_MOST_BOXES = 4e8
+"""Maximum number of smallest boxes in the box."""
+
+_SAMPLES = 300_000
+"""Number of positions of the sampled workspace."""
+
+_LITRE = 1e-3
+
+
+@dataclass(frozen=True)
+class ProvenWorkspace(Result):
+    """What is proved of the tool positions in one orientation.
+
+    Attributes:
+        robot: name of the robot.
+        variants: the chosen variant of each equation.
+        proof: the proved boxes.
+        sampled: volume in m3 of the reached positions, as `twin workspace` counts them in the same box.
+        sampled_error: its error of counting cells in m3, about two standard deviations.
+        unchecked: limits that the proof does not consider.
+    """
+
+    robot: str
+    variants: Mapping[str, str]
+    proof: RegularWorkspace
+    sampled: float
+    sampled_error: float
+    unchecked: tuple[str, ...]
+
+    kind = "prove-workspace"
+    judges = False
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A warning if nothing is proved, or if a limit is not considered."""
+        found = []
+        if not len(self.proof.low):
+            text = "no box is proved free of singularities; give a smaller edge (--edge-mm), or a box within reach"
+            found.append(warning("prove.no_box", self.robot, text))
+        if self.unchecked:
+            text = f"limits of {', '.join(self.unchecked)} are not considered: these joints close loops"
+            found.append(warning("prove.limits", self.robot, text))
+        return tuple(found)
+
+    @property
+    def share(self) -> float:
+        """Proved volume divided by the sampled one; NaN if nothing is sampled."""
+        if not self.sampled:
+            return math.nan
+        return self.proof.volume / self.sampled
+
+    def content(self) -> JsonObject:
+        """Return volumes as plain data."""
+        proof = self.proof
+        return {
+            "robot": self.robot,
+            "variants": dict(self.variants),
+            "orientation": proof.orientation.tolist(),
+            "proved_dm3": proof.volume / _LITRE,
+            "proved_boxes": len(proof.low),
+            "outside_dm3": proof.outside / _LITRE,
+            "open_dm3": {reason: volume / _LITRE for reason, volume in proof.open.items()},
+            "sampled_dm3": self.sampled / _LITRE,
+            "sampled_error_dm3": self.sampled_error / _LITRE,
+            "share": self.share,
+            "smallest_edges_mm": (proof.edges / MM).tolist(),
+            "examined_boxes": proof.boxes,
+            "largest_redundant_condition": proof.redundant,
+            "limits_unchecked": list(self.unchecked),
+        }
+
+    def write(self, folder: Path) -> None:
+        """Write the proved boxes."""
+        low = (self.proof.low / MM).tolist()
+        high = (self.proof.high / MM).tolist()
+        data = {"low_mm": low, "high_mm": high, "R_base_tool": self.proof.orientation.tolist()}
+        (folder / "boxes.json").write_text(json.dumps(data), encoding="ascii")
+
+    def text(self) -> Iterator[Part]:
+        """Yield the volumes."""
+        proof = self.proof
+        yield f"{self.robot}: tool positions in one orientation, that of the posture home"
+        yield ""
+        yield f"  proved            {proof.volume / _LITRE:.4g} dm³ in {len(proof.low)} boxes ({proof.boxes} examined)"
+        yield "                    at every position: one assembly near the equations, within limits, not singular"
+        error = float(f"{self.sampled_error / _LITRE:.1g}")
+        yield f"  sampled           {self.sampled / _LITRE:.4g} ± {error:g} dm³ are reached (as by `twin workspace`)"
+        yield f"  share             {100 * self.share:.3g} %"
+        for reason, volume in proof.open.items():
+            yield f"  open              {volume / _LITRE:.3g} dm³: {_REASONS[reason]}"
+        yield f"  smallest edge     {proof.edges.max() / MM:.3g} mm"
+        if proof.redundant:
+            yield f"  other conditions  the loops that follow from the others close within {proof.redundant:.1e} m"
+        yield "  not considered    collisions"
+        yield ""
+        yield from self.findings
+
+
+_REASONS = {
+    "no assembly": "no assembly was enclosed; near the edge of reach, or where a limb is nearly singular",
+    "limit": "a limit may be exceeded in a part of the box",
+    "singular": "the tool might move while the joints are at rest",
+}
+
+
+def proven_workspace(
+    robot: Robot,
+    variants: Mapping[str, str] | str | None = None,
+    edge: float | None = None,
+    corners: tuple[Array, Array] | None = None,
+    progress: Progress = silent,
+) -> ProvenWorkspace:
+    """Return the tool positions, in the orientation of the posture home, that are proved regular.
+
+    Args:
+        robot: a robot with equations and CAD.
+        variants: {equation: variant}, or one variant for all equations that have it.
+        edge: edge of the smallest boxes in m; default: a part of the longest side of the workspace.
+        corners: lower and upper corner (3,) of the box of positions in m, in base; default: around all reached ones.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the robot has no equations, or loops that are not enclosed; the box has no volume or is not reached.
+    """
+    if robot.files is None or not robot.files.has_equations:
+        raise TwinError(f"{robot.name} has no equations, which must predict the joint values")
+    mechanism = robot.mechanism
+    loops = LoopEquations(mechanism)
+    T = sampled.centre(robot)
+    start = T[:3, 3]
+    if corners is None:
+        progress("the box of reached positions", 0.0)
+        low, high = sampled.box(robot, T)
+    else:
+        low, high = _checked(robot.name, corners)
+        start = np.clip(start, low, high)
+    edge = _edge(edge, low, high)
+    limits, unchecked = _limits(robot, loops)
+    chosen = flow.choose(robot.formula, variants)
+    equations = FormulaBoxes(robot.formula, chosen, T[:3, :3], loops.names, limits)
+    judge = BoxJudge(loops, T[:3, :3], limits, equations, start)
+    halvings = int(np.clip(np.log2((high - low).min() / edge), 0, _HALVINGS))
+    proof = cover(judge, low, high, edge, halvings, progress)
+    volume, error = _sampled_volume(robot, T, low, high, progress)
+    return ProvenWorkspace(robot.name, chosen, proof, volume, error, unchecked)
+
+
+def _checked(name: str, corners: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the corners of a box.
+
+    Raises:
+        TwinError: a coordinate is not finite, or a lower one is not below the upper one.
+    """
+    low, high = (np.asarray(corner, float) for corner in corners)
+    for axis, first, last in zip("xyz", low, high, strict=True):
+        if not (math.isfinite(first) and math.isfinite(last) and first < last):
+            extent = f"from {first / MM:g} to {last / MM:g} mm along {axis}"
+            raise TwinError(f"{name}: the box is {extent}; give a lower and an upper end")
+    return low, high
+
+
+def _edge(edge: float | None, low: Array, high: Array) -> float:
+    """Return the edge of the smallest boxes in m.
+
+    Raises:
+        TwinError: it is no positive number, or the box has too many of them.
+    """
+    if edge is None:
+        return float((high - low).max()) / _PARTS
+    if not (math.isfinite(edge) and edge > 0):
+        raise TwinError(f"the edge of the smallest boxes is {edge / MM:g} mm; give a positive number of millimetres")
+    count = float(np.prod((high - low) / edge))
+    if count > _MOST_BOXES:
+        raise TwinError(
+            f"the box has {count:.1e} boxes of {edge / MM:g} mm, at most {_MOST_BOXES:.0e}: give a larger edge"
+        )
+    return edge
+
+
+def _limits(robot: Robot, loops: LoopEquations) -> tuple[list[LinearLimit], tuple[str, ...]]:
+    """Return the hard limits of joints, motors and rails, and the joints whose limits are not considered."""
+    mechanism = robot.mechanism
+    limits = []
+    for bound in bounds_of(mechanism, robot.gaps):
+        weights = {}
+        for joint, weight in zip(mechanism.active, bound.weights, strict=True):
+            if weight:
+                weights[joint.name] = float(weight)
+        limits.append(LinearLimit(f"{bound.name} {bound.kind}", weights, bound.least))
+    unchecked = []
+    for joint in mechanism.joints:
+        if joint.active or joint.limits is None or len(joint.free_axes) != 1:
+            continue
+        if joint.name not in loops.names:
+            unchecked.append(joint.name)
+            continue
+        low, high = joint.limits
+        if math.isfinite(low):
+            limits.append(LinearLimit(f"{joint.name} lower", {joint.name: 1.0}, low))
+        if math.isfinite(high):
+            limits.append(LinearLimit(f"{joint.name} upper", {joint.name: -1.0}, -high))
+    return limits, tuple(unchecked)
+
+
+def _sampled_volume(robot: Robot, T: Array, low: Array, high: Array, progress: Progress) -> tuple[float, float]:
+    """Return volume and error in m3 of the reached positions on a grid."""
+    step = float(np.cbrt(np.prod(high - low) / _SAMPLES))
+    nx, ny, nz = np.maximum(np.round((high - low) / step).astype(int), 1).tolist()
+    # each position is the middle of its cell
+    grid = sampled.PoseGrid(
+        low + 0.5 * (high - low - step * (np.array([nx, ny, nz]) - 1)), step, (nx, ny, nz), T[:3, :3]
+    )
+    found = sampled.workspace(robot, grid, progress=progress)
+    cell = step**3
+    reached = found.cube[..., 0] > 0
+    return float(cell * reached.sum()), sampled.volume_error(reached, cell)

@@ -1,0 +1,86 @@
+"""The equations' side of boxes of tool positions: predicted joint values, and where there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.formula.contract import Formula
+from twin.proof import formula_side, intervals
+from twin.proof.interval_function import IntervalFunction
+from twin.proof.intervals import Certainty
+from twin.proof.limits import LinearLimit
+
+
+class FormulaBoxes:
+    """Evaluates inverse equations for tool positions with one orientation.
+
+    Attributes:
+        R: (3, 3) orientation of the tool in base.
+    """
+
+    def __init__(
+        self,
+        formula: Formula,
+        variants: Mapping[str, str],
+        R: Array,
+        joints: Sequence[str],
+        limits: Sequence[LinearLimit],
+    ) -> None:
+        """Compile the equations; `joints` are those whose values are predicted, in order.
+
+        Raises:
+            TwinError: the formula has no inverse equations, or gives no value of a joint.
+        """
+        if not formula.has("inverse"):
+            raise TwinError(f"{formula.name}: the equations have no inverse, which must predict the joint values")
+        self.R = R
+        outputs = formula_side.from_pose(formula, variants, coordinates=False)
+        pose, parameters = outputs.function.sx_in(0), outputs.function.sx_in(1)
+        found = dict(zip(outputs.names, outputs.function(pose, parameters), strict=True))
+        driven = [joint.name for joint in formula.joints]
+        symbols = dict(zip(driven, ca.vertsplit(found["joints"]), strict=True))
+        if "passive" in found:
+            symbols |= zip(formula.passive, ca.vertsplit(found["passive"]), strict=True)
+        missing = [name for name in joints if name not in symbols]
+        if missing:
+            raise TwinError(f"{formula.name}: the equations give no value of joint {', '.join(missing)}")
+        values = ca.vertcat(*[symbols[name] for name in joints])
+        margins = []
+        for limit in limits:
+            margins.append(sum(weight * symbols[name] for name, weight in limit.weights.items()) - limit.least)
+        margins += ca.vertsplit(found.get("reach", ca.SX(0, 1)))
+        self._values = ca.Function("values", [pose, parameters], [values])
+        self._margins = IntervalFunction(ca.Function("margins", [pose, parameters], [ca.vertcat(*margins)]))
+        self._parameters = np.array([float(parameter.value) for parameter in formula.parameters])
+
+    def values(self, p: Array) -> Array:
+        """Return joint values (n, k) in m and rad at tool positions (n, 3) in m; NaN where there are none."""
+        poses = np.zeros((4, 4, len(p)))
+        poses[:3, :3] = self.R[..., None]
+        poses[:3, 3] = p.T
+        poses[3, 3] = 1.0
+        parameters = np.tile(self._parameters[:, None], (1, len(p)))
+        return np.array(self._values(poses.reshape(16, -1), parameters)).T
+
+    def outside(self, low: Array, high: Array) -> Certainty:
+        """Return where a margin of reach or of a limit is negative at all positions of boxes with corners (n, 3)."""
+        pose = []
+        for i in range(4):
+            for j in range(4):
+                if i == 3:
+                    pose.append(intervals.exactly(float(j == 3)))
+                elif j == 3:
+                    pose.append(intervals.between(low[:, i], high[:, i]))
+                else:
+                    pose.append(intervals.exactly(self.R[i, j]))
+        parameters = [intervals.decimals(value) for value in self._parameters]
+        (margins,) = self._margins([pose, parameters])
+        outside = np.zeros(len(low), bool)
+        for margin in margins:
+            outside |= margin < 0.0
+        return outside
