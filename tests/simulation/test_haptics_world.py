@@ -25,6 +25,7 @@ from twin.simulation.local_plane import COUNT, LocalPlane
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.plants.contact.levers import ToolLevers
 from twin.simulation.session import run
+from twin.simulation.session.forces import ForceMeter
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, World
 from twin.ui.headset import protocol as wire
@@ -261,8 +262,30 @@ def test_a_grasp_gives_one_pulse_along_x(setup):
         np.testing.assert_allclose(force[held[0] : held[0] + 3, 0], 1.0, atol=0.05)
         assert not force[: held[0]].any(), "nothing was felt before"
         assert (force[held[0] + 3 :, 0] < 0.9).all()
+        meter = ForceMeter(recording.sizes, recording.dt, (hand,))
+        meter.add(recording.rows)
+        assert meter.measures().largest[hand] == pytest.approx(1.0, abs=0.05)
         return
     raise AssertionError("no ring was grasped")
+
+
+def test_a_pulse_between_two_samples_is_measured():
+    """A pulse of 3 ms in one hand, in the middle of the 5 ms between two kept samples, and over the end of a chunk."""
+    sizes = {"haptics.on": 1, "right.force": 3, "left.force": 3}
+    rows = np.zeros((40, 7))
+    rows[:30, 0] = 1.0
+    rows[11:14, 1] = [0.2, 1.0, 0.4]
+    rows[19:22, 4:7] = [0.3, 0.4, 1.2]
+    meter = ForceMeter(sizes, 1e-3, ("right", "left"))
+    for chunk in (rows[:20], rows[20:20], rows[20:]):
+        meter.add(chunk)
+    found = meter.measures()
+    assert found.on == pytest.approx(0.75)
+    assert found.largest == pytest.approx({"right": 1.0, "left": 1.3})
+    assert found.felt == pytest.approx({"right": 3e-3, "left": 3e-3})
+    without = ForceMeter({"left.force": 3}, 1e-3, ("left",))
+    without.add(np.ones((4, 3)))
+    assert without.measures() is None
 
 
 # -- switch, session, settings ----------------------------------------------------------------------------------------

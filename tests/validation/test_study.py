@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from scipy import stats
 
 from twin.cli import main
 from twin.core.errors import DescriptionError
@@ -51,6 +52,31 @@ def test_questionnaire_is_reproduced_by_population_deviations(recomputed, name, 
     assert row.tests["Student t, +- as population std"] == pytest.approx(population, abs=6e-4)
     assert row.tests["Student t, +- as sample std"] == pytest.approx(sample, abs=6e-4)
     assert row.test()
+
+
+def test_a_p_that_would_be_printed_with_another_digit_does_not_agree(recomputed):
+    """The cells give 0.998, printed as 1.00; by the rounding of all cells it is at least 0.997, and 0.99 is printed."""
+    row = recomputed[0]["path length"]
+    assert row.test() == ""
+    assert min(p - row.reach[test] for test, p in row.tests.items() if p > 0.99) > 0.995
+    assert row.reach["Mann-Whitney"] == 0.0
+    (told,) = [f for f in recomputed[1] if f.code == "study.p" and f.where == "path length"]
+    assert "p = 0.99 is printed" in told.message
+    assert {f.where for f in recomputed[1] if f.code == "study.p"} == set(recomputed[0]) - REPRODUCED
+
+
+REPRODUCED = {"mental demand", "physical demand", "temporal demand", "performance", "effort", "frustration"}
+
+
+def test_the_rounding_of_cells_moves_p_by_its_slope(recomputed):
+    """Student t of means 8.4 and 10.4; those of the deviations are of the same size."""
+    row = recomputed[0]["mental demand"]
+    name = "Student t, +- as population std"
+    std = [x * (5 / 4) ** 0.5 for x in (1.85, 2.24)]
+    p = [stats.ttest_ind_from_stats(8.4, std[0], 5, 10.4 + d, std[1], 5).pvalue for d in (-0.001, 0.001)]
+    of_means = 2 * 0.005 * abs(p[1] - p[0]) / 0.002
+    assert of_means < row.reach[name] < 3 * of_means
+    assert row.test() == name
 
 
 def test_the_row_of_all_users_is_not_the_mean_of_its_rows(recomputed):

@@ -24,7 +24,7 @@ from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS, PEDALS
-from twin.simulation.session import forces, measures, movement
+from twin.simulation.session import measures, movement
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
@@ -110,10 +110,10 @@ class ConsoleSession(Result):
         """Measures of pedals and camera."""
         return measures.of_console(self.ran.kept, console_scene.console_of(self.scene), self.camera, self.ran.duration)
 
-    @cached_property
+    @property
     def forces(self) -> ForceMeasures | None:
         """Measures of the forces on the hands; None for a session without forces."""
-        return forces.measure(self.ran.kept, HANDS)
+        return self.ran.forces
 
     @property
     def camera(self) -> str:

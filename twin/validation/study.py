@@ -1,11 +1,13 @@
 """Recompute a published user study from its printed rows: means, p-values, and claims in the text.
 
 If the paper does not name the test of a p-value, all usual tests are computed. The printed p-value agrees if one of
-these tests gives the same digits. Claims in the text are compared with the tables where possible.
+these tests gives it within the rounding of p and of the printed cells. Claims in the text are compared with the tables
+where possible.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,12 +18,17 @@ from pydantic import Field, model_validator
 from twin.core.findings import Finding, disagreement, warning
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
+from twin.core.spatial import Array
 from twin.schema import Table, at, load_toml
 
 _P = Annotated[float, Field(ge=0, le=1)]
 _MeanStd = tuple[float, Annotated[float, Field(ge=0)]]
 _HALF_DIGIT = 0.005
 """Half a unit of the last printed digit, for table cells and p-values."""
+
+
+_OF_RANKS = ("Mann-Whitney", "Wilcoxon")
+"""Tests of ranks: rounding moves their p-values only if it changes the order, and printed order counts as right."""
 
 
 class StudyMeasure(Table):
@@ -73,12 +80,25 @@ class Tables(Table):
 
 @dataclass(frozen=True)
 class StudyRow:
-    """One table row: printed p-value, recomputed p-values by test, and (physical, simulation) means."""
+    """One table row: printed and recomputed p-values, and means.
+
+    Attributes:
+        name: name of the row.
+        printed_p: the printed p-value.
+        tests: {test: p-value recomputed from the printed cells}.
+        reach: {test: how far the rounding of the printed cells can move its p-value}.
+        means: {source: (physical, simulation)}.
+    """
 
     name: str
     printed_p: float
     tests: dict[str, float]
+    reach: dict[str, float]
     means: dict[str, tuple[float, float]]
+
+    def limit(self, test: str) -> float:
+        """Return how far the p-value of a test may be from the printed one: p and the cells are rounded."""
+        return _HALF_DIGIT + self.reach[test]
 
     def test(self) -> str:
         """Return the test whose p-value is nearest to the printed value; "" if no test agrees within rounding."""
@@ -86,7 +106,7 @@ class StudyRow:
         smallest = np.inf
         for name, p in self.tests.items():
             difference = abs(p - self.printed_p)
-            if difference <= 2 * _HALF_DIGIT and difference < smallest:
+            if difference <= self.limit(name) and difference < smallest:
                 nearest = name
                 smallest = difference
         return nearest
@@ -135,10 +155,38 @@ def recompute(tables: Tables) -> tuple[list[StudyRow], list[Finding]]:
 
 
 def _measure(measure: StudyMeasure) -> StudyRow:
-    from scipy import stats
-
     physical = np.array(measure.physical)
     simulation = np.array(measure.simulation)
+    users = len(physical)
+    tests, reach = _with_reach(lambda cells: _tests(cells[:users], cells[users:]), np.append(physical, simulation))
+    means = (float(physical.mean()), float(simulation.mean()))
+    return StudyRow(
+        measure.name, measure.printed_p, tests, reach, {"printed": measure.printed_mean, "of the rows": means}
+    )
+
+
+def _with_reach(
+    compute: Callable[[Array], dict[str, float]], cells: Array
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return (p-values of the tests, how far each can move if every cell (n,) is off by half of its last digit)."""
+    tests = compute(cells)
+    reach = dict.fromkeys(tests, 0.0)
+    for i in range(len(cells)):
+        step = np.zeros(len(cells))
+        step[i] = _HALF_DIGIT
+        above = compute(cells + step)
+        below = compute(cells - step)
+        for test, p in tests.items():
+            if test in _OF_RANKS:
+                continue
+            reach[test] += max(abs(above.get(test, p) - p), abs(below.get(test, p) - p))
+    return tests, reach
+
+
+def _tests(physical: Array, simulation: Array) -> dict[str, float]:
+    """Return {test: p-value} for the values (users,) with the robot and with the simulation."""
+    from scipy import stats
+
     tests = {
         "paired t": _p_value(stats.ttest_rel(physical, simulation)),
         "Student t": _p_value(stats.ttest_ind(physical, simulation)),
@@ -147,8 +195,7 @@ def _measure(measure: StudyMeasure) -> StudyRow:
     }
     if (physical != simulation).all():  # the exact test requires differences other than zero
         tests["Wilcoxon"] = _p_value(stats.wilcoxon(physical, simulation, method="exact"))
-    means = (float(physical.mean()), float(simulation.mean()))
-    return StudyRow(measure.name, measure.printed_p, tests, {"printed": measure.printed_mean, "of the rows": means})
+    return tests
 
 
 def _means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
@@ -173,10 +220,20 @@ def _means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
 
 
 def _rating(rating: Rating, users: int) -> StudyRow:
-    from scipy import stats
-
     mean_1, std_1 = rating.physical
     mean_2, std_2 = rating.simulation
+    cells = np.array([mean_1, std_1, mean_2, std_2])
+    tests, reach = _with_reach(lambda cells: _rating_tests(cells, users), cells)
+    return StudyRow(rating.name, rating.printed_p, tests, reach, {"printed": (mean_1, mean_2)})
+
+
+def _rating_tests(cells: Array, users: int) -> dict[str, float]:
+    """Return {test: p-value} for cells (4,): mean and deviation with the robot, and those with the simulation."""
+    from scipy import stats
+
+    mean_1, std_1, mean_2, std_2 = (float(cell) for cell in cells)
+    std_1 = max(std_1, 0.0)
+    std_2 = max(std_2, 0.0)
     tests: dict[str, float] = {}
     # the printed standard deviation may have the divisor n (population) or n - 1 (sample)
     for reading, factor in (("population", np.sqrt(users / (users - 1))), ("sample", 1.0)):
@@ -185,22 +242,22 @@ def _rating(rating: Rating, users: int) -> StudyRow:
                 mean_1, std_1 * factor, users, mean_2, std_2 * factor, users, equal_var=equal
             )
             tests[f"{name}, +- as {reading} std"] = _p_value(result)
-    return StudyRow(rating.name, rating.printed_p, tests, {"printed": (mean_1, mean_2)})
+    return tests
 
 
 def _unreproduced(row: StudyRow) -> list[Finding]:
     if row.test():
         return []
     recomputed = [f"{test} {p:.3f}" for test, p in row.tests.items()]
-    nearest = min(abs(p - row.printed_p) for p in row.tests.values())
+    nearest = min(row.tests, key=lambda test: abs(row.tests[test] - row.printed_p) - row.limit(test))
     return [
         disagreement(
             "study.p",
             row.name,
             f"{row.name}: p = {row.printed_p:.2f} is printed; no test gives this value from the printed rows "
             f"({', '.join(recomputed)})",
-            Quantity(nearest, "1"),
-            2 * _HALF_DIGIT,
+            Quantity(abs(row.tests[nearest] - row.printed_p), "1"),
+            row.limit(nearest),
             "single trials are not published; a test of the single trials may give the printed value",
             word="",
         )

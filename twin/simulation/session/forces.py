@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.simulation.world import Recording
+from twin.core.spatial import Array
+from twin.simulation.world.signals import columns
+
+_SWITCH = "haptics.on"
 
 
 @dataclass(frozen=True)
 class ForceMeasures:
-    """Forces in a session, measured at samples; a short pulse of a grasp may be missed between two samples.
+    """Forces in a session, measured in every tick.
 
     Attributes:
         on: fraction of the session in which the forces were switched on.
@@ -25,15 +28,34 @@ class ForceMeasures:
     largest: Mapping[str, float]
 
 
-def measure(kept: Recording, hands: Sequence[str]) -> ForceMeasures | None:
-    """Return the measures of the forces on the given hands; None: the World of the session has no forces."""
-    if "haptics.on" not in kept.sizes:
-        return None
-    felt: dict[str, float] = {}
-    largest: dict[str, float] = {}
-    for hand in hands:
-        force = np.linalg.norm(kept[f"{hand}.force"], axis=1)
-        felt[hand] = float(np.sum(force > 0) * kept.dt)
-        largest[hand] = float(force.max())
-    on = float(np.mean(kept["haptics.on"] > 0.5))
-    return ForceMeasures(on, felt, largest)
+class ForceMeter:
+    """Measures the forces on the hands in every tick: the pulse of a grasp lasts 3 ms, less than the kept samples."""
+
+    def __init__(self, sizes: Mapping[str, int], dt: float, hands: Sequence[str]) -> None:
+        """Begin with no tick; `sizes`: {signal: number of values} of a World; `dt`: duration of a tick in s."""
+        self._dt = dt
+        self._columns = columns(sizes)
+        self._hands = hands
+        self._has_forces = _SWITCH in sizes
+        self._ticks = 0
+        self._on = 0
+        self._felt = dict.fromkeys(hands, 0)
+        self._largest = dict.fromkeys(hands, 0.0)
+
+    def add(self, rows: Array) -> None:
+        """Add rows (k, m) of all signals, one per tick."""
+        if not self._has_forces or not len(rows):
+            return
+        self._ticks += len(rows)
+        self._on += int(np.count_nonzero(rows[:, self._columns[_SWITCH]] > 0.5))
+        for hand in self._hands:
+            forces = np.linalg.norm(rows[:, self._columns[f"{hand}.force"]], axis=1)
+            self._felt[hand] += int(np.count_nonzero(forces))
+            self._largest[hand] = max(self._largest[hand], float(forces.max()))
+
+    def measures(self) -> ForceMeasures | None:
+        """Return the measures of the ticks so far; None: there was no tick, or the World has no forces."""
+        if self._ticks == 0:
+            return None
+        felt = {hand: ticks * self._dt for hand, ticks in self._felt.items()}
+        return ForceMeasures(self._on / self._ticks, felt, dict(self._largest))

@@ -89,7 +89,8 @@ def train(
                     if link.problem:
                         raise DeviceError(f"{name}: {link.problem}")
                 progress(trainee.doing, trainee.done)
-    return Ran(keep.recording(), keep.ticks, world.dt, condition=setup.condition)
+    forces = keep.forces.measures()
+    return Ran(keep.recording(), keep.ticks, world.dt, condition=setup.condition, forces=forces)
 
 
 def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:

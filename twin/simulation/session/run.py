@@ -21,6 +21,7 @@ from twin.simulation.devices.surgeon_hands import Eye, Seat, SurgeonHands
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
+from twin.simulation.session.forces import ForceMeasures, ForceMeter
 from twin.simulation.session.play import play_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
@@ -67,6 +68,7 @@ class Ran:
         difference: see `Difference`; None if the replay gave the same bytes, or if there was no replay.
         missed: names of the targets that a simulated surgeon gave up.
         condition: condition of the session; None: the World has no forces on the hands.
+        forces: measures of the forces on the hands, of all ticks; None: the World has no forces on the hands.
     """
 
     kept: Recording
@@ -75,6 +77,7 @@ class Ran:
     difference: Difference | None = None
     missed: tuple[str, ...] = ()
     condition: Condition | None = None
+    forces: ForceMeasures | None = None
 
     @property
     def duration(self) -> float:
@@ -83,7 +86,7 @@ class Ran:
 
 
 class Keep:
-    """Collects the values that signals with given names have at every n-th tick."""
+    """Collects the values that signals with given names have at every n-th tick; measures the forces in every tick."""
 
     def __init__(self, world: World, names: Sequence[str], sample: float = SAMPLE) -> None:
         """Begin with no row; `sample`: time in s between two rows."""
@@ -99,10 +102,12 @@ class Keep:
             kept_columns.append(np.arange(found.start, found.stop))
         self._columns = np.concatenate(kept_columns)
         self._rows: list[Array] = []
+        self.forces = ForceMeter(all_sizes, world.dt, HANDS)
         self.ticks = 0
 
     def add(self, rows: Array) -> None:
         """Add rows (k, m) of all signals."""
+        self.forces.add(rows)
         self._rows.append(rows[self._next :: self._every, self._columns])
         self._next = (self._next - len(rows)) % self._every
         self.ticks += len(rows)
@@ -198,7 +203,14 @@ def perform(
             keep.add(rows)
             i = min(max(int(world.signals["surgeon.target"][0]), 0), len(names) - 1)
             progress(names[i], i / len(names))
-    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed), condition=setup.condition)
+    return Ran(
+        keep.recording(),
+        keep.ticks,
+        world.dt,
+        missed=tuple(device.missed),
+        condition=setup.condition,
+        forces=keep.forces.measures(),
+    )
 
 
 def head_of(
@@ -279,7 +291,14 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
             difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
         progress("replay", keep.ticks / ticks)
-    return Ran(keep.recording(), keep.ticks, session.head.dt, difference, condition=session.head.condition)
+    return Ran(
+        keep.recording(),
+        keep.ticks,
+        session.head.dt,
+        difference,
+        condition=session.head.condition,
+        forces=keep.forces.measures(),
+    )
 
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
