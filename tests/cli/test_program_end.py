@@ -205,7 +205,12 @@ def supervised(path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, timeout=120, check=False, start_new_session=True)
 
 
-@pytest.mark.parametrize("message", INTERPRETER_ENDS)
+def lane(message):
+    """Mark the file that uses a whole second of processor time, the least limit that there is, for the slow lane."""
+    return pytest.param(message, marks=pytest.mark.slow) if message == "SIGXCPU" else message
+
+
+@pytest.mark.parametrize("message", [lane(message) for message in INTERPRETER_ENDS])
 def test_a_process_that_ends_without_a_verdict_has_exit_code_2(tmp_path, message):
     path = tmp_path / "author.py"
     path.write_text(INTERPRETER_ENDS[message])

@@ -19,32 +19,38 @@ CHAIN = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "kind"),
-    [
-        ('upper="1.25"', 'upper="1.52"', "limits"),
-        ('multiplier="2.0"', 'multiplier="0.5"', "couplings"),
-        ('<mass value="1"/>', '<mass value="10"/>', "masses"),
-        ('ixx="1"', 'ixx="1.5"', "inertias"),
-        ('velocity="1"', 'velocity="3"', "speeds"),
-        ('effort="1"', 'effort="100"', "efforts"),
-    ],
-)
-def test_a_wrong_property_has_its_edit(old: str, new: str, kind: str, tmp_path: Path) -> None:
+WRONG = {
+    "limits": ('upper="1.25"', 'upper="1.52"'),
+    "couplings": ('multiplier="2.0"', 'multiplier="0.5"'),
+    "masses": ('<mass value="1"/>', '<mass value="10"/>'),
+    "inertias": ('ixx="1"', 'ixx="1.5"'),
+    "speeds": ('velocity="1"', 'velocity="3"'),
+    "efforts": ('effort="1"', 'effort="100"'),
+}
+"""(right, wrong) text of one property of each kind, at its last place in the file."""
+
+
+@pytest.mark.parametrize("kinds", [["limits", "couplings", "masses", "speeds", "efforts"], ["inertias"]])
+def test_wrong_properties_have_their_edits(kinds: list[str], tmp_path: Path) -> None:
     right = robot(tmp_path / "right.urdf", CHAIN)
     text = right.read_text()
-    before, _, after = text.rpartition(old)
+    for kind in kinds:
+        old, new = WRONG[kind]
+        before, _, after = text.rpartition(old)
+        text = before + new + after
     wrong = tmp_path / "wrong.urdf"
-    wrong.write_text(before + new + after)
+    wrong.write_text(text)
     pair = twin.compare(wrong, right).pairs[0]
     assert pair.properties is not None
-    (row,) = [row for row in pair.properties.rows if row.stated]
-    assert row.kind == kind
-    edits = [edit for edit in row.edits if edit.side == "wrong.urdf"]
-    assert edits[0].line == before.count("\n") + 1
-    written = [float(part.split('"')[1]) for part in (new, old)]
-    assert [float(edits[0].old), float(edits[0].new)] == written
-    assert edits[0].confirmed
+    rows = [row for row in pair.properties.rows if row.stated]
+    assert sorted(row.kind for row in rows) == sorted(kinds)
+    for row in rows:
+        old, new = WRONG[row.kind]
+        edits = [edit for edit in row.edits if edit.side == "wrong.urdf"]
+        assert edits[0].line == text.rpartition(new)[0].count("\n") + 1
+        written = [float(part.split('"')[1]) for part in (new, old)]
+        assert [float(edits[0].old), float(edits[0].new)] == written
+        assert edits[0].confirmed
 
 
 @pytest.mark.parametrize(

@@ -186,6 +186,7 @@ def test_cures_of_two_rows_hold_together_for_other_values_of_the_swivel(tmp_path
     assert seeds.outcome(case, formula, tmp_path, 16.0) in ("rank 1", "tie")
 
 
+@pytest.mark.slow
 def test_a_cure_that_needs_another_swivel_than_that_of_the_formula_is_none(tmp_path):
     """With a fitted swivel, the elbow row agrees without its cross product, but the pose does not follow from it."""
     second = ("sqrt(RL3**2 - a**2)", "sqrt(RL5**2 - a**3)")

@@ -13,7 +13,7 @@ from twin.core.units import MM
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.reference import ReferenceModel
+from twin.reference import ReferenceModel, bounds
 from twin.reference.pairs import Still
 from twin.reference.space import JointSpace
 
@@ -41,6 +41,12 @@ def post(x, y, size=0.06, touches=frozenset()):
     return Still(
         "room/post", Body("post", (box("post", [0, 0, 0], [size, size, 0.2]),)), spatial.pose(p=[x, y, 0]), touches
     )
+
+
+def coarse_grids(monkeypatch):
+    """Let grids have a tenth of their nodes, and keep none: a full one takes seconds where none is kept on disk."""
+    monkeypatch.setattr(bounds, "_NODES", 40_000)
+    monkeypatch.setattr(bounds, "_kept", lambda kind, triangles, make: make())
 
 
 def space_of(mechanism, *stills, clearance=CLEARANCE, **more):

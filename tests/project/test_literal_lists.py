@@ -33,10 +33,21 @@ def names_of() -> dict[str, set[str]]:
 
 
 @cache
+def text_of(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def quoted(path: Path, kind: str) -> list[str]:
+    """Return the names of a kind that a file has between quotation marks."""
+    text = text_of(path)
+    return [name for name in names_of()[kind] if f'"{name}"' in text or f"'{name}'" in text]
+
+
+@cache
 def collections(path: Path) -> tuple[tuple[int, bool, frozenset[str]], ...]:
     """Return (line, whether it is a dictionary, its texts or keys) of each literal collection of a file."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse(text_of(path))):
         entries: list[ast.expr | None] = []
         if isinstance(node, ast.Tuple | ast.List | ast.Set):
             entries = list(node.elts)
@@ -52,6 +63,8 @@ def literal_lists(files: list[Path], kind: str, most: float) -> list[str]:
     """Return the places of literal lists with more than `most` names of a kind."""
     found = []
     for path in files:
+        if len(quoted(path, kind)) <= most:
+            continue  # to parse all files takes seconds
         for line, dictionary, texts in collections(path):
             if dictionary and kind == "suffixes":
                 continue  # a table of what a parser does with each suffix
@@ -62,7 +75,9 @@ def literal_lists(files: list[Path], kind: str, most: float) -> list[str]:
 
 def comparisons(path: Path, kind: str) -> Iterator[str]:
     """Yield the places where a file compares something with a name of a kind."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    if not quoted(path, kind):
+        return
+    for node in ast.walk(ast.parse(text_of(path))):
         if isinstance(node, ast.Compare):
             values = [e.value for e in (node.left, *node.comparators) if isinstance(e, ast.Constant)]
             if any(isinstance(value, str) and value in names_of()[kind] for value in values):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twin
-from made.arm import DENSE, arm, clearances, post, space_of
+from made.arm import DENSE, arm, clearances, coarse_grids, post, space_of
 from made.lanes import contrasting, designs
 from made.mechanisms import box
 from twin.api.standing import standing
@@ -52,7 +52,8 @@ SHAPES = {
 
 
 @pytest.mark.parametrize(("first", "second"), [("plate", "rod"), ("ball", "rod")])
-def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second):
+def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second, monkeypatch):
+    coarse_grids(monkeypatch)
     rng = np.random.default_rng(0)
     a, b = (Shape(n, n, [SHAPES[n]()]) for n in (first, second))
     bounds = Bounds([a.triangles, b.triangles], np.array([[0, 1]]))
@@ -79,8 +80,9 @@ def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second)
     np.testing.assert_array_equal(swapped, (low, high))
 
 
-def test_the_shape_with_the_grid_is_the_one_that_gives_the_closer_bounds():
+def test_the_shape_with_the_grid_is_the_one_that_gives_the_closer_bounds(monkeypatch):
     """A long thin rod has smaller balls than a plate, and hardly a finer grid."""
+    coarse_grids(monkeypatch)
     plate, rod = (Shape(n, n, [SHAPES[n]()]).triangles for n in ("plate", "rod"))
     rng = np.random.default_rng(0)
     Ts = np.array(

@@ -12,7 +12,7 @@ import pytest
 
 import twin
 from made import protocols
-from made.arm import CLEARANCE, DENSE, arm, clearances, post, space_of
+from made.arm import CLEARANCE, DENSE, arm, clearances, coarse_grids, post, space_of
 from made.mechanisms import box, four_bar
 from twin.core import spatial
 from twin.core.errors import CancelledError, DescriptionError, ProtocolError
@@ -235,7 +235,8 @@ def limited_four_bar():
     return replace(made, joints=joints)
 
 
-def test_a_closed_loop_meets_what_stands_in_the_way_of_a_passive_body():
+def test_a_closed_loop_meets_what_stands_in_the_way_of_a_passive_body(monkeypatch):
+    coarse_grids(monkeypatch)
     mechanism = limited_four_bar()
     model = ReferenceModel(mechanism)
     q = np.linspace(-0.6, 0.6, 61)[:, None] + model.home().q

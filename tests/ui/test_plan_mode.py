@@ -19,6 +19,7 @@ from twin.cli.scene import load
 from twin.core import spatial
 from twin.core.errors import AssemblyError, CancelledError, TwinError, WorldError
 from twin.core.units import DEG, MM
+from twin.planning.obstacle_avoidance import NoPathError
 from twin.simulation.controllers.planned import AIM, HELD, OFF, RUN
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
@@ -98,7 +99,7 @@ def console(dome, monkeypatch, tmp_path):
 
 @pytest.fixture
 def planned(console):
-    """A console whose plans are all the same."""
+    """A console whose plans are all the same; it loads no grids of distances, which may take a minute."""
     console.mode._stream = Here(quick)
     return console
 
@@ -178,14 +179,14 @@ def lifted(console):
     console.wait(2)
 
 
-def test_the_hand_moves_the_target_and_all_arms_rest(console):
-    at = {n: console.console.world.signals[f"{n}.q"] for n in (ARM, "raven_right", "ecm")}
-    goal = aimed(console)
-    assert console.target()[:3, 3] == pytest.approx(goal[:3, 3], abs=1 * MM)
+def test_the_hand_moves_the_target_and_all_arms_rest(planned):
+    at = {n: planned.console.world.signals[f"{n}.q"] for n in (ARM, "raven_right", "ecm")}
+    goal = aimed(planned)
+    assert planned.target()[:3, 3] == pytest.approx(goal[:3, 3], abs=1 * MM)
     for name, q in at.items():
-        assert np.array_equal(console.console.world.signals[f"{name}.q"], q), name
-    assert console.mode.ghost.keys() == {b.name for b in console.console.members[ARM].mechanism.bodies}
-    assert console.console.reading["hands"]["left"] == {
+        assert np.array_equal(planned.console.world.signals[f"{name}.q"], q), name
+    assert planned.mode.ghost.keys() == {b.name for b in planned.console.members[ARM].mechanism.bodies}
+    assert planned.console.reading["hands"]["left"] == {
         "robot": ARM, "follows": True, "wall": None, "jumps": 0
     }  # fmt: skip
 
@@ -431,23 +432,23 @@ def test_the_clutch_and_silent_hands_stop_the_arm(planned, act, said):
     assert np.linalg.norm((T - goal)[:3, 3]) > 0.5 * MM
 
 
-def test_what_cannot_be_asked_for_is_refused_with_the_way_out(console):
+def test_what_cannot_be_asked_for_is_refused_with_the_way_out(planned):
     with pytest.raises(TwinError, match="there is no target yet: press Plan"):
-        console.ask("find")
+        planned.ask("find")
     with pytest.raises(TwinError, match="there is no plan to accept"):
-        console.ask("accept")
+        planned.ask("accept")
     with pytest.raises(HeldError, match="me controls the hands"):
-        console.ask("aim", client="another")
-    console.ask("aim")
-    console.wait(3)
+        planned.ask("aim", client="another")
+    planned.ask("aim")
+    planned.wait(3)
     with pytest.raises(TwinError, match=f"the target is where {ARM} is: move the target away first"):
-        console.ask("find")
+        planned.ask("find")
     with pytest.raises(TwinError, match=f"a motion of {ARM} is being planned"):
-        console.ask("aim", hand="right")
-    console.ask("cancel")
-    console.console.planning._table = console.console.table.model_copy(update={"through": [ARM]})
+        planned.ask("aim", hand="right")
+    planned.ask("cancel")
+    planned.console.planning._table = planned.console.table.model_copy(update={"through": [ARM]})
     with pytest.raises(TwinError, match="kept in its port by software"):
-        console.ask("aim")
+        planned.ask("aim")
 
 
 def test_an_arm_that_was_moved_since_the_plan_does_not_follow_it(planned):
@@ -734,6 +735,18 @@ def test_the_work_says_why_a_configuration_is_not_free(dome):
     assert checked.why == "shaft and props/dome collide (required: 2 mm apart)"
 
 
+@pytest.mark.parametrize(("at_start", "way_out"), [(True, "move the arm"), (False, "move the target")])
+def test_of_no_path_the_way_out_is_that_of_the_end_that_is_not_free(dome, monkeypatch, at_start, way_out):
+    def none(*_, **__):
+        raise NoPathError("links collide", at_start=at_start)
+
+    monkeypatch.setattr("twin.planning.obstacle_avoidance.around", none)
+    job = PlanJob(room(dome.scene), above(), above(), 0.06, 45 * DEG)
+    with pytest.raises(TwinError, match=rf"links collide; .*{way_out}, or another arm that is in the way"):
+        list(plan_work.work(job))
+
+
+@pytest.mark.slow
 def test_from_a_start_in_the_dome_the_arm_is_to_be_moved_and_not_the_target(dome):
     inside = np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     with pytest.raises(TwinError, match=r"at the start, .* move the arm, or another arm that is in the way"):

@@ -127,9 +127,14 @@ def _is_table(given: str | Path | Robot) -> bool:
     """Return whether a side is a file with a table."""
     from twin.exchange.read import format_of
 
-    if isinstance(given, Robot) or Path(given).is_dir() or str(given) in names() or str(given).endswith(EQUATIONS):
+    if isinstance(given, Robot) or Path(given).is_dir() or str(given).endswith(EQUATIONS):
         return False
-    return Path(given).suffix.lower() not in STAGE_SUFFIXES and "table" in format_of(Path(given)).takes
+    suffix = Path(given).suffix.lower()
+    if suffix in STAGE_SUFFIXES:
+        return False
+    if not suffix and str(given) in names():  # the name of a built-in robot has no suffix
+        return False
+    return "table" in format_of(Path(given)).takes
 
 
 def _side(

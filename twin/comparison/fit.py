@@ -165,18 +165,16 @@ class Problem:
         steps = self._joint_motions(moved)
         parents = np.zeros((count, self.count, 4, 4))
         children = np.zeros((count, self.count, 4, 4))
-        places = {joint: 6 + self.count + 6 * k for k, joint in enumerate(deviating)}
+        deviations = self._deviations(deviating, values)
         for i in self.order:
             axis = self.axes[i]
             parent = groups[:, axis.parent]
             step = steps[:, i]
-            if i in places:
-                start = places[i]
-                parent = parent @ self._deviation(i, values[:, start : start + 6])
+            if i in deviations:
+                parent = parent @ deviations[i]
             turned = self.turned_axis(i)
-            if turned in places:
-                start = places[turned]
-                turn = self._deviation(i, values[:, start : start + 6])
+            if turned in deviations:
+                turn = deviations[turned]
                 parent = parent @ turn
                 step = step @ spatial.inverse(turn)
             parents[:, i] = parent
@@ -201,20 +199,35 @@ class Problem:
         return free
 
     def _joint_motions(self, moved: Array) -> Array:
-        turning = np.array([kind in TURNING for kind in self.kinds])
-        sliding = np.array([kind == "prismatic" for kind in self.kinds])
+        turning, sliding = self._turning_and_sliding
         R = spatial.exp_so3((moved * turning)[..., None] * self.directions)
         p = self.points - np.squeeze(R @ self.points[..., None], -1)
         p = p + (moved * sliding)[..., None] * self.directions
         return spatial.pose(R, p)
 
-    def _deviation(self, joint: int, values: Array) -> Array:
-        """Return the motions (k, 4, 4) of a joint on its parent link, for rotation vectors and shifts in its frame."""
-        frame = self.frames[joint]
-        R = spatial.exp_so3(values[:, :3] @ frame.T)
-        shift = values[:, 3:6] @ frame.T
-        point = self.points[joint]
-        return spatial.pose(R, point - R @ point + shift)
+    @cached_property
+    def _turning_and_sliding(self) -> tuple[np.ndarray, np.ndarray]:
+        """Two (joints,) bool: which joints turn, and which slide, with their coordinate."""
+        turning = np.array([kind in TURNING for kind in self.kinds])
+        sliding = np.array([kind == "prismatic" for kind in self.kinds])
+        return turning, sliding
+
+    def _deviations(self, deviating: Sequence[int], values: Array) -> dict[int, Array]:
+        """Return for each of `deviating` its motions (k, 4, 4) on the parent link of the joint.
+
+        The last six columns of `values` (k, unknowns) for each of them: rotation vector and shift in the joint's frame.
+        """
+        if not deviating:
+            return {}
+        joints = [joint % self.count for joint in deviating]
+        own = values[:, 6 + self.count :].reshape(len(values), len(deviating), 2, 3)
+        # rotation vectors and shifts as rows, in the frame of the lines
+        rows = own @ np.swapaxes(self.frames[joints], -1, -2)
+        R = spatial.exp_so3(rows[:, :, 0])
+        points = self.points[joints]
+        shifts = points - np.squeeze(R @ points[..., None], -1) + rows[:, :, 1]
+        motions = spatial.pose(R, shifts)
+        return {joint: motions[:, k] for k, joint in enumerate(deviating)}
 
     def residuals(self, signs: Array, values: Array, deviating: Sequence[int]) -> Array:
         """Return the residuals (k, rows) in m and rad for `values` (k, unknowns)."""

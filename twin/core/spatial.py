@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 """Array of integer indices (of samples, joints, ...)."""
 
+_IDENTITY = np.eye(3)
+_IDENTITY.flags.writeable = False
+
 _SMALL = 1e-8
 """Angle in rad below which series replace quotients; the first omitted term is below double precision."""
 
@@ -34,13 +37,17 @@ def hat(w: ArrayLike) -> Array:
 def exp_so3(w: ArrayLike) -> Array:
     """Return the rotation matrix (..., 3, 3) of the rotation vector w (..., 3) in rad (Rodrigues)."""
     w = np.asarray(w, float)
-    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    angle = np.sqrt(np.add.reduce(w * w, axis=-1))[..., None, None]  # a third of the time of np.linalg.norm
     small = angle < _SMALL
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1.0, np.sin(safe) / safe)
-    b = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
     K = hat(w)
-    return np.eye(3) + a * K + b * K @ K
+    if np.count_nonzero(small):
+        safe = np.where(small, 1.0, angle)
+        a = np.where(small, 1.0, np.sin(safe) / safe)
+        b = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    else:
+        a = np.sin(angle) / angle
+        b = (1 - np.cos(angle)) / angle**2
+    return _IDENTITY + a * K + b * K @ K
 
 
 def log_so3(R: ArrayLike) -> Array:
