@@ -8,7 +8,7 @@ together, and choices that cannot make the rows agree are left out after each st
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
+from twin.validation.explain.candidate import evaluated
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Site
 from twin.validation.explain.numeric import unguarded
-from twin.validation.explain.row_deviations import Judge, evaluate
+from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Key
 from twin.validation.explain.shifts import DIFFERENCE, FEWEST, SINGULAR, STARTS, STEPS, TIGHT, Shift, cost, shifted
 from twin.validation.explain.source import Edit
@@ -142,30 +143,6 @@ def _parts(functions: Sequence[tuple[Path, str]]) -> list[list[int]]:
             out.append(part)
         part.append(i)
     return out
-
-
-def evaluated(
-    judge: Judge, equation: str, change: Sequence[Edit], extra: Mapping[str, Any], angle: Array | None = None
-) -> dict[Key, Array] | None:
-    """Return the residuals of the rows that edits change; None if they cannot be evaluated.
-
-    `extra` are functions in the edited text, `angle` is the swivel; see `Judge.trial`.
-    """
-    step = judge.step(equation)
-    called = []
-    if any(edit.function != step.source.name for edit in change):
-        called = [h.function.__globals__ for h in judge.helpers(step)]
-    for scope in called:
-        scope.update(extra)
-    try:
-        found = evaluate(judge, step, list(change), extra, angle)
-    finally:
-        for scope in called:
-            for name in extra:
-                scope.pop(name, None)
-    if not found:
-        return None
-    return {p.key: r for p, r in found.items()}
 
 
 class _Newton:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -138,6 +139,30 @@ def residuals(
         found = evaluate(judge, step, list(change), extra)
     except (StopIteration, KinematicsError, IndexError):
         return None
+    if not found:
+        return None
+    return {p.key: r for p, r in found.items()}
+
+
+def evaluated(
+    judge: Judge, equation: str, change: Sequence[Edit], extra: Mapping[str, Any], angle: Array | None = None
+) -> dict[Key, Array] | None:
+    """Return the residuals of the rows that edits change; None if they cannot be evaluated.
+
+    `extra` are functions in the edited text, `angle` is the swivel; see `Judge.trial`.
+    """
+    step = judge.step(equation)
+    called = []
+    if any(edit.function != step.source.name for edit in change):
+        called = [h.function.__globals__ for h in judge.helpers(step)]
+    for scope in called:
+        scope.update(extra)
+    try:
+        found = evaluate(judge, step, list(change), extra, angle)
+    finally:
+        for scope in called:
+            for name in extra:
+                scope.pop(name, None)
     if not found:
         return None
     return {p.key: r for p, r in found.items()}

@@ -9,10 +9,11 @@ short evaluations, not N M long ones. One pose excludes nearly all pairs; the ot
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations
+from itertools import chain, combinations, product
 from pathlib import Path
 from types import CodeType
 
@@ -29,6 +30,7 @@ from twin.validation.explain.plain import copied
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Key
 from twin.validation.explain.source import OUT, Edit, Statement
+from twin.validation.explain.undefined_names import ByteRange, replaces, undefined
 
 _MOST = 100_000
 """Maximum number of pairs in one evaluation."""
@@ -102,14 +104,18 @@ class Crossed:
             for first, second in places:
                 if deadline.passed:
                     return
-                if self.step.held.issuperset(first.writes):  # later statements do not use its result
+                passed = not self.step.held.issuperset(first.writes)
+                if not (passed or first.index in self._undefined):  # later statements do not use its result
                     continue
-                every = edits[second.index]
+                if not self._undefined.keys() <= {first.index, second.index}:
+                    continue
+                ones = self._defining(first, edits[first.index])
+                every = self._defining(second, edits[second.index])
                 if edits is self._tokens:
-                    yield from self._pairs(first, second, edits[first.index], every, deadline)
+                    yield from self._pairs(first, second, ones, every, deadline)
                     continue
-                beside = [edit for edit in edits[first.index] if not inside(edit)]
-                within = [edit for edit in edits[first.index] if inside(edit)]
+                beside = [edit for edit in ones if not inside(edit)]
+                within = [edit for edit in ones if inside(edit)]
                 yield from self._pairs(first, second, beside, every, deadline)
                 others = [edit for edit in every if not inside(edit)]
                 yield from self._pairs(first, second, within, others, deadline)
@@ -121,7 +127,8 @@ class Crossed:
                 if deadline.passed:
                     return
                 mine = edits[site.statement.index]
-                yield from self._pairs(site.statement, site.statement, mine, mine, deadline)
+                if self._undefined.keys() <= {site.statement.index}:
+                    yield from self._pairs(site.statement, site.statement, mine, mine, deadline)
 
     def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
@@ -238,6 +245,21 @@ class Crossed:
         return vectors[:_MOST_TEXTS], scalars[:_MOST_TEXTS]
 
     @cached_property
+    def _undefined(self) -> dict[int, list[ByteRange]]:
+        """The names without a value in each statement that has some, by its index: the edits must replace all."""
+        out = {}
+        for site in self.sites:
+            parts = undefined(site)
+            if parts:
+                out[site.statement.index] = parts
+        return out
+
+    def _defining(self, statement: Statement, edits: Sequence[Edit]) -> list[Edit]:
+        """Return the edits of a statement after which all its names have a value."""
+        parts = self._undefined.get(statement.index, ())
+        return [edit for edit in edits if all(replaces(edit, part) for part in parts)]
+
+    @cached_property
     def _tokens(self) -> dict[int, list[Edit]]:
         return {site.statement.index: [e for e in site.edits if e.kind in TOKENS] for site in self.sites}
 
@@ -254,7 +276,7 @@ class Crossed:
             return
         trials = [(edit,) for edit in firsts]
         if first is second:
-            trials = _disjoint(firsts)
+            trials = _disjoint(firsts, self._undefined.get(first.index, ()))
         runs = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
@@ -425,11 +447,23 @@ def _inserted(site: Site, at: int, new: str) -> Edit:
     return Edit(source.path, line, at, at, "", new, "missing", site.statement.index, source.name)
 
 
-def _disjoint(edits: Sequence[Edit]) -> list[tuple[Edit, ...]]:
-    """Return the pairs of edits that do not touch each other, as many as are tried."""
+def _disjoint(edits: Sequence[Edit], needed: Sequence[ByteRange]) -> list[tuple[Edit, ...]]:
+    """Return the pairs of edits that do not touch each other, as many as are tried.
+
+    Each of the ranges `needed` must be replaced by one of both edits.
+    """
     pairs: list[tuple[Edit, ...]] = []
-    for one, other in combinations(sorted(edits, key=lambda e: TOKENS.index(e.kind) if e.kind in TOKENS else 99), 2):
-        if one.end < other.start or other.end < one.start:
+    usual = sorted(edits, key=lambda e: TOKENS.index(e.kind) if e.kind in TOKENS else 99)
+    replacing = [edit for edit in usual if any(replaces(edit, part) for part in needed)]
+    if needed:
+        others = [edit for edit in usual if edit not in replacing]
+        tried = chain(combinations(replacing, 2), product(replacing, others))
+    else:
+        tried = combinations(usual, 2)
+    for one, other in tried:
+        if not (one.end < other.start or other.end < one.start):
+            continue
+        if all(replaces(one, part) or replaces(other, part) for part in needed):
             pairs.append((one, other))
             if len(pairs) == _MOST_IN_ONE:
                 break
@@ -437,8 +471,11 @@ def _disjoint(edits: Sequence[Edit]) -> list[tuple[Edit, ...]]:
 
 
 def _agreeing(found: Sequence[Mapping[Key, Array]], rows: Sequence[Key]) -> list[int]:
-    """Return the indices of the pairs after which a row agrees; `found`: residuals, for each value of the swivel."""
-    agree: set[int] = set()
+    """Return the indices of the pairs after which a row agrees, those first after which most rows do.
+
+    `found`: residuals, for each value of the swivel.
+    """
+    counts: Counter[int] = Counter()
     for row in rows:
         residuals = [f[row] for f in found if row in f]
         if len(residuals) < len(found):
@@ -446,8 +483,8 @@ def _agreeing(found: Sequence[Mapping[Key, Array]], rows: Sequence[Key]) -> list
         with np.errstate(all="ignore"):
             r = residuals[0] if len(residuals) == 1 else _at_best_angle(*residuals)
             largest = np.abs(r).max(axis=1)
-        agree.update(int(n) for n in np.flatnonzero(largest <= 1.0))
-    return sorted(agree)
+        counts.update(int(n) for n in np.flatnonzero(largest <= 1.0))
+    return sorted(counts, key=lambda n: (-counts[n], n))
 
 
 def _harmonics(zero: Array, ahead: Array, back: Array) -> tuple[Array, Array, Array]:

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
-from twin.validation.explain.batch import Batch, Choice, Cut, evaluated
+from twin.validation.explain.batch import Batch, Choice, Cut
+from twin.validation.explain.candidate import evaluated
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Expression, Site
 from twin.validation.explain.numeric import unguarded
@@ -327,8 +328,29 @@ class Double:
                 likely.append(Choice(tried[i].cuts, tried[i].rows, start))
             for i, values in self.full.solved(equation, fixed, likely, deadline):
                 shifts = self._at(fixed, likely[i], values)
-                if shifts is not None:
-                    yield likely[i].cuts, shifts
+                if shifts is None:
+                    continue
+                yield likely[i].cuts, shifts
+                for other in self._of_one_sign(shifts):
+                    same = self._at(fixed, likely[i], other)
+                    if same is not None:
+                        yield likely[i].cuts, same
+
+    def _of_one_sign(self, shifts: Sequence[Shift]) -> Iterator[Array]:
+        """Yield shifts (k, expressions) after which an expression is positive at poses where it was negative.
+
+        With a swivel, a radius may have either sign, because the angle may be half a turn further. The rows may
+        disagree after the shifts.
+        """
+        if not self.step.free:
+            return
+        values = np.hstack([shift.shift for shift in shifts])
+        for u, shift in enumerate(shifts):
+            x = shift.value[:, 0] + shift.shift[:, 0]
+            if (x[shift.known] < 0).any():
+                other = values.copy()
+                other[:, u] = np.abs(x) - shift.value[:, 0]
+                yield other
 
     def _at(self, fixed: Sequence[Edit], choice: Choice, values: Array) -> list[Shift] | None:
         """Return the shifts of expressions, with the names in their scope, for given values (k, expressions)."""
@@ -341,8 +363,11 @@ class Double:
         if found is None or any(row not in found for row in choice.rows):
             return None
         r = np.hstack([found[row] for row in choice.rows])
+        known = np.isfinite(r).all(axis=1)
+        if not (known.any() and np.abs(r[known]).max() <= 1):
+            return None
         for shift in shifts:
-            shift.known = np.isfinite(r).all(axis=1)
+            shift.known = known
         return shifts
 
     def _guesses(

@@ -39,7 +39,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         """Apply an operator or an elementwise function of NumPy; a product of shape (1, 1) is returned as a scalar."""
         if method != "__call__":
             return NotImplemented
-        parts = [_as(x).a for x in args]
+        parts = [_entries(x) for x in args]
         if ufunc is np.matmul:
             out = np.matmul(*parts)
             return out[:, 0, 0] if out.shape[1:] == (1, 1) else Matrix(out)
@@ -47,6 +47,13 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         if len(shapes) > 1:
             raise ValueError(f"shapes {sorted(shapes)} do not match")
         return Matrix(ufunc(*parts))
+
+    def __matmul__(self, other: Value) -> Value:
+        """Return the product; two matrices need no dispatch by NumPy, which takes longer than the product itself."""
+        if not isinstance(other, Matrix):
+            return super().__matmul__(other)
+        out = np.matmul(self.a, other.a)
+        return out[:, 0, 0] if out.shape[1:] == (1, 1) else Matrix(out)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -88,16 +95,24 @@ def _at(i: Value, n: int) -> int:
 
 def _as(x: Value) -> Matrix:
     """Convert a scalar, an array (k,) or a list of rows to a matrix."""
+    return x if isinstance(x, Matrix) else Matrix(_entries(x))
+
+
+def _entries(x: Value) -> Array:
+    """Return a matrix, a scalar, an array (k,) or a list of rows as an array (k or 1, rows, columns)."""
     if isinstance(x, Matrix):
-        return x
+        return x.a
     a = np.asarray(x, float)
     if isinstance(x, list | tuple):
-        return Matrix(a.reshape(1, len(a), -1))
-    return Matrix(a.reshape(-1, 1, 1))
+        return a.reshape(1, len(a), -1)
+    return a.reshape(-1, 1, 1)
 
 
 def _stack(args: tuple, axis: int) -> Value:
-    parts = [_as(x).a for x in args]
+    if all(type(x) in (int, float) for x in args):
+        numbers = np.array(args, float)
+        return Matrix(numbers.reshape((1, -1, 1) if axis == 1 else (1, 1, -1)))
+    parts = [_entries(x) for x in args]
     k = max(map(len, parts))
     return Matrix(np.concatenate([p if len(p) == k else p.repeat(k, axis=0) for p in parts], axis=axis))
 
@@ -251,8 +266,8 @@ def turn(axis: int) -> Callable[[Value], Matrix]:
 
 
 def _pose(R: Value, p: Value) -> Matrix:
-    R = _as(R).a
-    p = _as(p).a
+    R = _entries(R)
+    p = _entries(p)
     if R.shape[1:] != (3, 3) or p.shape[1] * p.shape[2] != 3:
         raise ValueError("a pose needs a (3, 3) rotation and three numbers")
     out = np.zeros((max(len(R), len(p)), 4, 4))
@@ -312,9 +327,15 @@ def _is_leaf(f: types.FunctionType) -> bool:
     """Return whether a function, as it is in its module, calls no function of a formula."""
     for name in _global_names(f.__code__):
         called = f.__globals__.get(name)
-        if isinstance(called, types.FunctionType) and of_formula(called):
+        if isinstance(called, types.FunctionType) and of_formula(called) and not _of_casadi(called):
             return False
     return True
+
+
+def _of_casadi(x: Value) -> bool:
+    """Return whether a function is one of CasADi, some of which are plain Python functions."""
+    module = getattr(x, "__module__", None) or ""
+    return module.split(".")[0] == "casadi"
 
 
 def _global_names(code: types.CodeType) -> set[str]:
@@ -397,8 +418,7 @@ class Rebuilder:
             if x.__name__ == _SYMBOLIC or x.__name__.startswith("twin.robots."):
                 return self._module(x)
             return x
-        module = getattr(x, "__module__", None) or ""
-        if module.split(".")[0] == "casadi":
+        if _of_casadi(x):
             return _FUNCTIONS.get(getattr(x, "__name__", ""), _missing(getattr(x, "__name__", str(x))))
         if isinstance(x, types.FunctionType) and _ours(x):
             return self.function(x)

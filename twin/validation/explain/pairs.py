@@ -26,6 +26,7 @@ from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
+from twin.validation.explain.undefined_names import ByteRange, replaces
 
 _PLACES = 2
 """Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
@@ -57,12 +58,21 @@ class Pairs:
     """Search for pairs of edits that fix one row, in an equation and in the functions that the equation calls."""
 
     def __init__(
-        self, judge: Judge, shaken: Judge, step: Step, row: Key, edits: Sequence[Edit], deadline: Deadline
+        self,
+        judge: Judge,
+        shaken: Judge,
+        step: Step,
+        row: Key,
+        edits: Sequence[Edit],
+        deadline: Deadline,
+        needed: Sequence[ByteRange] = (),
     ) -> None:
         """Set up the search.
 
         `shaken` judges the formula at perturbed values; `edits` are single edits of one token that change the row.
+        `needed` are parts of the file that one of both edits must replace: names without a value.
         """
+        self.needed = list(needed)
         self.judge = judge
         self.shaken = shaken
         self.step = step
@@ -96,6 +106,8 @@ class Pairs:
             self.evaluated += 1
             if a.edits[0].path == b.edits[0].path and a.start <= b.end and b.start <= a.end:
                 continue  # the edits overlap or touch
+            if not all(replaces(a.edits[0], part) or replaces(b.edits[0], part) for part in self.needed):
+                continue
             yield from self._try(a, b)
 
     @property

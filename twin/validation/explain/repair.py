@@ -32,6 +32,7 @@ from twin.validation.explain.row_deviations import Judge, evaluate, worst
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.source import Edit, Source, Statement, patched
 from twin.validation.explain.suspects import available, suspects
+from twin.validation.explain.undefined_names import ByteRange, undefined
 from twin.validation.explain.varied import closes, coincidences, condition
 
 _WORSE = 1.001
@@ -76,6 +77,15 @@ _WHOLE = 12
 
 _DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.4, 0.3, 0.5, 1.0)
 """Maximum parts of the remaining time for the kinds of such pairs, in the order of `_double`."""
+
+_IN_ONE, _IN_TWO = 2, 3
+"""Indices of the kinds of pairs in scalar expressions, which are tried first for equations that return a pose."""
+
+_POSE, _POSE_PART = 12, 0.4
+"""Number of entries of such a row, and maximum part of the time for these pairs."""
+
+_Stage = Callable[[Double, Sequence[Key], Deadline], Iterator[tuple[Edit, Edit]]]
+"""Yields the pairs of edits of one kind for an equation and its wrong rows, until a deadline."""
 
 _APART = 0.6
 """Maximum part of this time for pairs in different statements, of the last equation; less for those before."""
@@ -331,7 +341,7 @@ class Search:
             if (source.path, statement.start) in done:
                 continue
             others = [s for s in self.judge.steps if s is not step and not s.missing and self._calls(s, source)]
-            for edit in Required(self.judge, step, rows, until).edits(source, statement):
+            for edit in Required(self.judge, step, rows, until, refuted=self._refuted).edits(source, statement):
                 done.add((source.path, statement.start))  # a statement without an edit is tried for the next equation
                 candidate = self._everywhere([step, *others], [edit])
                 if candidate is not None:
@@ -379,6 +389,8 @@ class Search:
         changed = {p.key: r for p, r in found.items()}
         worsts = {k: worst(r) for k, r in changed.items()}
         broken = any(self._is_worse(k, s) for k, s in worsts.items())
+        # A row without a residual before is that of a return statement that was not reached.
+        broken |= any(off > 1 for k, off in worsts.items() if k not in self.base)
         c = Candidate(step, change, extra or {}, worsts, broken, {k: changed[k] for k in changed if k in self.raw})
         c.by_chance = self._is_rejected(c)
         if not broken:
@@ -450,11 +462,10 @@ class Search:
             left = self._covered()
             if n == _REQUIRED_AFTER and left:
                 self._until = self.deadline
+                self._refute()  # first, because no value is required of expressions without a right one
                 self._singles += self.required(left)
                 left = self._covered()
                 by_required = not left
-                if left:
-                    self._refute()
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked: set[tuple[str, int]] = set()
         for group in self._groups:
@@ -828,7 +839,7 @@ class Search:
                 parts[id(double)] = double.outside(firsts, until)
             return parts[id(double)]
 
-        stages: list[Callable[[Double, Sequence[Key], Deadline], Iterator[tuple[Edit, Edit]]]] = [
+        stages: list[_Stage] = [
             lambda double, rows, end: double.beside(known, rows, end, composed=True),
             lambda double, rows, end: double.required(known, rows, end),
             lambda double, rows, end: double.in_one(rows, end),
@@ -838,6 +849,12 @@ class Search:
             lambda double, rows, end: double.beside(parted(double)[1], rows, end),
             lambda double, rows, end: double.required(firsts, rows, end),
         ]
+        for stage in (stages[_IN_ONE], stages[_IN_TWO]):
+            # A pose rejects nearly all wrong pairs of expressions, so that this takes little time.
+            end = until.within(_POSE_PART * until.left)
+            out += self._tried_pairs(stage, [search for search in searches if self._has_pose(*search)], end)
+            if self._has_repair(k, out):
+                return out, True
         out += self._of_two_statements(until)
         if self._has_repair(k, out):
             return out, True
@@ -850,13 +867,29 @@ class Search:
                 if m == len(searches) - 1:
                     part = 1.0
                 end = of_stage.within(part * of_stage.left)
-                for first, second in stage(double, rows, end):
-                    candidate = self._pair(double, first, second)
-                    if candidate is not None:
-                        out.append(candidate)
+                out += self._tried_pairs(stage, [(double, rows)], end)
                 if self._has_repair(k, out):
                     return out, True
         return out, not until.passed
+
+    def _tried_pairs(
+        self, stage: _Stage, searches: Sequence[tuple[Double, Sequence[Key]]], end: Deadline
+    ) -> list[Candidate]:
+        """Return the candidates for the pairs of edits that a stage of `_double` finds in some equations."""
+        out: list[Candidate] = []
+        for double, rows in searches:
+            if end.passed:
+                break
+            for first, second in stage(double, rows, end):
+                candidate = self._pair(double, first, second)
+                if candidate is not None:
+                    out.append(candidate)
+        return out
+
+    def _has_pose(self, double: Double, rows: Sequence[Key]) -> bool:
+        """Return whether one of `rows` is a pose that an equation returns."""
+        own = [row for row in rows if row[0] == double.step.equation.name]
+        return any(self.raw[row].shape[1] >= _POSE for row in own)
 
     def _crossed(self, step: Step) -> Crossed | None:
         """Return the search for edits in the statements of an equation itself; None for a plain function."""
@@ -985,7 +1018,7 @@ class Search:
             return out, True
         complete = True
         for step, some in self._moving(k, singles):
-            pairs = Pairs(self.judge, self.shaken, step, k, some, deadline)
+            pairs = Pairs(self.judge, self.shaken, step, k, some, deadline, self._undefined(step))
             for e, f in pairs.found():
                 c = self.attempt(step, [e, f])
                 if c is not None:
@@ -993,6 +1026,15 @@ class Search:
             self.tried += pairs.evaluated
             complete &= pairs.complete
         return out, complete
+
+    def _undefined(self, step: Step) -> list[ByteRange]:
+        """Return where names without a value stand in the statements of an equation on which failing rows depend."""
+        out: list[ByteRange] = []
+        for other, sites in self._sites():
+            if other is step:
+                for site in sites:
+                    out += undefined(site)
+        return out
 
     def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
         """Return the one-token edits that change row `k`, grouped by the equation in which they are tried."""

@@ -11,19 +11,22 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
-from twin.validation.explain.candidate import residuals
+from twin.validation.explain.candidate import evaluated
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.numeric import Matrix, unguarded
-from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.row_deviations import Judge, Residuals, evaluate
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import DIFFERENCE, Shift, shifted, solution
 from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.swivel import fitted
 from twin.validation.explain.term_texts import Atom, equal, factors, sums, terms
 from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
@@ -47,17 +50,25 @@ class Required:
     """Search for changed expressions in the statements of one equation, and of the functions that it calls."""
 
     def __init__(
-        self, judge: Judge, step: Step, rows: Sequence[Key], deadline: Deadline, fixed: Sequence[Edit] = ()
+        self,
+        judge: Judge,
+        step: Step,
+        rows: Sequence[Key],
+        deadline: Deadline,
+        fixed: Sequence[Edit] = (),
+        refuted: Sequence[tuple[Path, int, int]] = (),
     ) -> None:
         """Set up the search for the wrong rows `rows`, which all depend on the equation of `step`.
 
-        `fixed` are edits of the same function that are made in any case.
+        `fixed` are edits of the same function that are made in any case. `refuted` are places (file, first byte,
+        end) of scalars with no value of which a row agrees; expressions in them are left out.
         """
         self.judge = judge
         self.step = step
         self.rows = rows
         self.deadline = deadline
         self.fixed = list(fixed)
+        self.refuted = list(refuted)
 
     def edits(self, source: Source, statement: Statement) -> Iterator[Edit]:
         """Yield edits of a statement after which a row agrees, until the deadline; all of them must be tried."""
@@ -66,6 +77,8 @@ class Required:
         for node in expressions(statement.node, parents):
             start, end = source.span(node)
             if any(start <= edit.end and edit.start <= end for edit in self.fixed):
+                continue
+            if any(path == source.path and first <= start and end <= last for path, first, last in self.refuted):
                 continue
             for entries in (0, VECTOR):
                 if self.deadline.passed:
@@ -85,11 +98,11 @@ class Required:
         """
         edit = shifted(source, statement, node, _NAME)
         at_zero = Shift(self.judge.truth.k, entries)
-        base = self._residual(edit, at_zero)
+        base = self._residual(edit, at_zero, self._swivel)
         if base is None:
             return None
         at_zero.shift = np.full_like(at_zero.shift, DIFFERENCE)
-        moved = self._residual(edit, at_zero)
+        moved = self._residual(edit, at_zero, self._swivel)
         if moved is None:
             return None
         mine = [k for k in self.rows if k in moved and k in base and not np.array_equal(base[k], moved[k])]
@@ -106,32 +119,50 @@ class Required:
     def _fitted(self, edit: Edit, rows: Sequence[Key], entries: int) -> Shift | None:
         """Return the shift with which the rows agree at every pose; None if Gauss-Newton does not find it."""
         shift = Shift(self.judge.truth.k, entries)
+        unknowns = shift.shift.shape[1]
+        start = np.zeros_like(shift.shift)
+        swivel = self._swivel
+        if swivel is not None:  # it is one more unknown
+            start = np.column_stack([start, swivel])
 
         def residual(values: Array) -> Array | None:
-            shift.shift = values
-            found = self._residual(edit, shift)
+            shift.shift = values[:, :unknowns]
+            angle = None if swivel is None else values[:, -1]
+            found = self._residual(edit, shift, angle)
             if found is None or any(k not in found for k in rows):
                 return None
             return np.hstack([found[k] for k in rows])
 
-        solved = solution(residual, np.zeros_like(shift.shift), lambda: shift.value, self.deadline)
+        def scale() -> Array:
+            if swivel is not None:
+                return np.column_stack([shift.value, np.zeros(len(start))])
+            return shift.value
+
+        solved = solution(residual, start, scale, self.deadline)
         if solved is None:
             return None
         _, shift.known = solved
         return shift
 
-    def _residual(self, edit: Edit, shift: Shift) -> dict[Key, Array] | None:
-        extra = {_NAME: shift}
-        called = [h.function.__globals__ for h in self.judge.helpers(self.step)]
-        called = called if edit.function != self.step.source.name else []
-        for scope in called:
-            scope.update(extra)
-        try:
-            with unguarded():
-                return residuals(self.judge, self.step.equation.name, [*self.fixed, edit], extra)
-        finally:
-            for scope in called:
-                scope.pop(_NAME, None)
+    def _residual(self, edit: Edit, shift: Shift, angle: Array | None) -> dict[Key, Array] | None:
+        """Return the residuals of the rows with a shifted expression; `angle`: values (k,) of the swivel, if any."""
+        with unguarded():
+            return evaluated(self.judge, self.step.equation.name, [*self.fixed, edit], {_NAME: shift}, angle)
+
+    @cached_property
+    def _swivel(self) -> Array | None:
+        """The first values (k,) of the swivel angle: those that are best after the edits `fixed`; None without one."""
+        if not self.step.free:
+            return None
+        (angle,) = self.step.free.values()
+        if not self.fixed:
+            return np.asarray(angle, float)
+
+        def rows(angle: Array) -> Residuals:
+            return evaluate(self.judge, self.step, self.fixed, None, angle) or {}
+
+        with unguarded():
+            return fitted(rows, self.judge.truth.k)
 
 
 def expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.expr]:

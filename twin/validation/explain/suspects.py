@@ -12,7 +12,10 @@ from twin.validation.explain.rows import Place, Step
 def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
     """Return {equation: indices of the statements on which the value of a row depends}."""
     out: dict[str, set[int]] = {}
-    _trace(judge, judge.step(place.equation), place.statement, place.position, out, set())
+    step = judge.step(place.equation)
+    _trace(judge, step, place.statement, place.position, out, set())
+    if step.stuck:  # the return statement could not be reached, and may have another fault
+        out[place.equation].add(step.source.statements[-1].index)
     return out
 
 
