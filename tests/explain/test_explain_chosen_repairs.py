@@ -7,9 +7,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from twin.validation.explain import repair
+from twin.validation.explain import repair_choice, trials
 from twin.validation.explain.candidate import Candidate, Found
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.edited_functions import EditedFunctions
+from twin.validation.explain.formula_state import FormulaState
 from twin.validation.explain.repair import Search
 from twin.validation.explain.rows import Place
 from twin.validation.explain.source import Edit
@@ -19,7 +21,7 @@ B = ("e", 1, 0)
 
 STEP = SimpleNamespace(source=SimpleNamespace(name="f", path=Path("x")), equation=SimpleNamespace(name="e"))
 
-BY_CHANCE = repair._After(0, "because a = b")
+BY_CHANCE = FormulaState(0, "because a = b")
 
 
 def edit(start):
@@ -43,9 +45,10 @@ def search():
     out.failing = [A, B]
     out.base = {A: 9.0, B: 9.0}
     out._runs = lambda c: True
-    out._off_the_mechanism = lambda c, rows: None
-    out._text = lambda c: str(starts(c))
-    out._state_after = lambda change: out.states[tuple(e.start for e in change)]
+    out.functions = EditedFunctions(judge, judge)
+    out.functions.perturbed = lambda c, rows: None
+    out.functions.text = lambda c: str(starts(c))
+    out.choice.states._evaluated = lambda change: out.states[tuple(e.start for e in change)]
     return out
 
 
@@ -57,8 +60,8 @@ def pairs_found(search, *found):
         searches.append(deadline)
         return [candidate(*places, scores={B: 0.0}) for places in found], True
 
-    search._double = double
-    search._pairs = lambda k, singles, shared, deadline: ([], True)
+    search.pair_search.by_value = double
+    search.pair_search.by_position = lambda k, singles, shared, deadline: ([], True)
     return searches
 
 
@@ -70,7 +73,7 @@ def single(search):
 
 def test_a_pair_that_is_refused_is_not_found_again(search):
     """The pair repairs row B, and holds by chance together with the only repair of row A."""
-    search.states = {(10, 20): repair._After(0, ""), (0, 10, 20): BY_CHANCE}
+    search.states = {(10, 20): FormulaState(0, ""), (0, 10, 20): BY_CHANCE}
     searches = pairs_found(search, (10, 20))
     found, left = search._pairs_of([single(search)], [B], 8.0)
     assert left == [B]
@@ -80,7 +83,7 @@ def test_a_pair_that_is_refused_is_not_found_again(search):
 
 
 def test_a_pair_that_holds_together_with_other_repairs_comes_first(search):
-    general = repair._After(0, "")
+    general = FormulaState(0, "")
     search.states = {(10, 20): general, (30, 40): general, (0, 10, 20): BY_CHANCE, (0, 30, 40): general}
     searches = pairs_found(search, (10, 20), (30, 40))
     found, left = search._pairs_of([single(search)], [B], 8.0)
@@ -90,7 +93,7 @@ def test_a_pair_that_holds_together_with_other_repairs_comes_first(search):
 
 
 def test_all_searches_for_pairs_have_one_deadline(search):
-    search.states = {(10, 20): repair._After(0, ""), (0, 10, 20): BY_CHANCE}
+    search.states = {(10, 20): FormulaState(0, ""), (0, 10, 20): BY_CHANCE}
     searches = pairs_found(search, (10, 20))
     search._pairs_of([single(search)], [B], 8.0)
     first, second = searches
@@ -98,15 +101,15 @@ def test_all_searches_for_pairs_have_one_deadline(search):
 
 
 def test_a_refused_pair_is_refused_when_it_is_tried_again(search, monkeypatch):
-    monkeypatch.setattr(repair, "aliases", lambda judge, step, change: {})
+    monkeypatch.setattr(trials, "aliases", lambda judge, step, change: {})
     monkeypatch.setattr(
-        repair, "evaluate", lambda judge, step, change, extra: {Place("e", "printed", 0, 0, "x", 1): 0.0}
+        trials, "evaluate", lambda judge, step, change, extra: {Place("e", "printed", 0, 0, "x", 1): 0.0}
     )
-    monkeypatch.setattr(repair, "worst", lambda r: r)
+    monkeypatch.setattr(trials, "worst", lambda r: r)
     monkeypatch.setattr(Search, "dependence", SimpleNamespace(judged=lambda c, rows: None))
     search.raw = {}
     assert search.attempt(STEP, [edit(10), edit(20)]).serves
-    search._rejected.add(frozenset([edit(10), edit(20)]))
+    search.rejected.add(frozenset([edit(10), edit(20)]))
     assert not search.attempt(STEP, [edit(20), edit(10)]).serves
     assert search.attempt(STEP, [edit(10)]).serves
 
@@ -115,13 +118,13 @@ def chosen(search, *ways):
     cures = []
     for way in ways:
         cures.append([candidate(start, scores={A: 0.0}) for start in way])
-    return [[c.edits[0].start for c in way] for way in search._best(cures)]
+    return [[c.edits[0].start for c in way] for way in search.choice.best(cures)]
 
 
 def test_no_reading_that_holds_by_chance_is_chosen(search):
     """The first readings are left out because more rows are wrong; the others hold only by chance."""
-    general = repair._After(0, "")
-    search.states = {(0,): repair._After(1, ""), (10,): BY_CHANCE, (20,): general, (30,): BY_CHANCE}
+    general = FormulaState(0, "")
+    search.states = {(0,): FormulaState(1, ""), (10,): BY_CHANCE, (20,): general, (30,): BY_CHANCE}
     assert chosen(search, [0, 10], [20, 30]) == [[20]]
     assert chosen(search, [10, 0]) == [[0]]
     assert chosen(search, [10], [30]) == []
@@ -129,27 +132,27 @@ def test_no_reading_that_holds_by_chance_is_chosen(search):
 
 def test_what_is_chosen_agrees_with_whether_there_is_a_repair(search):
     """The only general reading is the last of many."""
-    many = range(repair._WHOLE + 2)
+    many = range(repair_choice._WHOLE + 2)
     for start in many:
         search.states[start,] = BY_CHANCE
-    search.states[many[-1],] = repair._After(0, "")
+    search.states[many[-1],] = FormulaState(0, "")
     candidates = [candidate(start, scores={A: 0.0}) for start in many]
-    assert search._has_repair(A, candidates)
-    assert search._best([candidates]) == [[candidates[-1]]]
+    assert search.choice.has_repair(A, candidates)
+    assert search.choice.best([candidates]) == [[candidates[-1]]]
 
 
 def test_a_repair_confirmed_before_the_time_was_over_is_chosen(search):
-    search.states = {(0,): BY_CHANCE, (10,): repair._After(0, "")}
+    search.states = {(0,): BY_CHANCE, (10,): FormulaState(0, "")}
     candidates = [candidate(start, scores={A: 0.0}) for start in (0, 10)]
-    assert search._has_repair(A, candidates)
-    search.deadline = Deadline(-1.0)
-    assert search._best([candidates]) == [[candidates[1]]]
+    assert search.choice.has_repair(A, candidates)
+    search.choice.deadline = Deadline(-1.0)
+    assert search.choice.best([candidates]) == [[candidates[1]]]
 
 
 def test_a_remark_is_told_for_each_row_that_agrees_by_chance(search):
     """The second candidate also changes row A, which stays wrong after it."""
     search.states = {(0,): BY_CHANCE, (10,): BY_CHANCE, (20,): BY_CHANCE}
-    search._mark(candidate(0, scores={A: 0.0}))
-    search._mark(candidate(10, scores={A: 5.0, B: 0.0}))
-    search._mark(candidate(20, scores={B: 0.0}))
+    search.choice.mark(candidate(0, scores={A: 0.0}))
+    search.choice.mark(candidate(10, scores={A: 5.0, B: 0.0}))
+    search.choice.mark(candidate(20, scores={B: 0.0}))
     assert [starts(c) for c, _ in search.by_chance] == [[0], [10]]

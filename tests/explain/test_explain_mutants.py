@@ -214,7 +214,7 @@ def test_a_cure_that_holds_only_for_equal_parameters_is_counted(tmp_path, monkey
     """Lapbot's a and b are equal: without the check of other values, b for a, given as a cure, would be a tie."""
     right = "acos((W[0] ** 2 + W[1] ** 2 - a**2 - b**2) / (2 * a * b))"
     case, formula = changed("lapbot", right, right.replace("b**2", "a"), tmp_path)
-    monkeypatch.setattr("twin.validation.explain.repair.coincidences", lambda judge: [])
+    monkeypatch.setattr("twin.validation.explain.formula_state.coincidences", lambda judge: [])
     assert seeds.outcome(case, formula, tmp_path, 4.0) == seeds.BY_CHANCE
 
 
@@ -270,7 +270,7 @@ def test_expressions_with_a_swivel_are_unknowns(tmp_path):
     judge = Judge(formula, None, case.truth)
     assert judge.step("elbow").free
     search = Search(judge, deadline=Deadline(30.0))
-    (double,) = (d for d in search._doubles if d.step.equation.name == "elbow")
+    (double,) = (d for d in search.pair_search.doubles if d.step.equation.name == "elbow")
     cuts = double.cuts(search.failing, Deadline(30.0))
     assert "sqrt(RL3**2 - a**3)" in {ast.unparse(cut.node).replace(" ** ", "**") for cut in cuts}
 

@@ -20,6 +20,11 @@ TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function",
 
 REST = ("transpose", "order", "parenthesis", "surplus", "missing")
 
+CALLS = ("trig", "function", "order", "transpose")
+OPERATORS = ("sign", "operator", "exponent")
+FORMS = (*CALLS, *OPERATORS)
+"""Kinds of edits with few replacements at each position of the text, unlike names and numbers."""
+
 _ORDER = (*TOKENS, *REST)
 
 

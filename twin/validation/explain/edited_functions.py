@@ -1,0 +1,111 @@
+"""Group exact edits by the function that results: different edits may be readings of one repair."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.validation.explain.candidate import Candidate, residuals
+from twin.validation.explain.canonical import canonical
+from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.rows import Key
+from twin.validation.explain.source import Source
+
+_SAME = 1e-7
+"""Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
+function."""
+
+_Group = tuple[dict[Key, Array] | None, list[Candidate], set[str]]
+"""Residuals at perturbed values, candidates of one function, and their canonical texts."""
+
+
+class EditedFunctions:
+    """Compares the functions that result from edits."""
+
+    def __init__(self, judge: Judge, shaken: Judge) -> None:
+        """Set up for a judged formula; `shaken` judges it at perturbed values, which no mechanism has."""
+        self.judge = judge
+        self.shaken = shaken
+
+    def distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
+        """Group exact candidates by the resulting function; keep one candidate per different canonical text."""
+        groups: list[_Group] = []
+        for candidate in exact:
+            value = self.perturbed(candidate, rows)
+            text = self.text(candidate)
+            group = _group_of(groups, text, value)
+            if group is None:
+                groups.append((value, [candidate], {text}))
+                continue
+            _, members, texts = group
+            if text not in texts:
+                members.append(candidate)
+                texts.add(text)
+        return [members for _, members, _ in groups]
+
+    def text(self, c: Candidate) -> str:
+        """Return the canonical text of the edited statements."""
+        places = {(edit.path, edit.function, edit.statement) for edit in c.edits}
+        parts = []
+        for path, name, i in sorted(places):
+            source = self._source(c, path, name)
+            own = [edit for edit in c.edits if (edit.path, edit.function) == (path, name)]
+            parts.append(f"{name}:{i}:{canonical(source, source.statements[i], own)}")
+        return "; ".join(parts)
+
+    def _source(self, c: Candidate, path: Path, name: str) -> Source:
+        own = c.step.source
+        if (path, name) == (own.path, own.name):
+            return own
+        called = [helper.source for helper in self.judge.helpers(c.step)]
+        return next(source for source in called if (source.path, source.name) == (path, name))
+
+    def perturbed(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
+        """Return a candidate's residuals at perturbed values, to compare functions; None if a row has only NaN."""
+        found = residuals(self.shaken, c.step.equation.name, c.edits)
+        if not found:
+            return None
+        out = {}
+        for row, residual in found.items():
+            if row in rows:
+                out[row] = residual
+                if not np.isfinite(residual).any():
+                    return None
+        return out
+
+
+def _group_of(groups: list[_Group], text: str, value: dict[Key, Array] | None) -> _Group | None:
+    """Return the group with the same canonical text, or else with the same values."""
+    for group in groups:
+        if text in group[2]:
+            return group
+    if value is None:
+        return None
+    for group in groups:
+        if group[0] is not None and _same(group[0], value):
+            return group
+    return None
+
+
+def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:
+    """Return whether two edited equations are equivalent: their residuals differ by a constant factor only."""
+    if a.keys() != b.keys():
+        return False
+    for row in a:
+        if a[row].shape != b[row].shape:
+            return False
+        finite = np.isfinite(a[row])
+        if not np.array_equal(finite, np.isfinite(b[row])):
+            return False
+        x = a[row][finite]
+        y = b[row][finite]
+        size = float(np.abs(x).max(initial=0.0))
+        if size == 0:
+            continue
+        largest = int(np.argmax(np.abs(x)))
+        factor = y[largest] / x[largest]
+        if np.abs(y - x * factor).max() > _SAME * float(np.abs(y).max(initial=0.0)):
+            return False
+    return True

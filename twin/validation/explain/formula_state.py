@@ -1,0 +1,96 @@
+"""Evaluate the whole formula file after edits: how many rows are wrong, and whether rows agree only by chance."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.core.atomic import Scratch
+from twin.core.errors import KinematicsError
+from twin.formula.contract import Formula
+from twin.robots import load_formula
+from twin.validation.explain.row_deviations import Judge, worst
+from twin.validation.explain.rows import Key
+from twin.validation.explain.source import Edit, patched
+from twin.validation.explain.varied import closes, coincidences, condition
+
+_WORSE = 1.001
+"""An edit is refused if the residual of a row is larger than before by this factor."""
+
+
+@dataclass(frozen=True)
+class FormulaState:
+    """State of a whole formula after edits: number of wrong rows, and whether it holds only by chance.
+
+    By chance means: only for the present values of equal or assumed parameters; see `varied`. `chance` is the
+    condition, "because a = b"; "" if the formula holds in general. `worse`: whether a row is further off than before.
+    """
+
+    wrong: int
+    chance: str
+    worse: bool = False
+
+
+def is_worse(base: Mapping[Key, float], row: Key, off: float) -> bool:
+    """Return whether a row with the worst residual `off` disagrees, and more than before; `base`: residuals before."""
+    before = base.get(row, np.inf)
+    return off > max(1.0, _WORSE * before)
+
+
+class FormulaStates:
+    """The states of one formula after edits; each is computed once."""
+
+    def __init__(self, judge: Judge, base: Mapping[Key, float]) -> None:
+        """Set up for a judged formula; `base` are the worst residuals of its rows, in units of the tolerance."""
+        self.judge = judge
+        self.base = base
+        self.computed: dict[tuple[Edit, ...], FormulaState | None] = {}
+
+    def after(self, change: Sequence[Edit]) -> FormulaState | None:
+        """Return the state of the formula file after edits; None if it cannot be evaluated."""
+        key = tuple(change)
+        if key not in self.computed:
+            self.computed[key] = self._evaluated(key)
+        return self.computed[key]
+
+    def _evaluated(self, change: Sequence[Edit]) -> FormulaState | None:
+        home = self.judge.formula.equations[0]
+        path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
+        for edit in change:
+            if edit.path != path or edit.kind == "left side":
+                return None
+        with Scratch() as folder:  # the judge reads the statements from the file
+            file = Path(folder) / "formula.py"
+            file.write_text(patched(change), encoding="utf-8")
+            formula = self._loaded(file)
+            if formula is None:
+                return None
+            return self._state(formula)
+
+    def _loaded(self, file: Path) -> Formula | None:
+        """Return the edited formula in a file; None if it cannot be loaded."""
+        formula = self.judge.formula
+        joints = [(joint.name, joint.kind == "revolute") for joint in formula.joints]
+        try:
+            return load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
+        except KinematicsError:
+            return None
+
+    def _state(self, formula: Formula) -> FormulaState:
+        before = self.judge
+        judge = Judge(formula, before.variants, before.truth, before.tolerance, before.limits)
+        wrong = len(judge.failing())
+        worse = False
+        for place, residual in judge.residuals.items():
+            worse |= is_worse(self.base, place.key, worst(residual))
+        conditions = [condition(group) for group in coincidences(judge)]
+        chance = " and ".join(conditions)
+        free = before.truth.free
+        if not wrong and not chance and free and closes(judge, {}) is False:
+            # The rows were judged at the best value of the free parameter, which need not be the formula's value.
+            chance = f"for another {free} than that of the equations"
+        return FormulaState(wrong, chance, worse)

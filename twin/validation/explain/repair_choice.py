@@ -1,0 +1,152 @@
+"""Choose among exact repairs: those that hold in general, and after which the fewest rows of the formula are wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin.validation.explain.candidate import Candidate, Found
+from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.formula_state import FormulaStates
+from twin.validation.explain.rows import Key
+from twin.validation.explain.source import Edit
+from twin.validation.explain.trials import Trials
+
+_WHOLE = 12
+"""Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
+
+MOST_EXACT = 60
+"""Maximum number of exact edits of one group of rows that are compared with each other."""
+
+LATE = 3
+"""Maximum number of repairs that are confirmed, if the time is over."""
+
+
+class RepairChoice:
+    """The repairs that may be proposed, and those that were found to hold only by chance."""
+
+    def __init__(self, trials: Trials, deadline: Deadline) -> None:
+        """Set up for the wrong rows of `trials`; after `deadline`, few repairs are confirmed."""
+        self.trials = trials
+        self.states = FormulaStates(trials.judge, trials.base)
+        self.deadline = deadline
+        self.by_chance: list[tuple[Candidate, str]] = []
+        """Edits that make rows agree only by chance, which are no repairs, and the condition; see `FormulaState`."""
+
+    def is_rejected(self, c: Candidate) -> bool:
+        """Return whether a candidate's edits were rejected together with the repairs of other rows."""
+        return frozenset(c.edits) in self.trials.rejected
+
+    def is_general(self, c: Candidate) -> bool:
+        """Return whether the rows agree after a candidate's edits not only by chance; also if that is not known.
+
+        No row of the whole formula may be further off than before.
+        """
+        if self.is_rejected(c):
+            return False
+        after = self.states.after(c.edits)
+        return after is None or not (after.chance or after.worse)
+
+    def has_repair(self, k: Key, candidates: list[Candidate]) -> bool:
+        """Return whether one of the candidates repairs a row, and not by chance."""
+        exact = self.trials.exact([k], candidates)[:MOST_EXACT]
+        for n, c in enumerate(exact):
+            if self.deadline.passed and n >= LATE:
+                return False
+            if self.is_general(c):
+                return True
+        return False
+
+    def mark(self, c: Candidate) -> None:
+        """Remember that a candidate's edits make rows agree only by chance; one such is told for each row."""
+        after = self.states.after(c.edits)
+        c.by_chance = True
+        repaired = self._repaired(c)
+        for known, _ in self.by_chance:
+            if self._repaired(known) & repaired:
+                return
+        if after is not None and after.chance:
+            self._tell(c, after.chance)
+
+    def _tell(self, c: Candidate, chance: str) -> None:
+        """Remember that a candidate's edits make rows agree only by chance, unless that is remembered already."""
+        for known, condition_of_known in self.by_chance:
+            if frozenset(known.edits) == frozenset(c.edits) and condition_of_known == chance:
+                return
+        self.by_chance.append((c, chance))
+
+    def _repaired(self, c: Candidate) -> set[Key]:
+        """Return the failing rows that agree after a candidate's edits."""
+        return {row for row in self.trials.failing if c.scores.get(row, np.inf) <= 1}
+
+    def best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
+        """Keep the repairs after which the fewest rows of the whole formula are wrong.
+
+        Readings that hold only for the present values of equal or assumed parameters are left out before, also if no
+        other repair is left. A repair of which no reading is confirmed is not proposed.
+        """
+        general: list[tuple[list[tuple[Candidate, int | None]], list[Candidate]]] = []
+        least: int | None = None
+        for n, way in enumerate(cures):
+            confirmed: list[tuple[Candidate, int | None]] = []
+            others: list[Candidate] = []
+            for i, c in enumerate(way):
+                is_first = i == 0 and n < LATE
+                in_time = (i < _WHOLE or not confirmed) and not self.deadline.passed
+                if not (is_first or in_time or tuple(c.edits) in self.states.computed):
+                    others.append(c)
+                    continue
+                if not self.is_general(c):
+                    continue
+                after = self.states.after(c.edits)
+                wrong = None if after is None else after.wrong
+                if wrong is not None and (least is None or wrong < least):
+                    least = wrong
+                confirmed.append((c, wrong))
+            general.append((confirmed, others))
+        kept = []
+        for confirmed, others in general:
+            readings = [c for c, wrong in confirmed if wrong is None or wrong == least]
+            if readings:
+                kept.append([*readings, *others])
+        return kept
+
+    def together(self, found: list[Found]) -> tuple[list[Found], list[Key]]:
+        """Return (results of which the first repairs of all groups hold together, rows that are left without a repair).
+
+        Repairs of several groups may hold only together for the present values of parameters. Then another repair of
+        one group is put first; if none holds, the repair with the most unusual edit is left out.
+        """
+        if len(found) < 2 or not self._by_chance_together(found):
+            return found, []
+        for n, f in enumerate(found):
+            for cure in f.cures[1:]:
+                if self.deadline.passed:
+                    break
+                others = [other for other in f.cures if other is not cure]
+                changed = [*found[:n], replace(f, cures=[cure, *others]), *found[n + 1 :]]
+                if not self._by_chance_together(changed):
+                    return changed, []
+        unusual = max(found, key=lambda f: f.cures[0][0].rank)
+        after = self.states.after(_first_edits(found))
+        if after is not None:
+            self._tell(unusual.cures[0][0], after.chance)
+        for c in unusual.cures[0]:
+            c.by_chance = True
+            self.trials.rejected.add(frozenset(c.edits))
+        n = found.index(unusual)
+        return [*found[:n], replace(unusual, cures=[]), *found[n + 1 :]], list(unusual.rows)
+
+    def _by_chance_together(self, found: Sequence[Found]) -> bool:
+        after = self.states.after(_first_edits(found))
+        return after is not None and after.chance != ""
+
+
+def _first_edits(found: Sequence[Found]) -> list[Edit]:
+    """Return the edits of the first reading of the first repair of each group."""
+    out: list[Edit] = []
+    for f in found:
+        out += f.cures[0][0].edits
+    return out
