@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 
+import casadi as ca
 import numpy as np
 import pytest
 
+from twin.robots import _authoring
 from twin.validation.explain.numeric import Rebuilder
 
 TEXT = """
@@ -114,3 +116,14 @@ def test_a_first_call_with_a_stand_in_keeps_nothing(module, q):
     np.testing.assert_array_equal(f(q, A)[0], A + q)
     f.__globals__["wave"] = original
     np.testing.assert_array_equal(f(q, A)[0], A * np.sin(q))
+
+
+def test_rows_of_a_table_are_kept_although_vertcat_of_casadi_is_a_python_function():
+    """CasADi's functions are never edited; a row of a table is evaluated thousands of times with the same values."""
+    kept = Rebuilder().function(_authoring.row)
+    q = np.array([0.1, 0.2])
+    first = kept(-0.5, 0.3, q, 0.2)
+    assert kept.__wrapped__ is not _authoring.row
+    for pose, angle in zip(first.a, q, strict=True):
+        np.testing.assert_allclose(pose, np.array(ca.DM(_authoring.row(-0.5, 0.3, angle, 0.2))), atol=1e-15)
+    np.testing.assert_array_equal(kept(-0.5, 0.3, q, 0.2).a, first.a)

@@ -162,13 +162,37 @@ TWO = (
     ),
     ("lapbot", ("trocar_z) - P_in\n    length", "trocar_z) + P_in\n    length"), ("P_in + r7 * u", "P_in")),
     ("sher", ("rotation_x(0), vertcat(r_x, r_y, r_z)", "rotation_x(1), vertcat(r_y, r_y, r_z)")),
+    ("pa10", ("(RL3**2 - RL5**2 + D", "(RL3**2 - RL3**2 + D"), ("sqrt(RL3**2 - a**2)", "(RL3**2 - a**2)")),
+    (
+        "sils",
+        (
+            "l_p * s_psi * c_theta - l_p / 2 * s_psi * s_theta * s_phi - l_p / 2 * c_psi * c_phi",
+            "Y_S1 * s_psi * c_theta - l_p / 2 * s_psi * s_theta * s_phi - l_p / 2 * c_psi * c_phi",
+        ),
+        ("l_p / 2 * s_phi * c_theta  # (1)\n    X_S2", "l_p / 2 * s_phi * Z_S2  # (1)\n    X_S2"),
+    ),
+    (
+        "hibou",
+        ("row(0, 0, q1, h) @ row(-pi / 2, 0, q2, 0)", "row(0, 0, q1, h) @ row(-pi / 2, 0, q1, 0)"),
+        ("row(0, a, q3, 0)\n\n\n@", "row(0, a, q2, 0)\n\n\n@"),
+    ),
 )
 
 
 @pytest.mark.parametrize(
     "change",
     TWO,
-    ids=["angles", "angle and length", "one expression", "without a value", "vector beside a sign", "must be zero"],
+    ids=[
+        "angles",
+        "angle and length",
+        "one expression",
+        "without a value",
+        "vector beside a sign",
+        "must be zero",
+        "radius of either sign",
+        "names without a value",
+        "function called twice",
+    ],
 )
 @pytest.mark.slow
 def test_two_faults_in_scalar_expressions_are_found(change, tmp_path, monkeypatch):
