@@ -23,6 +23,8 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.ui.headset.operation import Operation
+    from twin.ui.headset.ros.bridge import RosBridge
     from twin.ui.headset.served import Served
     from twin.ui.session.loaded_scene import LoadedScene
 
@@ -107,7 +109,7 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
     return lambda: served.of_console(machines.connected(loaded, args.machine), exercise, *connections)
 
 
-_CONNECTIONS = ("packets", "mqtt", "mqtt_topic")
+_CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
 _CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum")
 """Options for the console of a scene."""
 
@@ -161,6 +163,7 @@ async def serve_until_stopped(
     live = shown.live
     source = live
     recording = None
+    bridge: RosBridge | None = None
     try:
         if args.replay is not None:
             source = Replay(Path(args.replay), name, shown.model_hash)
@@ -177,6 +180,12 @@ async def serve_until_stopped(
         server = StreamServer(source, shown.hello, own, rules, recording)
         server.stopping = stopping
         await server.start(args.host, port, context)
+        if args.ros is not None:
+            from twin.ui.headset.operation import Operation
+
+            assert isinstance(live, Operation)  # `_refuse` has refused the option for everything else
+            bridge = await _bridge(live, *args.ros)
+            bridge.hurry = server.respond_soon
         if "/" not in own:
             print(
                 "twin: twin/ui/headset/web/dist is missing: only the stream is served, without the page",
@@ -188,11 +197,34 @@ async def serve_until_stopped(
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
         await server.run()
     finally:
+        if bridge is not None:
+            await bridge.close()
         live.close()
     next_command = ""
     if args.session is not None and Path(args.session).is_file():
         next_command = f"\n  twin session {args.session}"
     print(next_command)
+
+
+async def _bridge(operation: Operation, host: str, port: int) -> RosBridge:
+    """Start the server for ROS clients, and print its address.
+
+    Raises:
+        TwinError: the port is in use.
+    """
+    from twin.ui.access.rules import AccessRules
+
+    def announce(token: str) -> None:
+        print(f"  address for the next ROS client: ws://{host}:{port}/?token={token}", flush=True)
+
+    bridge = operation.bridge(AccessRules(host, port, False, announce))
+    try:
+        await bridge.start(host, port)
+    except OSError as error:
+        reason = error.strerror or error
+        raise TwinError(f"--ros: cannot listen on {host}:{port}: {reason}; choose another port") from error
+    print(f"  rosbridge for ROS clients: ws://{host}:{bridge.port}", flush=True)
+    return bridge
 
 
 def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:

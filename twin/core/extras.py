@@ -9,6 +9,7 @@ from twin.core.errors import TwinError
 
 EXTRAS = {
     "aiomqtt": "mqtt",
+    "cbor2": "ros",
     "cuda.bindings.driver": "gpu",
     "distributed": "cluster",
     "mcap": "mcap",

@@ -15,6 +15,7 @@ EXAMPLES = """\
   twin serve davinci --task pegboard            rings to grasp, with a scoreboard
   twin serve raven_dome --task ring             a ring to hand over and to guide in a dome
   twin serve davinci --packets 9870 --mqtt 127.0.0.1    also by UDP packets; motion scale by MQTT
+  twin serve davinci --ros 9090                 by programs of ROS systems, without ROS on this computer
   twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network
   twin serve sils --record session.json        record requests and what clients see
   twin serve sils --replay session.json
@@ -33,6 +34,8 @@ def arguments(command: Command) -> None:
     command.text("--mqtt", "HOST[:PORT]", text, type=_broker)
     text = "topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)"
     command.text("--mqtt-topic", "TOPIC", text)
+    text = "port for programs of ROS systems by the protocol rosbridge, for a scene with a console (docs/ros.md)"
+    command.text("--ros", "[HOST:]PORT", text, type=_packets)
     command.text("--session", "FILE", "record the motion of the hands at a console; twin session replays the file")
     command.text("--cert", "FILE", "certificate (PEM) for https, which headsets require for AR")
     command.text("--key", "FILE", "private key (PEM) of the certificate, if it is not in the same file")

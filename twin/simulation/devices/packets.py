@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from enum import IntFlag
 
 import numpy as np
@@ -78,6 +79,18 @@ def unpack(data: bytes) -> HandState:
         raise DeviceError(
             f"pedals are {pedals}; they must be the sum of {_Pedal.CLUTCH:d} (clutch) and {_Pedal.CAMERA:d} (camera)"
         )
+    pose = handle_pose(p, q)
+    clutch = bool(pedals & _Pedal.CLUTCH)
+    camera = bool(pedals & _Pedal.CAMERA)
+    return HandState(hand, clutch, camera, number, pose, grip_angle(grip))
+
+
+def handle_pose(p: Sequence[float], q: Sequence[float]) -> Array:
+    """Return the pose (4, 4) of a handle in {H} from its position p (3,) in m and quaternion q (4,), w first.
+
+    Raises:
+        DeviceError: a number is implausible; the message names the field, its value and its limit.
+    """
     # NaN and infinity fail these comparisons.
     for axis, x in zip("xyz", p, strict=True):
         if not abs(x) <= _FAR:
@@ -85,12 +98,18 @@ def unpack(data: bytes) -> HandState:
     length = math.hypot(*q)
     if not abs(length - 1) <= _UNIT:
         raise DeviceError(f"the quaternion has length {length:g}; it must be 1 ± {_UNIT:g}")
+    return spatial.pose(spatial.matrix_from_quat_wxyz(q), p)
+
+
+def grip_angle(grip: float) -> float:
+    """Return the angle of a gripper in rad.
+
+    Raises:
+        DeviceError: the angle is implausible.
+    """
     if not abs(grip) <= _OPEN:
         raise DeviceError(f"gripper is {grip:g} rad; it must be within ±{_OPEN:.4g} rad")
-    pose = spatial.pose(spatial.matrix_from_quat_wxyz(q), p)
-    clutch = bool(pedals & _Pedal.CLUTCH)
-    camera = bool(pedals & _Pedal.CAMERA)
-    return HandState(hand, clutch, camera, number, pose, grip)
+    return grip
 
 
 class Packets(GivenHands):

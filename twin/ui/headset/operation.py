@@ -24,6 +24,7 @@ from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
 from twin.ui.access.responses import File
+from twin.ui.access.rules import AccessRules
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.deformable_packets import Bends
 from twin.ui.headset.mqtt import ScaleTopic
@@ -31,6 +32,9 @@ from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.ros.bridge import RosBridge
+from twin.ui.headset.ros.hands import ROS, RosHands
+from twin.ui.headset.ros.topics import ConsoleTopics
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.loaded_scene import LoadedScene
@@ -55,6 +59,7 @@ class Operation(LiveConsole):
         owner: identifier of the client whose hands control the robots; `UDP` if UDP packets do; None: no owner.
         packets: receiver of UDP packets with hand states; None before `listen`.
         tablet: MQTT topic by which the motion scale is set; None before `connect`.
+        ros: server for clients of ROS systems; None before `bridge`.
         send: function that sends a document to all clients.
         files: reports of finished attempts, by path.
     """
@@ -76,6 +81,7 @@ class Operation(LiveConsole):
         """
         self.packets: PacketHands | None = None
         self.tablet: ScaleTopic | None = None
+        self.ros: RosBridge | None = None
         self._connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
         super().__init__(loaded, exercise)
@@ -180,6 +186,11 @@ class Operation(LiveConsole):
         self.tablet.reports.tell = self._warn
         self._connection = asyncio.ensure_future(self.tablet.run())
 
+    def bridge(self, rules: AccessRules) -> RosBridge:
+        """Return the server for clients of ROS systems that the rules accept; the caller starts and closes it."""
+        self.ros = RosBridge(ConsoleTopics(self, lambda: self._forces), rules)
+        return self.ros
+
     def close(self) -> None:
         """Close the UDP socket and the connection to the broker, complete the session file, remove temporary files."""
         if self.packets is not None:
@@ -201,6 +212,8 @@ class Operation(LiveConsole):
         if self._tick >= 0:
             passed = (tick - self._tick) / RATE
         self._tick = tick
+        if self.ros is not None:
+            self.ros.topics.before_frame(passed)
         scale = self.reading["scale"]
         for text in self.advance(passed):
             self._send(text)
@@ -211,6 +224,8 @@ class Operation(LiveConsole):
         self._send_deviations(tick)
         for document in self._plans.news():
             self.send(document)
+        if self.ros is not None:
+            self.ros.send()
         row = self.state_row()
         moved = self._shown is None or not np.array_equal(row, self._shown)
         if moved:
@@ -257,19 +272,34 @@ class Operation(LiveConsole):
 
     @property
     def _chunk(self) -> int:
-        if self.owner == UDP:
+        if self.owner in (UDP, ROS):
             return 1  # a force acts for one step
         return super()._chunk
 
     def _before_steps(self, parts: int) -> None:
         super()._before_steps(parts)
-        if self.packets is not None:
-            self._exchange(self.packets, parts)
+        self._receive(parts)
 
     def _after_steps(self, behind: bool) -> None:
-        if behind and self.packets is not None:  # use all packets at once, so that the delay does not grow
-            self._exchange(self.packets, 1)
+        if behind:  # use all packets at once, so that the delay does not grow
+            self._receive(1)
         super()._after_steps(behind)
+
+    def _receive(self, parts: int) -> None:
+        """Receive hand states by UDP and from ROS clients; `parts` is the number of remaining groups of steps."""
+        if self.packets is not None:
+            self._exchange(self.packets, parts)
+        if self.ros is not None:
+            self._take_ros(self.ros.topics.hands, parts)
+
+    def _take_ros(self, hands: RosHands, parts: int) -> None:
+        """Use hand states of ROS clients in the next steps of the World."""
+        ros = self.owner == ROS
+        hands.holder = None if ros or self.silent else self.owner
+        if hands.pump(parts):
+            self.own(ROS)
+        elif ros and hands.silent(self.world.t):
+            self.release(ROS)
 
     def _exchange(self, packets: PacketHands, parts: int) -> None:
         """Receive packets for the next steps of the World, and send the forces."""
@@ -373,11 +403,13 @@ class Operation(LiveConsole):
         return document
 
     def _read(self) -> JsonObject:
-        reading = super()._read() | {"packets": None, "mqtt": None}
+        reading = super()._read() | {"packets": None, "mqtt": None, "ros": None}
         if self.packets is not None:
             reading["packets"] = self.packets.state(self.world.t, self.world.signals)
         if self.tablet is not None:
             reading["mqtt"] = self.tablet.state
+        if self.ros is not None:
+            reading["ros"] = self.ros.state()
         return reading
 
     def _warn(self, text: str) -> None:

@@ -179,6 +179,11 @@ class StreamServer:
         for client in self.clients:
             client.behind = True
 
+    def respond_soon(self) -> None:
+        """Send a frame as soon as `GAP` allows: a message to another server has moved the robots."""
+        if self._response is None:
+            self._respond(time.monotonic())
+
     def _respond(self, now: float) -> None:
         """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick.
 

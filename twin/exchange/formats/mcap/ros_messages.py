@@ -1,0 +1,71 @@
+"""Messages of ROS 2 as plain data: poses, joint values, forces, transforms, states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.core import spatial
+from twin.core.json_types import JsonObject
+from twin.core.spatial import Array
+
+WORLD = "world"
+"""Name of the frame to which transforms are relative."""
+
+_NANO = 1_000_000_000
+
+
+def time_of(t: float) -> JsonObject:
+    """Return a time in s as builtin_interfaces/Time."""
+    nanoseconds = round(t * _NANO)
+    return {"sec": nanoseconds // _NANO, "nanosec": nanoseconds % _NANO}
+
+
+def header(t: float, frame: str = "") -> JsonObject:
+    """Return std_msgs/Header of a time in s and the name of a frame."""
+    return {"stamp": time_of(t), "frame_id": frame}
+
+
+def _vector(values: ArrayLike) -> JsonObject:
+    x, y, z = np.asarray(values, float).tolist()
+    return {"x": x, "y": y, "z": z}
+
+
+def _quaternion(R: Array) -> JsonObject:
+    w, x, y, z = spatial.quat_from_matrix_wxyz(R).tolist()
+    return {"x": x, "y": y, "z": z, "w": w}
+
+
+def pose_stamped(t: float, frame: str, T: Array) -> JsonObject:
+    """Return geometry_msgs/PoseStamped of a pose T (4, 4) in a frame."""
+    pose = {"position": _vector(T[:3, 3]), "orientation": _quaternion(T[:3, :3])}
+    return {"header": header(t, frame), "pose": pose}
+
+
+def joint_state(t: float, names: Sequence[str], q: Array, speeds: Array | None = None) -> JsonObject:
+    """Return sensor_msgs/JointState of joint values q (n,) in rad or m; speeds (n,) in rad/s or m/s, None: unknown."""
+    velocity = [] if speeds is None else np.asarray(speeds, float).tolist()
+    position = np.asarray(q, float).tolist()
+    return {"header": header(t), "name": list(names), "position": position, "velocity": velocity, "effort": []}
+
+
+def wrench_stamped(t: float, frame: str, force: Array) -> JsonObject:
+    """Return geometry_msgs/WrenchStamped of a force (3,) in N without torque."""
+    wrench = {"force": _vector(force), "torque": _vector((0.0, 0.0, 0.0))}
+    return {"header": header(t, frame), "wrench": wrench}
+
+
+def transforms(t: float, poses: Mapping[str, Array]) -> JsonObject:
+    """Return tf2_msgs/TFMessage of poses {frame: T_world_frame (4, 4)}."""
+    found = []
+    for name, T in poses.items():
+        transform = {"translation": _vector(T[:3, 3]), "rotation": _quaternion(T[:3, :3])}
+        found.append({"header": header(t, WORLD), "child_frame_id": name, "transform": transform})
+    return {"transforms": found}
+
+
+def operating_state(t: float, state: str, is_busy: bool) -> JsonObject:
+    """Return crtk_msgs/OperatingState of a robot that needs no homing."""
+    return {"header": header(t), "state": state, "is_homed": True, "is_busy": is_busy}

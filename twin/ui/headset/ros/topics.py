@@ -1,0 +1,289 @@
+"""Topics and services of a console, as CRTK and the da Vinci Research Kit name them.
+
+The hands are the robots MTMR and MTML; a robot of the scene has its own name in capital letters, such as PSM1. Poses of
+handles and forces are in {H}, the axes of the endoscope's picture; poses of tools are in the base of their robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.core.errors import DeviceError, TwinError
+from twin.core.json_types import JsonObject
+from twin.core.spatial import Array
+from twin.exchange.formats.mcap import ros_messages as ros
+from twin.exchange.formats.mcap.ros_definitions import full_name, full_text
+from twin.simulation.console_scene import HANDS
+from twin.simulation.controllers.tool_following import SCALE
+from twin.simulation.devices.packets import grip_angle, handle_pose
+from twin.simulation.world import Signals
+from twin.ui.headset.ros.hands import ROS, RosHands
+from twin.ui.headset.ros.operations import Float64, JointState, Joy, PoseStamped, checked_message
+from twin.ui.session.pens import Pens
+from twin.ui.session.scene_control import LiveConsole
+
+SERVICES = (
+    "/rosapi/get_time",
+    "/rosapi/services",
+    "/rosapi/topic_type",
+    "/rosapi/topics",
+    "/rosapi/topics_and_raw_types",
+)
+"""Services that clients use to list topics, as those of the node rosapi."""
+
+SERVO = "ros servo_cp"
+"""Identifier of the owner of the hands while messages `servo_cp` move a tool."""
+
+_PRESSED = 1
+"""Value of a pressed button in sensor_msgs/Joy."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """A topic to which clients publish.
+
+    Attributes:
+        type: name of the message type, such as geometry_msgs/PoseStamped.
+        take: function of (client, message) that uses a message; it returns why the message is refused, or "".
+        moves: whether the message moves a robot, so that the next picture is due at once.
+    """
+
+    type: str
+    take: Callable[[str, dict[str, Any]], str]
+    moves: bool = False
+
+
+@dataclass(frozen=True)
+class Output:
+    """A topic to which this program publishes.
+
+    Attributes:
+        type: name of the message type, such as geometry_msgs/PoseStamped.
+        make: function that returns the newest message.
+    """
+
+    type: str
+    make: Callable[[], JsonObject]
+
+
+class ConsoleTopics:
+    """Inputs, outputs and services of the console of a scene.
+
+    Attributes:
+        hands: converter of messages to hand states.
+        inputs: topics to which clients publish, by name.
+        outputs: topics to which this program publishes, by name.
+    """
+
+    def __init__(self, console: LiveConsole, forces: Callable[[], Mapping[str, Sequence[float]]]) -> None:
+        """Set up the topics of a console; `forces` returns the newest force (3,) on each hand, in N, in {H}."""
+        self._console = console
+        self._forces = forces
+        self.hands = RosHands(console.device, lambda: console.world.t)
+        self._pens = Pens(console)
+        self.inputs: dict[str, Input] = {}
+        self.outputs: dict[str, Output] = {}
+        for number, hand in enumerate(HANDS):
+            self._add_hand(number, hand)
+        self._add_console()
+        for robot in console.members:
+            self._add_robot(robot)
+        self.outputs["/tf"] = Output("tf2_msgs/TFMessage", self._transforms)
+
+    # -- topics -----------------------------------------------------------------------------------------
+
+    def _add_hand(self, number: int, hand: str) -> None:
+        name = f"/MTM{hand[0].upper()}"
+
+        def pose(client: str, message: dict[str, Any]) -> str:
+            given = checked_message(PoseStamped, message)
+            return self.hands.pose(client, number, handle_pose(given.p, given.q_wxyz))
+
+        def grip(client: str, message: dict[str, Any]) -> str:
+            self.hands.grip(number, grip_angle(checked_message(Float64, message).data))
+            return ""
+
+        def gripper(client: str, message: dict[str, Any]) -> str:
+            self.hands.grip(number, grip_angle(checked_message(JointState, message).position[0]))
+            return ""
+
+        def force() -> JsonObject:
+            return ros.wrench_stamped(self._t, "picture", np.array(self._forces()[hand]))
+
+        self.inputs[f"{name}/measured_cp"] = Input("geometry_msgs/PoseStamped", pose, moves=True)
+        self.inputs[f"{name}/gripper/measured_js"] = Input("sensor_msgs/JointState", gripper)
+        self.inputs[f"{name}/gripper/angle"] = Input("std_msgs/Float64", grip)
+        self.outputs[f"{name}/body/servo_cf"] = Output("geometry_msgs/WrenchStamped", force)
+
+    def _add_console(self) -> None:
+        def clutch(client: str, message: dict[str, Any]) -> str:
+            self.hands.clutch = checked_message(Joy, message).buttons[0] == _PRESSED
+            return ""
+
+        def camera(client: str, message: dict[str, Any]) -> str:
+            self.hands.camera = checked_message(Joy, message).buttons[0] == _PRESSED
+            return ""
+
+        def scale(client: str, message: dict[str, Any]) -> str:
+            value = checked_message(Float64, message).data
+            low, high = SCALE
+            if not low <= value <= high:
+                raise DeviceError(f"the scale {value:g} is outside {low:g} to {high:g}")
+            try:
+                self._console.rescale(ROS, value)
+            except TwinError as error:
+                return str(error)
+            return ""
+
+        def scale_now() -> JsonObject:
+            return {"data": float(self._console.reading["scale"])}
+
+        self.inputs["/footpedals/clutch"] = Input("sensor_msgs/Joy", clutch)
+        self.inputs["/footpedals/camera"] = Input("sensor_msgs/Joy", camera)
+        self.inputs["/console/teleop/set_scale"] = Input("std_msgs/Float64", scale)
+        self.outputs["/console/teleop/scale"] = Output("std_msgs/Float64", scale_now)
+
+    def _add_robot(self, robot: str) -> None:
+        name = f"/{robot.upper()}"
+        member = self._console.members[robot]
+        joints = [joint.name for joint in member.mechanism.active]
+        # As in the da Vinci Research Kit, the opening of a jaw is not a joint of the arm.
+        jaw = np.asarray(member.kin.auxiliary, bool)
+        arm = ~jaw
+        arm_joints = [joint for joint, moves_arm in zip(joints, arm, strict=True) if moves_arm]
+        jaw_joints = [joint for joint, moves_arm in zip(joints, arm, strict=True) if not moves_arm]
+
+        def joint_states(signal: str, names: list[str], chosen: np.ndarray) -> Callable[[], JsonObject]:
+            return lambda: ros.joint_state(self._t, names, self._signals[signal][chosen])
+
+        def measured_cp() -> JsonObject:
+            q = self._signals[f"{robot}.encoder"]
+            goal = self._signals[f"{robot}.goal"].reshape(4, 4)
+            return ros.pose_stamped(self._t, _base(robot), member.kin.forward(q, goal))
+
+        def setpoint_cp() -> JsonObject:
+            return ros.pose_stamped(self._t, _base(robot), self._signals[f"{robot}.goal"].reshape(4, 4))
+
+        def state() -> JsonObject:
+            return ros.operating_state(self._t, self._state(), self._follows(robot))
+
+        joint_type = "sensor_msgs/JointState"
+        pose_type = "geometry_msgs/PoseStamped"
+        for kind, signal in (("measured", f"{robot}.encoder"), ("setpoint", f"{robot}.command")):
+            self.outputs[f"{name}/{kind}_js"] = Output(joint_type, joint_states(signal, arm_joints, arm))
+            if jaw_joints:
+                self.outputs[f"{name}/jaw/{kind}_js"] = Output(joint_type, joint_states(signal, jaw_joints, jaw))
+        self.outputs[f"{name}/measured_cp"] = Output(pose_type, measured_cp)
+        self.outputs[f"{name}/setpoint_cp"] = Output(pose_type, setpoint_cp)
+        self.outputs[f"{name}/operating_state"] = Output("crtk_msgs/OperatingState", state)
+        if robot in (*self._console.table.right, *self._console.table.left):
+            self.inputs[f"{name}/servo_cp"] = Input(pose_type, self._servo(robot), moves=True)
+
+    def _servo(self, robot: str) -> Callable[[str, dict[str, Any]], str]:
+        """Return the function that moves the tool of a robot to a pose in its base, by the hand that controls it."""
+
+        def servo(client: str, message: dict[str, Any]) -> str:
+            given = checked_message(PoseStamped, message)
+            goal = handle_pose(given.p, given.q_wxyz)
+            console = self._console
+            for hand in HANDS:
+                if console.arm(hand) == robot:
+                    break
+            else:
+                return f"no hand controls {robot} now; tap the clutch to choose it"
+            if any(self.hands.senders().values()):
+                return "the poses of MTMR and MTML control the hands; end them first"
+            try:
+                self._pens.move(SERVO, hand, console.goal(hand), console.place(robot) @ goal)
+            except TwinError as error:
+                return str(error)
+            return ""
+
+        return servo
+
+    # -- values -----------------------------------------------------------------------------------------
+
+    @property
+    def _t(self) -> float:
+        return self._console.world.t
+
+    @property
+    def _signals(self) -> Signals:
+        return self._console.world.signals
+
+    def _follows(self, robot: str) -> bool:
+        name = f"{robot}.follows"
+        return name in self._signals and bool(self._signals[name][0])
+
+    def _state(self) -> str:
+        """Return the state of the robots in the words of CRTK."""
+        reading = self._console.reading
+        if reading["stopped"]:
+            return "FAULT"
+        if reading["silent"]:
+            return "PAUSED"
+        return "ENABLED"
+
+    def _transforms(self) -> JsonObject:
+        poses: dict[str, Array] = {"picture": self._console.view}
+        for robot, links in self._console.world.link_poses().items():
+            if robot not in self._console.members:
+                continue
+            T_world_base = self._console.place(robot)
+            poses[_base(robot)] = T_world_base
+            for link, T_base_link in links.items():
+                poses[f"{robot}/{link}"] = T_world_base @ T_base_link
+        return ros.transforms(self._t, poses)
+
+    def before_frame(self, passed: float) -> None:
+        """Send the states of tools that `servo_cp` moves; `passed` is the time in s since the last call."""
+        self._pens.say(passed)
+
+    # -- services ---------------------------------------------------------------------------------------
+
+    def call(self, service: str, args: dict[str, Any] | list[Any]) -> JsonObject:
+        """Return the answer of a service of the node rosapi.
+
+        Raises:
+            DeviceError: there is no such service, or an argument is missing or unknown.
+        """
+        types = self.types
+        if service == "/rosapi/topics":
+            return {"topics": list(types), "types": [full_name(kind) for kind in types.values()]}
+        if service == "/rosapi/topics_and_raw_types":
+            texts = [full_text(kind) for kind in types.values()]
+            names = [full_name(kind) for kind in types.values()]
+            return {"topics": list(types), "types": names, "typedefs_full_text": texts}
+        if service == "/rosapi/topic_type":
+            topic = _argument(args, "topic")
+            kind = types.get(topic)
+            return {"type": full_name(kind) if kind else ""}
+        if service == "/rosapi/services":
+            return {"services": list(SERVICES)}
+        if service == "/rosapi/get_time":
+            return {"time": ros.time_of(self._t)}
+        raise DeviceError(f"there is no service {service}; there are {', '.join(SERVICES)}")
+
+    @property
+    def types(self) -> dict[str, str]:
+        """Type of each topic, by name."""
+        found = {name: topic.type for name, topic in self.outputs.items()}
+        for name, topic in self.inputs.items():
+            found[name] = topic.type
+        return dict(sorted(found.items()))
+
+
+def _base(robot: str) -> str:
+    """Return the name of the frame of a robot's base."""
+    return f"{robot}/base"
+
+
+def _argument(args: dict[str, Any] | list[Any], name: str) -> str:
+    value = args.get(name) if isinstance(args, dict) else next(iter(args), None)
+    if not isinstance(value, str):
+        raise DeviceError(f"the argument {name} is missing: give a text")
+    return value
