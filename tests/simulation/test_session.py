@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import re
@@ -578,6 +579,41 @@ def test_mcap_states_its_schemas_and_the_console(exported):
 
 
 @pytest.mark.slow
+def test_messages_of_ros_have_the_numbers_of_the_session(exported, replayed, davinci):
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    kept = replayed.ran.kept
+    places = {place.name: place for place in davinci.places}
+    counts: dict[str, int] = {}
+    file = io.BytesIO((exported / "session-ros2.mcap").read_bytes())
+    reader = make_reader(file, decoder_factories=[DecoderFactory()])
+    for _, channel, _, told in reader.iter_decoded_messages():
+        topic = channel.topic
+        k = counts.get(topic, 0)
+        counts[topic] = k + 1
+        if topic.endswith("/measured_js"):
+            robot = topic.split("/")[1].lower()
+            assert list(told.position) == kept[f"{robot}.q"][4 * k].tolist()
+            assert told.header.stamp.sec * 10**9 + told.header.stamp.nanosec == k * 20_000_000
+        elif topic == "/MTMR/measured_cp":
+            p = told.pose.position
+            assert [p.x, p.y, p.z] == kept["right.pose"][4 * k].reshape(4, 4)[:3, 3].tolist()
+        elif topic == "/footpedals/clutch":
+            assert told.buttons == [int(kept["pedals.clutch"][4 * k, 0])]
+        elif topic == "/tf" and k % 100 == 0:
+            frames = {transform.child_frame_id: transform.transform for transform in told.transforms}
+            base = frames["psm1/base"].translation
+            assert [base.x, base.y, base.z] == pytest.approx(places["psm1"].T_world_base[:3, 3].tolist())
+    assert set(counts) == {
+        *("/tf", "/MTMR/measured_cp", "/MTML/measured_cp", "/MTMR/gripper/angle", "/MTML/gripper/angle"),
+        *("/footpedals/clutch", "/footpedals/camera", "/console/teleop/scale"),
+        *("/PSM1/measured_js", "/PSM2/measured_js", "/ECM/measured_js"),
+    }
+    assert len(set(counts.values())) == 1
+
+
+@pytest.mark.slow
 def test_csv_has_hands_and_tips(exported, replayed):
     path = exported / "session.csv"
     names = path.read_text().splitlines()[0].split(",")
@@ -600,7 +636,7 @@ def test_glb_and_tracks_pass_the_audit(exported, davinci):
 @pytest.mark.slow
 def test_a_folder_has_page_picture_data_and_motions(exported):
     assert {p.relative_to(exported).as_posix() for p in exported.rglob("*") if p.is_file()} == {
-        *("session.json", "session.html", "session.png", "session.csv", "session.mcap", FILE),
+        *("session.json", "session.html", "session.png", "session.csv", "session.mcap", "session-ros2.mcap", FILE),
         *(f"{n}/tracks/session.{suffix}" for n in ("psm1", "psm2", "ecm") for suffix in ("csv", "json")),
         *("psm1/davinci_psm.glb", "psm2/davinci_psm.glb", "ecm/davinci_ecm.glb"),
     }
@@ -614,7 +650,7 @@ def test_a_folder_has_page_picture_data_and_motions(exported):
 def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_install(replayed, monkeypatch):
     monkeypatch.setattr("twin.api.console_session.find_spec", lambda name: None)
     (finding,) = replayed.findings
-    assert finding.message == "session.mcap is not written: pip install 'twin-robotics[mcap]'"
+    assert finding.message == "session.mcap and session-ros2.mcap are not written: pip install 'twin-robotics[mcap]'"
     assert (finding.severity, replayed.verdict) == ("info", "agree")
 
 

@@ -141,8 +141,8 @@ class ConsoleSession(Result):
             findings += self.outcome.findings()
         for machine in self.training:
             findings += machine.findings()
-        if find_spec("mcap") is None:
-            text = f"session.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
+        if find_spec("mcap_ros2") is None:
+            text = f"session.mcap and session-ros2.mcap are not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             findings.append(info("session.no_mcap", "", text))
         return findings
 
@@ -253,7 +253,7 @@ class ConsoleSession(Result):
             yield from self.outcome.text()
 
     def write(self, folder: Path) -> None:
-        """Write the files of the session: session.csv, session.mcap (if mcap is installed), and motions.
+        """Write the files of the session: session.csv, motions, and for MCAP session.mcap and session-ros2.mcap.
 
         The motion of each robot is written to a folder with the robot's name, as GLB and tracks. The motion of movable
         objects is written to objects/, as GLB, tracks and USD stage. For a simulated surgeon, the session file is
@@ -274,7 +274,7 @@ class ConsoleSession(Result):
             write_tracks(arm.mechanism, clip, folder / name / "tracks")
         if self._moved:
             self._write_objects(folder / "objects")
-        if find_spec("mcap") is not None:
+        if find_spec("mcap_ros2") is not None:
             self._write_mcap(folder / "session.mcap")
 
     def _columns(self) -> dict[str, Array]:
@@ -351,6 +351,7 @@ class ConsoleSession(Result):
 
     def _write_mcap(self, path: Path) -> None:
         from twin.exchange.formats.mcap.write import write_mcap
+        from twin.exchange.formats.mcap.write_ros2 import HandTrack, write_ros2_mcap
 
         kept = self.ran.kept
         links: dict[str, Array] = {}
@@ -367,7 +368,19 @@ class ConsoleSession(Result):
             console[pedal] = kept[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
         for hand in HANDS:
             console[f"{hand}_grip"] = kept[f"{hand}.grip"][::_STRIDE, 0]
-        write_mcap(path, self.t[::_STRIDE], links, joints, console)
+        t = self.t[::_STRIDE]
+        write_mcap(path, t, links, joints, console)
+        of_robots: dict[str, dict[str, Array]] = {}
+        for name, values in joints.items():
+            robot, _, joint = name.partition("/")
+            of_robots.setdefault(robot, {})[joint] = values
+        hands = {}
+        for hand in HANDS:
+            poses = kept[f"{hand}.pose"].reshape(-1, 4, 4)[::_STRIDE]
+            hands[f"MTM{hand[0].upper()}"] = HandTrack(poses, console[f"{hand}_grip"])
+        pedals = {pedal: console[pedal] for pedal in ("clutch", "camera")}
+        of_ros = path.with_name(f"{path.stem}-ros2{path.suffix}")
+        write_ros2_mcap(of_ros, t, links, of_robots, hands, pedals, console["scale"])
 
 
 def _differs(difference: Difference) -> Finding:

@@ -13,6 +13,7 @@ EXTRAS = {
     "cuda.bindings.driver": "gpu",
     "distributed": "cluster",
     "mcap": "mcap",
+    "mcap_ros2.writer": "mcap",
     "pyarrow": "parquet",
     "segno": "qr",
     "xacro": "xacro",

@@ -29,7 +29,9 @@ def run(args: argparse.Namespace) -> int:
     extras = {
         "cuda-bindings": "computing on an NVIDIA graphics processor, --device (extra: gpu)",
         "distributed": "sweeps, on several processors or machines (extra: cluster)",
+        "cbor2": "subscriptions with CBOR of twin serve --ros (extra: ros)",
         "mcap": "sessions for Foxglove (extra: mcap)",
+        "mcap-ros2-support": "sessions for ROS 2 (extra: mcap)",
         "pyarrow": "--parquet (extra: parquet)",
         "segno": "a QR code of the address of twin serve --host (extra: qr)",
         "xacro": "robots as xacro (extra: xacro)",
