@@ -16,6 +16,7 @@ import yaml
 
 from made.repository import ARM, FAULTS, faulty, repository
 from twin.checking.baseline import read_baseline, write_baseline
+from twin.checking.check_result import FolderCheck
 from twin.checking.checker import check
 from twin.checking.descriptions import patterns, walk
 from twin.checking.file_verdict import JudgeJob, judge
@@ -77,6 +78,7 @@ def test_every_rule_is_documented_and_seeded_here():
         "compare/property",
         "compare/variant",
         "compare/different",
+        "compare/skipped",
     }
     assert set(RULES) == set(FAULTS) | elsewhere
     page = (Path(__file__).parents[2] / "docs/check.md").read_text(encoding="utf-8")
@@ -163,6 +165,11 @@ _PACKAGE = "<package><name>arm</name></package>"
 _JOINT = '<parent link="a"/><child link="b"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
 
 REFUSED = {
+    "a URDF without links": ({"a.urdf": '<robot name="a"/>'}, "file/malformed"),
+    "a URDF with macros only": (
+        {"a.urdf": _XACRO.format('<xacro:macro name="a"><link name="a"/></xacro:macro>')},
+        None,
+    ),
     "a USD stage with a mistake of syntax": ({"a.usda": '#usda 1.0\ndef Xform "a" {'}, "file/malformed"),
     "a joint of SDF with a link that does not exist": (
         {"a.sdf": _SDF.format('<joint name="j" type="fixed"><parent>a</parent><child>c</child></joint>')},
@@ -454,6 +461,18 @@ def test_other_joints_are_another_robot(tmp_path):
     file = repository(tmp_path)
     file.with_name("arm_2.urdf").write_text(ARM.replace("elbow", "wrist"), encoding="utf-8")
     assert pairs(judged(tmp_path)) == []
+
+
+def test_pairs_that_cannot_be_compared_are_counted(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise SourceError("no joint of one is a joint of the other")
+
+    monkeypatch.setattr("twin.api.comparison.compare", refuse)
+    (finding,) = two(tmp_path, ARM, "arm.urdf")
+    assert (finding.rule, finding.level) == ("compare/skipped", "note")
+    text = "\n".join(str(part) for part in FolderCheck(".", (), (finding,), 3).lines(notes=False))
+    assert "3 pairs compared" in text
+    assert "1 pairs not compared" in text
 
 
 def test_stems():

@@ -82,6 +82,11 @@ class FolderCheck(Result):
         """The files that describe a robot."""
         return [one for one in self.judged if one.status not in ("no robot", "part")]
 
+    @property
+    def skipped(self) -> int:
+        """Number of pairs that could not be compared."""
+        return sum(finding.rule == "compare/skipped" for finding in self.found)
+
     def count(self, level: Level) -> int:
         """Return the number of new findings of a level."""
         return sum(finding.level == level and not finding.known for finding in self.found)
@@ -101,6 +106,7 @@ class FolderCheck(Result):
             "fail_on": self.fail_on,
             "files": files,
             "compared": self.compared,
+            "skipped": self.skipped,
             "counts": counts,
             "known": sum(finding.known for finding in self.found),
             "baseline": self.baseline or None,
@@ -145,6 +151,8 @@ class FolderCheck(Result):
         texts = [f"{count} {kind}" for kind, count in sorted(formats.items())]
         listed = f" ({', '.join(texts)})" if texts else ""
         yield f"\n{len(self.robots)} descriptions{listed}, {self.compared} pairs compared"
+        if self.skipped:
+            yield f"  {self.skipped} pairs not compared: --all tells why"
         for status in ("incomplete", "unsupported", "unjudged"):
             if statuses[status]:
                 yield f"  {statuses[status]} {status}: --all tells why"

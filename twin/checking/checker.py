@@ -81,7 +81,9 @@ def check(
     forgotten = len(known - {finding.fingerprint for finding in found})
     named = "" if baseline is None else str(baseline)
     prefix = repository_prefix(Path(folder))
-    return FolderCheck(str(folder), tuple(judged), tuple(found), len(chosen), fail_on, named, forgotten, prefix)
+    skipped = sum(finding.rule == "compare/skipped" for finding in found)
+    compared = len(chosen) - skipped
+    return FolderCheck(str(folder), tuple(judged), tuple(found), compared, fail_on, named, forgotten, prefix)
 
 
 def _judge_all(
@@ -136,7 +138,7 @@ def _compare_all(
         progress(f"compare {name}", 0.8 + 0.2 * (number + 1) / len(work))
         if isinstance(answer, str):
             subject = f"{job.first.description.name} and {name}"
-            answer = (CheckFinding("file/unjudged", name, subject, f"not compared: {answer}"),)
+            answer = (CheckFinding("compare/skipped", name, subject, f"not compared: {answer}"),)
         findings += answer
     return findings
 

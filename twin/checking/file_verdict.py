@@ -175,6 +175,9 @@ def _text(job: JudgeJob) -> JudgedFile:
     links = _parts(root, "link")
     joints = _parts(root, "joint")
     if not links and not joints:
+        if description.kind == "urdf" and expanded is None:  # macros for others to include are no robot
+            finding = CheckFinding("file/malformed", description.name, "", "the file has no <link>: it is empty")
+            return JudgedFile(description, "judged", (finding,))
         return JudgedFile(description, "no robot")
     elements = Elements(root, tag == "sdf", _placed(job, data, root, expanded))
     findings = list(check_elements(elements))

@@ -218,8 +218,14 @@ _ALL = (
     Rule(
         "compare/different",
         "note",
-        "Two files with the same names describe different robots, or cannot be compared",
+        "Two files with the same names describe different robots",
         "If they should be one robot, see `twin compare` of the two files.",
+    ),
+    Rule(
+        "compare/skipped",
+        "note",
+        "Two files for one robot cannot be compared, or not within the time for a pair",
+        "Give more time by --seconds, or see `twin compare` of the two files.",
     ),
 )
 

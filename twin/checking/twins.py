@@ -69,7 +69,7 @@ def compare_two(first: JudgedFile, second: JudgedFile, xacro: XacroSettings) -> 
         text = str(error)
         for one in (first, second):
             text = text.replace(str(one.description.path), one.description.name)
-        return (CheckFinding("compare/different", labels[1], subject, f"not compared: {text}"),)
+        return (CheckFinding("compare/skipped", labels[1], subject, f"not compared: {text}"),)
     found = tuple(_differences(result, labels, subject))
     if variants(first, second):
         return tuple(replace(finding, rule="compare/variant") for finding in found)
