@@ -116,6 +116,16 @@ OPEN = """<mujoco model="loop">
 """
 
 
+def test_limits_of_a_sdf_that_are_stated_are_not_called_missing(tmp_path):
+    limit = "<axis><xyz>0 0 1</xyz><limit><lower>0</lower><upper>0</upper></limit></axis>"
+    joint = f'<joint name="j" type="revolute"><parent>a</parent><child>b</child>{limit}</joint>'
+    text = f'<sdf version="1.7"><model name="m"><link name="a"/><link name="b"/>{joint}</model></sdf>'
+    (tmp_path / "a.sdf").write_text(text, encoding="utf-8")
+    (finding,) = findings(tmp_path)
+    assert finding.rule == "limits/fixed"
+    assert finding.message == "joint 'j': lower 0 and upper 0 rad: the joint cannot move"
+
+
 def test_an_open_loop_is_found(tmp_path):
     (tmp_path / "loop.xml").write_text(OPEN, encoding="utf-8")
     assert {finding.rule for finding in findings(tmp_path) if finding.level != "note"} == {"loops/open"}
@@ -175,6 +185,11 @@ REFUSED = {
         {"a.sdf": _SDF.format('<joint name="j" type="fixed"><parent>a</parent><child>c</child></joint>')},
         "file/malformed",
     ),
+    "a joint of SDF with the name of a link": (
+        {"a.sdf": _SDF.format('<joint name="b" type="fixed"><parent>a</parent><child>b</child></joint>')},
+        None,
+    ),
+    "a file of SDF 1.2": ({"a.sdf": _SDF.format("").replace("sdf", "gazebo")}, "file/unsupported"),
     "a joint of SDF without parent": (
         {"a.sdf": _SDF.format('<joint name="j" type="fixed"><child>b</child></joint>')},
         "file/malformed",

@@ -232,3 +232,19 @@ def test_a_skin_is_for_display_and_left_out(tmp_path):
     found = read(path, guarded=False)
     assert [j.name for j in found.mechanism.joints] == ["j"]
     assert any(f.code == "import.skin" and f.severity == "warning" for f in found.findings)
+
+
+def test_a_joint_may_have_the_name_of_its_link(tmp_path):
+    """Before SDF 1.7, only things of one kind need different names; `pose` without frame is relative to the child."""
+    text = """<sdf version="1.5"><model name="cart">
+      <link name="base"/>
+      <link name="wheel"><pose>0.1 0.2 0.3 0 0 0</pose></link>
+      <joint name="wheel" type="revolute">
+        <pose>0 0 0.05 0 0 0</pose>
+        <parent>base</parent><child>wheel</child><axis><xyz>0 1 0</xyz></axis>
+      </joint>
+    </model></sdf>"""
+    (tmp_path / "cart.sdf").write_text(text, encoding="utf-8")
+    (joint,) = [joint for joint in read(tmp_path / "cart.sdf").mechanism.joints if joint.type == "revolute"]
+    np.testing.assert_allclose(joint.T_parent_joint[:3, 3], (0.1, 0.2, 0.35), atol=1e-15)
+    np.testing.assert_allclose(joint.T_child_joint[:3, 3], (0, 0, 0.05), atol=1e-15)

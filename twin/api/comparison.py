@@ -81,6 +81,7 @@ def compare(
     """
     from twin.comparison.pair import compare_pair
     from twin.comparison.result import Comparison
+    from twin.exchange.read.shapes import meshes_kept
     from twin.exchange.read.source import stated
 
     if len(sides) < 2:
@@ -93,7 +94,7 @@ def compare(
         raise TwinError("--dh and --units are for tables (CSV, TOML, Markdown, LaTeX), but no side is one: omit them")
     read = []
     pairs = []
-    with ExitStack() as mirrors:
+    with ExitStack() as mirrors, meshes_kept():  # a file is read again with other numbers and the same meshes
         for i, side in enumerate(sides):
             progress(f"read {labels[i]}", i / (2 * len(sides)))
             read.append(_side(side, labels[i], only, xacro, table, mirrors))

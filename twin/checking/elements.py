@@ -242,20 +242,29 @@ def _urdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
     upper = number(limit.get("upper", "0"))
     if kind == "continuous" or lower is None or upper is None:
         return
-    yield from _range(elements, limit, path, subject, kind, lower, upper)
+    stated = limit.get("lower") is not None or limit.get("upper") is not None
+    yield from _range(elements, limit, path, subject, kind, (lower, upper), stated)
     yield from _soft(elements, joint, lower, upper)
 
 
 def _range(
-    elements: Elements, limit: Element, path: str, subject: str, kind: str, lower: float, upper: float
+    elements: Elements,
+    limit: Element,
+    path: str,
+    subject: str,
+    kind: str,
+    values: tuple[float, float],
+    stated: bool = True,
 ) -> Iterator[CheckFinding]:
+    """Yield the findings on the limits `values` (lower, upper) in rad or m; `stated`: whether the file has them."""
+    lower, upper = values
     unit = "m" if kind == "prismatic" else "rad"
     shown = f"lower {lower:g} and upper {upper:g} {unit}"
     if lower > upper:
         yield elements.found("limits/order", limit, path, subject, f"{shown}: lower must be below upper")
     elif lower == upper:
         text = f"{shown}: the joint cannot move"
-        if limit.get("lower") is None and limit.get("upper") is None:
+        if not stated:
             text = "lower and upper are not stated, so both are 0: the joint cannot move"
         yield elements.found("limits/fixed", limit, path, subject, text)
     elif lower > 0 or upper < 0:
@@ -302,7 +311,7 @@ def _sdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
             continue
         path = f"joint/{name}/axis/limit"
         if kind in ("revolute", "prismatic", "screw"):
-            yield from _range(elements, limit, path, f"joint '{name}'", kind, lower, upper)
+            yield from _range(elements, limit, path, f"joint '{name}'", kind, (lower, upper))
 
 
 def _origins(elements: Elements, element: Element, kind: str) -> Iterator[CheckFinding]:

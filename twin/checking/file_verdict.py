@@ -240,6 +240,8 @@ def _refused(description: DescriptionFile, error: SourceError) -> JudgedFile:
     text = _without_path(description, message)
     if isinstance(error, IncompleteError):
         return JudgedFile(description, "incomplete", (CheckFinding("file/incomplete", description.name, "", text),))
+    if isinstance(error, UnsupportedError):
+        return JudgedFile(description, "unsupported", (CheckFinding("file/unsupported", description.name, "", text),))
     finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
     return JudgedFile(description, "judged", (finding,))
 

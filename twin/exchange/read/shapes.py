@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
 
@@ -10,6 +12,7 @@ import numpy as np
 
 from twin.cad.mesh import SUFFIXES, load_mesh
 from twin.core.errors import CadError
+from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import linear
 from twin.exchange.read.source import Findings
@@ -24,6 +27,33 @@ Color = tuple[float, float, float, float]
 
 GREY: Color = (0.8, 0.8, 0.8, 1.0)
 """Default colour as display values 0..1."""
+
+
+_KEPT: ContextVar[dict[tuple[Path, int, int], tuple[Mesh, list[Finding]]] | None] = ContextVar("kept", default=None)
+"""{(file, time of its change, its size): what was read} within `meshes_kept`."""
+
+
+@contextmanager
+def meshes_kept() -> Iterator[None]:
+    """Read each mesh file once within this block: for a robot that is read again and again with other numbers."""
+    token = _KEPT.set({})
+    try:
+        yield
+    finally:
+        _KEPT.reset(token)
+
+
+def _loaded(path: Path) -> tuple[Mesh, list[Finding]]:
+    """Return the mesh of a file in m with the axes of the file, and findings on it; see `load_mesh` for errors."""
+    kept = _KEPT.get()
+    if kept is None:
+        return load_mesh(path, "m", None, apply_up_axis=False)
+    place = path.resolve()
+    state = place.stat()
+    key = (place, state.st_mtime_ns, state.st_size)
+    if key not in kept:
+        kept[key] = load_mesh(path, "m", None, apply_up_axis=False)
+    return kept[key]
 
 
 def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
@@ -197,7 +227,7 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
         findings.warn("mesh", f"link '{link}': mesh {uri} {reason}: the link is shown without this mesh.", uri)
         return None
     try:
-        mesh, found = load_mesh(path, "m", None, apply_up_axis=False)
+        mesh, found = _loaded(path)
     except CadError as error:
         findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None

@@ -48,6 +48,9 @@ class Xml:
             raise SourceError(f"{path}: the file is not XML: {error}") from error
         if data is None:
             self._no_xacro()
+        if self.root.tag == "gazebo" and root == "sdf":
+            text = "the root element is <gazebo>, as before SDF 1.3, which is not read: convert the file (gz sdf -p)"
+            raise UnsupportedError(f"{path}: {text}")
         if self.root.tag != root:
             hint = "Expand a xacro first; a file of another format needs the suffix of its format."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")

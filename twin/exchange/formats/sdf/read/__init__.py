@@ -99,7 +99,8 @@ class _Sdf:
                 raise SourceError(text)
             raise NoMechanismError(text)
         self.links = links
-        self.elements = {**links, **joints, **marks}
+        # before SDF 1.7, a joint may have the name of a link: where a pose refers to the name, it is the link
+        self.elements = {**marks, **joints, **links}
         self.poses: dict[str, Array] = {}
         self.T_world_model = self._placed()
         body_names = Names("link", links, self.findings, reserved=(WORLD,))
@@ -326,6 +327,12 @@ class _Sdf:
         self.poses[name] = T_model_relative @ T_relative_x
         return self.poses[name]
 
+    def _at_joint(self, name: str, joint: Element) -> Array:
+        """Return T_model_joint (4, 4), also of a joint that has the name of a link."""
+        if self.elements[name] is joint:
+            return self._at(name)
+        return self._at(_relative_to(joint)) @ self._pose(joint, f"joint '{name}'")
+
     def _attached(self, name: str, seen: tuple[str, ...] = ()) -> str:
         """Return the link that carries the link, joint or frame with the given name."""
         if name in self.links:
@@ -358,7 +365,7 @@ class _Sdf:
         child = self._end(where, joint, "child")
         if child == "world":
             self.xml.fail(where, "the child of the joint is the world: exchange parent and child")
-        T_model_joint = self._at(name)
+        T_model_joint = self._at_joint(name, joint)
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):
             T_model_joint, values = self._axis(name, where, kind, joint, T_model_joint)
