@@ -106,6 +106,17 @@ def test_limits_that_mean_none_are_not_degrees(tmp_path, lower, upper):
     assert findings(tmp_path) == []
 
 
+def test_the_mass_of_a_marker_is_not_compared_with_its_size(tmp_path):
+    heavy = ARM.replace('mass value="1.5"', 'mass value="1500"')
+    repository(tmp_path / "a", heavy)
+    assert [finding.rule for finding in findings(tmp_path / "a")] == ["inertia/density"]
+    marker = ARM.replace('mass value="1.5"', 'mass value="0.1"')
+    marker = marker.replace('size="0.2 0.1 0.08"', 'size="0.01 0.01 0.01"')  # 100 000 kg/m3
+    tensor = 'ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"'
+    repository(tmp_path / "b", marker.replace(FAULTS["inertia/zero"][0], tensor))
+    assert findings(tmp_path / "b") == []
+
+
 OPEN = """<mujoco model="loop">
   <worldbody>
     <body name="a"><joint name="qa" axis="0 0 1"/><geom size="0.1"/><site name="sa" pos="0.1 0 0"/></body>

@@ -15,6 +15,9 @@ from twin.model.mechanism import Mechanism
 _LEAST_SIZE = 0.01
 """Diagonal in m of the box of a link, from which its masses are compared with it; smaller shapes are markers."""
 
+_LEAST_BODY = 0.05
+"""Diagonal in m from which the mass is compared: authors draw cubes of 1 cm for cameras, and balls for points."""
+
 _FAR = 1.0
 """Distance of a centre of mass from the box of its link, in diagonals of the box, from which it is implausible."""
 
@@ -72,7 +75,7 @@ def check_masses(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
             yield CheckFinding("inertia/size", file, subject, text)
         edges = np.maximum(high - low, 0.05 * diagonal)
         density = inertia.mass / float(np.prod(edges))
-        if density > _DENSE:
+        if density > _DENSE and diagonal >= _LEAST_BODY:
             text = f"{subject}: {inertia.mass:g} kg in a box of {density:,.0f} kg/m3 (limit {_DENSE:,.0f})"
             yield CheckFinding("inertia/density", file, subject, text)
 
