@@ -369,6 +369,22 @@ def test_a_xacro_without_its_package_is_incomplete_and_no_fault(tmp_path):
     assert [finding.rule for finding in one.findings] == ["file/incomplete"]
 
 
+def test_a_package_anywhere_in_the_folder_is_found(tmp_path):
+    parts = tmp_path / "vendor/deep/down/parts_description"
+    parts.mkdir(parents=True)
+    links = re.sub(r"<\?xml.*?>|</?robot.*?>", "", ARM).replace('lower="-2" upper="2"', 'lower="2" upper="-2"')
+    macro = _XACRO.format(f'<xacro:macro name="arm">{links}</xacro:macro>').replace(' name="arm"', "", 1)
+    (parts / "arm.xacro").write_text(macro, encoding="utf-8")
+    (tmp_path / "robots/arm").mkdir(parents=True)
+    main = _XACRO.format('<xacro:include filename="$(find parts_description)/arm.xacro"/><xacro:arm/>')
+    (tmp_path / "robots/arm/arm.xacro").write_text(main, encoding="utf-8")
+    rules = {finding.rule for finding in findings(tmp_path)}
+    assert rules == {"file/incomplete"}  # a folder without package.xml is a package only where its name is searched
+    (parts / "package.xml").write_text("<package><name>parts_description</name></package>", encoding="utf-8")
+    found = [finding for finding in findings(tmp_path) if finding.rule == "limits/order"]
+    assert [finding.file for finding in found] == ["vendor/deep/down/parts_description/arm.xacro"]
+
+
 def test_code_that_is_not_allowed_leaves_a_xacro_unjudged(tmp_path, monkeypatch):
     monkeypatch.setenv("TWIN_NO_CODE", "1")
     text = '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><link name="${1}"/></robot>'

@@ -161,7 +161,8 @@ def _text(job: JudgeJob) -> JudgedFile:
     expanded: Expanded | None = None
     try:
         if tag == "robot" and is_xacro(path):
-            expanded = expand(path, job.xacro)
+            expanded, settings = _expanded(job)
+            job = replace(job, xacro=settings)
         data = path.read_bytes() if expanded is None else expanded.data
         root = Xml(path, tag, None if expanded is None else data).root
     except SourceError as error:
@@ -186,6 +187,37 @@ def _text(job: JudgeJob) -> JudgedFile:
         return JudgedFile(description, "judged", tuple(findings))
     judged = _imported(job, findings)
     return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
+
+
+def _expanded(job: JudgeJob) -> tuple[Expanded, XacroSettings]:
+    """Return the URDF of a xacro, and the settings that made it.
+
+    Where packages are not beside the file, those in the whole checked folder are searched, and taken if the xacro is
+    complete with them.
+
+    Raises:
+        SourceError, BudgetError, CodeRefusedError: as `expand`.
+    """
+    path = job.description.path
+    first: Expanded | None = None
+    refused: IncompleteError | None = None
+    try:
+        first = expand(path, job.xacro)
+    except IncompleteError as error:
+        refused = error
+    if first is not None and not first.omitted:
+        return first, job.xacro
+    wider = replace(job.xacro, packages=(*job.xacro.packages, job.tree.folder))
+    try:
+        second = expand(path, wider)
+        if not second.omitted:
+            return second, wider
+    except SourceError:  # a package of this name in another place need not be the one that is meant
+        pass
+    if refused is not None:
+        raise refused
+    assert first is not None
+    return first, job.xacro
 
 
 def _parts(root: Element, kind: str) -> list[Element]:
