@@ -70,7 +70,7 @@ def test_the_validator_reaches_less_than_half_of_the_code():
     graph = grimp.build_graph("twin", exclude_type_checking_imports=False)
     reached = graph.find_upstream_modules("twin.cli.commands.validate")
     assert "twin.validation.judge" in reached
-    assert len(reached) <= 290
+    assert len(reached) <= 300
 
 
 UNINSTALLED = """
