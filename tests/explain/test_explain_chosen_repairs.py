@@ -60,8 +60,8 @@ def pairs_found(search, *found):
         searches.append(deadline)
         return [candidate(*places, scores={B: 0.0}) for places in found], True
 
-    search.pair_search.by_value = double
-    search.pair_search.by_position = lambda k, singles, shared, deadline: ([], True)
+    search.pair_search.found = double
+    search.position_pairs.found = lambda k, singles, shared, deadline: ([], True)
     return searches
 
 

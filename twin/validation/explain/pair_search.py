@@ -1,4 +1,4 @@
-"""Search two edits that together repair a row: from required values of expressions, then by pairs of positions."""
+"""Search two edits that together repair a row, from the values that expressions must have."""
 
 from __future__ import annotations
 
@@ -7,22 +7,19 @@ from functools import cached_property
 
 import numpy as np
 
-from twin.core.spatial import Array
 from twin.validation.explain.batch import Batch
 from twin.validation.explain.candidate import FORMS, TOKENS, Candidate
 from twin.validation.explain.crossed import Crossed
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.double import Double
 from twin.validation.explain.expression import Site
-from twin.validation.explain.pairs import Pairs
 from twin.validation.explain.repair_choice import RepairChoice
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 from twin.validation.explain.trials import Trials
-from twin.validation.explain.undefined_names import ByteRange, undefined
 
 _DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.4, 0.3, 0.5, 1.0)
-"""Maximum parts of the remaining time for the kinds of such pairs, in the order of `by_value`."""
+"""Maximum parts of the remaining time for the kinds of such pairs, in the order of `found`."""
 
 _IN_ONE, _IN_TWO = 2, 3
 """Indices of the kinds of pairs in scalar expressions, which are tried first for equations that return a pose."""
@@ -42,9 +39,6 @@ _DOUBLE_PART = 0.85
 _COARSE = 6
 """Number of poses at which most expressions are rejected."""
 
-_SHARED_PART = 0.2
-"""Maximum fraction of the remaining time for the pairs with an edit of a repaired group."""
-
 _Stage = Callable[[Double, Sequence[Key], Deadline], Iterator[tuple[Edit, Edit]]]
 """Yields the pairs of edits of one kind for an equation and its wrong rows, until a deadline."""
 
@@ -59,7 +53,7 @@ class PairSearch:
         self._in_two_statements: list[Candidate] | None = None
         self._crossings: dict[str, Crossed | None] = {}
 
-    def by_value(
+    def found(
         self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits found from required values of expressions, whether the search ended); see `Double`.
@@ -119,7 +113,7 @@ class PairSearch:
     def _tried_pairs(
         self, stage: _Stage, searches: Sequence[tuple[Double, Sequence[Key]]], end: Deadline
     ) -> list[Candidate]:
-        """Return the candidates for the pairs of edits that a stage of `by_value` finds in some equations."""
+        """Return the candidates for the pairs of edits that a stage of `found` finds in some equations."""
         out: list[Candidate] = []
         for double, rows in searches:
             if end.passed:
@@ -192,87 +186,3 @@ class PairSearch:
             out.append(Double(coarse, full, step, sites, self.trials.failing))
         # Rows with several entries reject nearly all wrong expressions, so that they are tried first.
         return sorted(out, key=lambda double: self.trials.entries(double.step), reverse=True)
-
-    def by_position(
-        self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
-    ) -> tuple[list[Candidate], bool]:
-        """Return (pairs of edits with which row k agrees or nearly agrees, whether all pairs were tried).
-
-        First, pairs of edits of any kind are tried if the effects of both edits add up to the residual; then, all pairs
-        of one-token edits are tried.
-        """
-        mine = [c for c in singles if k in c.changed and c.changed[k].shape == self.trials.raw[k].shape]
-        mine = [c for c in mine if np.isfinite(c.changed[k]).all()]
-        out: list[Candidate] = []
-        done: set[tuple[int, int]] = set()
-
-        def add(a: Candidate, b: Candidate) -> None:
-            pair = (min(id(a), id(b)), max(id(a), id(b)))
-            e, f = a.edits[0], b.edits[0]
-            if pair in done or a.step is not b.step or e.function != f.function or e.path != f.path:
-                return
-            if e.start <= f.end and f.start <= e.end:
-                return
-            done.add(pair)
-            c = self.trials.attempt(a.step, [e, f])
-            if c is not None:
-                out.append(c)
-
-        if mine and np.isfinite(self.trials.raw[k]).all():
-            weights = np.random.default_rng(3).standard_normal(self.trials.raw[k].size)
-            weights /= np.linalg.norm(weights)
-            target = -float(weights @ self.trials.raw[k].ravel())
-            effect = np.array([weights @ (c.changed[k] - self.trials.raw[k]).ravel() for c in mine])
-            order = np.argsort(effect)
-            for i, c in enumerate(mine):
-                lo, hi = np.searchsorted(effect[order], [target - effect[i] - 20, target - effect[i] + 20])
-                for j in order[lo : min(hi, lo + 50)]:
-                    if deadline.passed:
-                        break
-                    add(c, mine[j])
-        part = deadline.within(_SHARED_PART * deadline.left)
-        for a in shared:  # an edit that fixes other rows may also be one of the two edits that fix this row
-            for b in singles:
-                if k in b.scores and not part.passed:
-                    add(a, b)
-        if any(c.serves and c.over([k], self.trials.base) <= 1 for c in out):
-            return out, True
-        complete = True
-        for step, some in self._moving(k, singles):
-            pairs = Pairs(self.trials.judge, self.trials.shaken, step, k, some, deadline, self._undefined(step))
-            for e, f in pairs.found():
-                c = self.trials.attempt(step, [e, f])
-                if c is not None:
-                    out.append(c)
-            self.trials.tried += pairs.evaluated
-            complete &= pairs.complete
-        return out, complete
-
-    def _undefined(self, step: Step) -> list[ByteRange]:
-        """Return where names without a value stand in the statements of an equation on which failing rows depend."""
-        out: list[ByteRange] = []
-        for other, sites in self.trials.sites():
-            if other is step:
-                for site in sites:
-                    out += undefined(site)
-        return out
-
-    def _moving(self, k: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
-        """Return the one-token edits that change row `k`, grouped by the equation in which they are tried."""
-        mine = self.trials.judge.step(k[0])
-        called = {(h.source.path, h.source.name) for h in self.trials.judge.helpers(mine)}
-        blind = not np.isfinite(
-            self.trials.raw[k]
-        ).all()  # without a value, the effect of a single edit may be invisible
-        some = [(c.step, c.edits[0]) for c in singles if blind or _moves(c, k, self.trials.raw[k])]
-        out: dict[str, tuple[Step, list[Edit]]] = {}
-        for first, e in [*some, *(self.trials.senseless if mine.stuck else ())]:
-            if e.kind in TOKENS and e.kind != "left side":
-                step = mine if (e.path, e.function) in called else first
-                out.setdefault(step.equation.name, (step, []))[1].append(e)
-        return sorted(out.values(), key=lambda x: x[0] is not mine)
-
-
-def _moves(c: Candidate, k: Key, raw: Array) -> bool:
-    after = c.changed.get(k)
-    return after is not None and not np.array_equal(after, raw)

@@ -16,6 +16,7 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
 from twin.validation.explain.edits import edits, pool
 from twin.validation.explain.pair_search import PairSearch
+from twin.validation.explain.position_pairs import PositionPairs
 from twin.validation.explain.repair_choice import MOST_EXACT, RepairChoice
 from twin.validation.explain.required import Required
 from twin.validation.explain.row_deviations import Judge
@@ -82,6 +83,7 @@ class Search(Trials):
         """Edits in places where no single edit can repair a row; pairs are searched before these edits are tried."""
         self.choice = RepairChoice(self, self.deadline)
         self.pair_search = PairSearch(self, self.choice)
+        self.position_pairs = PositionPairs(self)
 
     @property
     def by_chance(self) -> list[tuple[Candidate, str]]:
@@ -362,14 +364,14 @@ class Search(Trials):
                 pairs: list[Candidate] = []
                 complete = False
                 if budget > 0:
-                    pairs, complete = self.pair_search.by_value(k, singles, shared, deadline)
+                    pairs, complete = self.pair_search.found(k, singles, shared, deadline)
                     if not self.choice.has_repair(k, pairs):
                         evaluated = self.deferred()
                         late += evaluated
                         singles += evaluated  # each may be one of a pair
                         pairs = list(late)
                     if not self.choice.has_repair(k, pairs):
-                        pairs, complete = self.pair_search.by_position(k, singles, shared, deadline)
+                        pairs, complete = self.position_pairs.found(k, singles, shared, deadline)
                 f, absorbed = self._widest(k, left, out, [*singles, *pairs], pairs)
                 f.complete, f.seconds = f.complete and complete, time.monotonic() - began
                 out = [g for g in out if not any(g is other for other in absorbed)]
