@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from twin.cli.parser import VARIANT, Command, count
 from twin.core.errors import TwinError
-from twin.core.units import MM
+from twin.core.units import MM, UM
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
@@ -16,6 +16,7 @@ EXAMPLES = """\
   twin prove sils                           all loops, all points, at all poses
   twin prove sils --variant eq1=printed     a printed error is refuted, with a pose where it shows
   twin prove sils --workspace               the tool positions without singularities, with their volume
+  twin prove pa10 --bounds                  how far equations and mechanism can be apart, at all joint values
   twin prove my_robot/ --json"""
 
 
@@ -25,9 +26,11 @@ def arguments(command: Command) -> None:
     command.variants(VARIANT)
     command.number("--states", "N", "number of random states, 64 to 1000000", 4096, count)
     command.seed("random seed of the states")
-    text = (
-        "prove boxes of tool positions assembled, within limits and free of singularities, in the orientation of home"
-    )
+    text = "bound the difference of forward equations and mechanism over all joint values, for a serial chain"
+    command.flag("--bounds", text)
+    text = "by how much each length of the equations may differ from its value, for --bounds"
+    command.number("--tolerance-um", "UM", text, 0.0)
+    text = "prove boxes of tool positions assembled, within limits and not singular, in the orientation of home"
     command.flag("--workspace", text)
     command.number("--edge-mm", "MM", "edge of the smallest boxes of --workspace (default: the longest side / 232)")
     text = "box of positions for --workspace: lower and upper end along x, y and z of base (default: all reached ones)"
@@ -43,6 +46,12 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli.chosen import asked
 
     robot = load(args.robot)
+    if args.bounds and args.workspace:
+        raise TwinError("--bounds and --workspace are two results: give one of them")
+    if args.bounds:
+        return _bounds(robot, args)
+    if args.tolerance_um:
+        raise TwinError("--tolerance-um needs --bounds")
     if args.workspace:
         return _workspace(robot, args)
     for option in ("edge_mm", "box_mm"):
@@ -71,3 +80,14 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         result = proven_workspace(robot, asked(args.variant), edge, corners, progress)
     return show.store(result, args, folder, ["boxes.json"])
+
+
+def _bounds(robot: Robot, args: argparse.Namespace) -> int:
+    """Print by how much equations and mechanism can differ at any joint values."""
+    from twin.api.chain_bounds import chain_bounds
+    from twin.cli import show
+    from twin.cli.chosen import asked
+
+    folder = show.folder(args, robot.name, "prove-bounds")
+    result = chain_bounds(robot, asked(args.variant), args.tolerance_um * UM)
+    return show.store(result, args, folder)

@@ -1,0 +1,123 @@
+"""Bounds of the difference of equations and mechanism over all joint values."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twin
+from twin.api.chain_bounds import chain_bounds
+from twin.cli import main
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.formula import flow
+from twin.model.mechanism import Mechanism
+from twin.proof import chain, formula_chain, trigonometric
+from twin.proof.trigonometric import AngleSum
+
+CHAINS = ["pa10", "raven_left", "davinci_psm", *[pytest.param(n, marks=pytest.mark.nightly) for n in ("davinci_ecm",)]]
+
+
+def _angles(mechanism: Mechanism) -> dict[str, AngleSum]:
+    return {joint.name: AngleSum({place: 1}, 0.0, 0.0) for place, joint in enumerate(mechanism.active)}
+
+
+def _pose(mechanism: Mechanism, q: np.ndarray) -> np.ndarray:
+    """Return T_base_tool by multiplication of 4 x 4 matrices."""
+    tool = mechanism.frame(mechanism.tool)
+    values = dict(zip([joint.name for joint in mechanism.active], q, strict=True))
+    T = np.eye(4)
+    for joint in mechanism.path(tool.body):
+        T = T @ joint.T_parent_joint
+        if joint.type != "fixed":
+            c, s = np.cos(values[joint.name]), np.sin(values[joint.name])
+            T = T @ np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        T = T @ spatial.inverse(joint.T_child_joint)
+    return T @ tool.T_body_frame
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_corrected_equations_are_those_of_the_mechanism_at_all_joints(name):
+    found = chain_bounds(twin.load(name))
+    assert found.position < 1e-10
+    assert found.rotation < 1e-10
+
+
+def test_the_bound_of_two_arms_is_above_and_near_the_largest_sampled_difference():
+    """A joint frame of one model is shifted and turned; the difference is sampled by products of matrices."""
+    first = twin.load("pa10").mechanism
+    changed = first.joints[2]
+    shift = np.eye(4)
+    shift[:3, 3] = 1e-4, -5e-5, 2e-5
+    shift[:3, :3] = spatial.exp_so3([1e-4, 0, 5e-5])
+    joints = list(first.joints)
+    joints[2] = replace(changed, T_parent_joint=changed.T_parent_joint @ shift)
+    second = replace(first, joints=tuple(joints))
+    difference = chain.tool_pose(first, _angles(first)) - chain.tool_pose(second, _angles(second))
+    bound = chain.distance_bound(difference, first, _angles(first), range(7, 12))
+    generator = np.random.default_rng(1)
+    largest = 0.0
+    for q in generator.uniform(-np.pi, np.pi, (3000, 7)):
+        largest = max(largest, float(np.linalg.norm((_pose(first, q) - _pose(second, q))[:3, 3])))
+    assert largest <= bound <= 3 * largest
+
+
+def test_tolerances_of_lengths_widen_the_bound_by_their_sum():
+    """The lengths of PA-10 lie along the arm: stretched, all of them add up."""
+    robot = twin.load("pa10")
+    found = chain_bounds(robot, tolerance=1e-5)
+    assert 4e-5 <= found.position <= 1.0001 * 4e-5 + 1e-10
+    assert found.rotation < 1e-10
+
+
+def test_sums_have_the_values_of_the_equations():
+    robot = twin.load("pa10")
+    formula = robot.formula
+    pose, _ = formula_chain.tool_pose(formula, flow.choose(formula, None), {}, {})
+    q = np.random.default_rng(2).uniform(-2, 2, 7)
+    waves = np.exp(1j * pose.exponents()[:, :7] @ q)
+    T = np.tensordot(waves, pose.centre, 1)
+    assert np.abs(T.imag).max() < 1e-14
+    assert np.abs(T.real - robot.forward(q)).max() < 1e-13
+
+
+def test_products_cancel_and_keep_their_radius():
+    angle = AngleSum({0: 1}, 0.3, 0.0)
+    c = trigonometric.wave(angle, sine=False)
+    s = trigonometric.wave(angle, sine=True)
+    one = c * c + s * s - trigonometric.constant(1.0)
+    assert one.bound() < 1e-13
+    assert 0.99 < (c * s * trigonometric.constant(2.0)).bound() < 1.0 + 1e-12
+    assert (c + trigonometric.constant(0.0, 0.01)).bound() == pytest.approx(1.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("sils", "no forward model"),
+        ("hibou", r"no sum of sines and cosines of the joints \(sqrt\)"),
+    ],
+)
+def test_what_has_no_bound_is_named(name, message):
+    with pytest.raises(TwinError, match=message):
+        chain_bounds(twin.load(name))
+
+
+def test_bad_tolerances_are_named():
+    for tolerance in (np.nan, -1e-6, np.inf):
+        with pytest.raises(TwinError, match="tolerance of lengths is"):
+            chain_bounds(twin.load("pa10"), tolerance=tolerance)
+
+
+@pytest.mark.slow
+def test_the_command_prints_the_bounds(tmp_path, capsys):
+    options = ["--bounds", "--tolerance-um", "10", "--json", "--out", str(tmp_path / "out")]
+    assert main(["prove", "pa10", *options]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["schema"] == "twin/prove-bounds/1"
+    assert data["position_bound_mm"] == pytest.approx(0.04, rel=1e-3)
+    assert main(["prove", "pa10", "--tolerance-um", "10"]) == 2
+    assert "--tolerance-um needs --bounds" in capsys.readouterr().err

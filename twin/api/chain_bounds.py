@@ -1,0 +1,118 @@
+"""Bound the difference of forward equations and mechanism over all joint values of a serial chain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.api.robot import Robot
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
+from twin.core.json_types import JsonObject
+from twin.core.result import Part, Result
+from twin.core.units import DEG, MM, UM
+
+_FRAMES = slice(0, 3)
+
+
+@dataclass(frozen=True)
+class ChainBounds(Result):
+    """By how much forward equations and mechanism can differ at any joint values.
+
+    Attributes:
+        robot: name of the robot.
+        variants: the chosen variant of each equation.
+        position: upper bound of the distance of the tool's origins in m.
+        rotation: upper bound of the angle between the tool's orientations in rad.
+        terms: number of products of sines and cosines in the poses of equations and mechanism.
+        tolerance: by how much each length of the equations may differ from its value, in m.
+    """
+
+    robot: str
+    variants: Mapping[str, str]
+    position: float
+    rotation: float
+    terms: tuple[int, int]
+    tolerance: float
+
+    kind = "prove-bounds"
+    judges = False
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Always empty: a bound is no verdict."""
+        return ()
+
+    def content(self) -> JsonObject:
+        """Return the bounds as plain data."""
+        return {
+            "robot": self.robot,
+            "variants": dict(self.variants),
+            "position_bound_mm": self.position / MM,
+            "rotation_bound_deg": self.rotation / DEG,
+            "terms_of_equations": self.terms[0],
+            "terms_of_mechanism": self.terms[1],
+            "tolerance_um": self.tolerance / UM,
+        }
+
+    def text(self) -> Iterator[Part]:
+        """Yield the bounds."""
+        yield f"{self.robot}: forward equations and mechanism, at all joint values"
+        yield ""
+        lengths = ""
+        if self.tolerance:
+            lengths = f", if each length of the equations is within {self.tolerance / UM:g} um of its value"
+        yield f"  tool position     at most {self.position / MM:.3g} mm apart{lengths}"
+        yield f"  tool orientation  at most {self.rotation / DEG:.3g} deg apart"
+        yield f"  terms             {self.terms[0]} of the equations, {self.terms[1]} of the mechanism"
+        yield ""
+
+
+def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, tolerance: float = 0.0) -> ChainBounds:
+    """Return bounds of the difference of forward equations and mechanism over all joint values.
+
+    The equations are repeated on sums of sines and cosines; the mechanism multiplies the motions of its joints from the
+    base to the tool. What remains of the difference is bounded by the sum of the magnitudes of its coefficients.
+
+    Args:
+        robot: a robot with forward equations and CAD.
+        variants: {equation: variant}, or one variant for all equations that have it.
+        tolerance: by how much each length of the equations may differ from its value, in m.
+
+    Raises:
+        TwinError: the equations have no forward model, a branch, a table or a root; a sliding joint has no limits; the
+            tolerance is no number of at least 0.
+    """
+    from twin.formula import flow
+    from twin.proof import chain, formula_chain
+    from twin.proof.trigonometric import VARIABLES, part
+
+    if not (math.isfinite(tolerance) and tolerance >= 0):
+        raise TwinError(f"the tolerance of lengths is {tolerance / UM:g} um; give a number of micrometres, 0 or more")
+    if robot.files is None or not robot.files.has_equations:
+        raise TwinError(f"{robot.name} has no equations to compare with its mechanism")
+    formula = robot.formula
+    chosen = flow.choose(formula, variants)
+    sliding = {}
+    for joint in formula.joints:
+        if joint.kind == "prismatic":
+            sliding[joint.name] = chain.sliding_range(robot.mechanism, joint.name)
+    tolerances = {}
+    for parameter in formula.parameters:
+        if tolerance and parameter.unit in ("m", "mm"):
+            tolerances[parameter.name] = tolerance
+    equations, joints = formula_chain.tool_pose(formula, chosen, sliding, tolerances)
+    mechanism = chain.tool_pose(robot.mechanism, joints)
+    difference = equations - mechanism
+    turning = {place for place, joint in enumerate(formula.joints) if joint.kind == "revolute"}
+    lengths = [place for place in range(VARIABLES) if place not in turning]
+    position = chain.distance_bound(difference, robot.mechanism, joints, lengths)
+    # the distance of two rotations in the norm of Frobenius is 2 sqrt(2) sin(angle / 2)
+    sine = part(difference, _FRAMES, _FRAMES).bound() / (2 * math.sqrt(2))
+    rotation = 2 * math.asin(min(sine, 1.0)) * (1 + 1e-15)
+    if not np.isfinite(position):
+        raise TwinError(f"{robot.name}: the equations have a parameter or a constant that is not finite")
+    return ChainBounds(robot.name, chosen, position, rotation, (equations.keys.size, mechanism.keys.size), tolerance)

@@ -1,0 +1,131 @@
+"""The pose of the tool of a serial chain as a sum of matrices times sines and cosines of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+from twin.proof import trigonometric
+from twin.proof.trigonometric import AngleSum, Operand, TrigonometricSum
+
+_SMALL = 1e-9
+"""Length in m below which a bound needs no improvement."""
+
+_NEGLIGIBLE = 1e-17
+"""Magnitude in m below which a term is not kept by itself."""
+
+_ROUNDED_POSE = 4e-15
+"""Rounding error of an entry of the inverse of a pose whose entries are at most 10."""
+
+
+def tool_pose(mechanism: Mechanism, joints: Mapping[str, Operand]) -> TrigonometricSum:
+    """Return T_base_tool (4, 4) at given values of the joints on the path from the base to the tool.
+
+    Args:
+        mechanism: the mechanism.
+        joints: {joint: its value}, an angle or a length in m.
+
+    Raises:
+        TwinError: the value of a joint on the path is not given.
+    """
+    pose = trigonometric.matrix(np.eye(4))
+    for step in _steps(mechanism, joints):
+        pose = pose.matrix_product(step)
+    return pose
+
+
+def distance_bound(
+    difference: TrigonometricSum, mechanism: Mechanism, joints: Mapping[str, Operand], lengths: Sequence[int]
+) -> float:
+    """Return an upper bound of the length of the position (4, 4) of a difference of two poses, at all joint values.
+
+    A rotation changes no length: seen from a link, the position has fewer products of sines and cosines, hence a
+    smaller sum of coefficients. The link with the smallest one counts, for each part by itself: terms with equal powers
+    of the variables that are no angles are a part.
+
+    Args:
+        difference: the difference of two poses.
+        mechanism: the mechanism whose links are looked from.
+        joints: {joint: its value}.
+        lengths: places of the variables that are no angles.
+    """
+    rotation = slice(0, 3)
+    steps = [trigonometric.part(step, rotation, rotation) for step in _steps(mechanism, joints)]
+    total = 0.0
+    for position in trigonometric.part(difference, rotation, slice(3, 4)).split(lengths):
+        smallest = position.bound()
+        seen = position
+        for step in steps:
+            if smallest < _SMALL:
+                break
+            seen = trigonometric.transposed(step).matrix_product(seen).pruned(_NEGLIGIBLE)
+            smallest = min(smallest, seen.bound())
+        total += smallest
+    return total * (1 + 1e-14)
+
+
+def _steps(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Iterator[TrigonometricSum]:
+    """Yield the poses whose product is T_base_tool."""
+    tool = mechanism.frame(mechanism.tool)
+    before = np.eye(4)
+    radius = np.zeros((4, 4))
+    for joint in mechanism.path(tool.body):
+        before, radius = _product(before, radius, joint.T_parent_joint)
+        if joint.type != "fixed":
+            if joint.name not in joints:
+                raise TwinError(
+                    f"{mechanism.name}: the equations give no sum of joint angles as the value of joint {joint.name}, "
+                    "which is on the path to the tool; a bound over all joints needs one"
+                )
+            yield trigonometric.matrix(before, radius)
+            yield _motion(mechanism, joint, joints[joint.name])
+            before = np.eye(4)
+            radius = np.zeros((4, 4))
+        before, radius = _product(before, radius, spatial.inverse(joint.T_child_joint))
+    before, radius = _product(before, radius, tool.T_body_frame)
+    yield trigonometric.matrix(before, radius)
+
+
+def _product(T: Array, radius: Array, other: Array) -> tuple[Array, Array]:
+    """Return the product of two poses and its radius, of which the second one has the rounding error of an inverse."""
+    error = np.full((4, 4), _ROUNDED_POSE)
+    error[3] = 0.0
+    size = np.abs(other)
+    spread = np.abs(T) @ error + radius @ (size + error) + 8 * 2.0**-52 * (np.abs(T) @ size)
+    return T @ other, spread * (1 + 1e-14)
+
+
+def _motion(mechanism: Mechanism, joint: Joint, value: Operand) -> TrigonometricSum:
+    """Return the motion (4, 4) of a joint about or along z."""
+    one = trigonometric.constant(1.0)
+    zero = trigonometric.constant(0.0)
+    entries = [[one if i == j else zero for j in range(4)] for i in range(4)]
+    if joint.type == "revolute" and isinstance(value, AngleSum):
+        cosine = trigonometric.wave(value, sine=False)
+        sine = trigonometric.wave(value, sine=True)
+        entries[0][0] = entries[1][1] = cosine
+        entries[1][0] = sine
+        entries[0][1] = -sine
+    elif joint.type == "prismatic" and isinstance(value, TrigonometricSum):
+        entries[2][3] = value
+    else:
+        raise TwinError(f"{mechanism.name}: joint {joint.name} is {joint.type}, and its value is of another kind")
+    return trigonometric.stacked(entries)
+
+
+def sliding_range(mechanism: Mechanism, name: str) -> tuple[float, float]:
+    """Return (middle, half of the range) of a prismatic joint in m.
+
+    Raises:
+        TwinError: it has no finite limits.
+    """
+    low, high = mechanism.joint(name).limits or (-np.inf, np.inf)
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise TwinError(f"{mechanism.name}: prismatic joint {name} has no limits; state them in the description")
+    return 0.5 * (low + high), 0.5 * (high - low)
