@@ -84,7 +84,7 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
 
     Raises:
         TwinError: the equations have no forward model, a branch, a table or a root; a sliding joint has no limits; the
-            tolerance is no number of at least 0.
+            tolerance is not a number of at least 0.
     """
     from twin.formula import flow
     from twin.proof import chain, formula_chain

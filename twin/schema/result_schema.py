@@ -31,6 +31,8 @@ Kind = Literal[
     "twin/plan/1",
     "twin/procedure/1",
     "twin/prove/1",
+    "twin/prove-bounds/1",
+    "twin/prove-workspace/1",
     "twin/report/1",
     "twin/reports/1",
     "twin/scene-export/1",
