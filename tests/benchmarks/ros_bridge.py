@@ -47,6 +47,9 @@ async def measure(port: int, seconds: float) -> tuple[np.ndarray, list, int]:
         while not (client.heard.get("/PSM1/setpoint_cp") and client.heard.get("/PSM1/operating_state")):
             await pens.send()
             await asyncio.sleep(0.002)
+        for _ in range(RATE // 5):
+            await pens.send()
+            await asyncio.sleep(0.002)
         pens.roll()
         while not client.heard["/PSM1/operating_state"][-1]["is_busy"]:
             await pens.send()
