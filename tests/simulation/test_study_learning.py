@@ -110,6 +110,28 @@ def test_answers_become_scores_that_are_compared(tmp_path):
     assert [f.code for f in found.findings if "Handbook" in f.message] == ["study.scored"]
 
 
+NASA_TLX = "group," + ",".join([f"nasatlx_{k}" for k in range(1, 7)] + [f"nasatlx_w{k}" for k in range(1, 7)]) + "\n"
+
+
+def test_nasa_tlx_is_weighted_by_the_comparisons_of_pairs(tmp_path):
+    """By hand: (5 * 80 + 0 * 20 + 4 * 60 + 1 * 40 + 3 * 50 + 2 * 30) / 15 = 890 / 15; without weights 280 / 6."""
+    rows = "A,80,20,60,40,50,30,5,0,4,1,3,2\nA,0,0,0,0,0,0,0,1,2,3,4,5\n"
+    rows += "B,100,100,100,100,100,100,5,4,3,2,1,0\nB,50,,0,0,0,0,5,4,3,2,1,0\n"
+    measures = compare(table(tmp_path, NASA_TLX + rows)).users.measures
+    assert measures["nasatlx_weighted"][:3] == pytest.approx([890 / 15, 0, 100])
+    assert measures["nasatlx_raw"][:3] == pytest.approx([280 / 6, 0, 100])
+    assert np.isnan(measures["nasatlx_weighted"][3])
+    assert measures["nasatlx_mental"] == [80, 0, 100, 50]
+    assert not [name for name in measures if "_w1" in name]
+
+
+def test_raw_nasa_tlx_needs_no_weights(tmp_path):
+    text = answers("nasatlx", ("A", 50), ("A", 60), ("B", 70), ("B", 80))
+    measures = compare(table(tmp_path, text)).users.measures
+    assert measures["nasatlx_raw"] == [50, 60, 70, 80]
+    assert "nasatlx_weighted" not in measures
+
+
 def test_a_missing_answer_leaves_its_scores_empty(tmp_path):
     text = answers("ssq", ("A", 0), ("A", ["", *[1] * 15]), ("B", 1), ("B", 2))
     users = compare(table(tmp_path, text)).users
@@ -132,6 +154,13 @@ def test_sim_tlx_is_compared_as_it_is_with_the_reason(tmp_path):
         ),
         (answers("ssq", ("A", 1), ("B", 4)), r"users\.csv:3: ssq_1 is 4; give an integer, 0 to 3"),
         (answers("ueq", ("A", 1), ("B", 0)), r"users\.csv:3: ueq_1 is 0; give an integer, 1 to 7"),
+        (answers("nasatlx", ("A", 50), ("B", 52)), r"csv:3: nasatlx_1 is 52; give a multiple of 5, 0 to 100"),
+        (
+            NASA_TLX + "A,80,20,60,40,50,30,5,0,4,1,3,3\n",
+            r"csv:2: the weights nasatlx_w1 to nasatlx_w6 have the sum 16; 15 comparisons",
+        ),
+        (NASA_TLX + "A,80,20,60,40,50,30,6,0,4,1,3,1\n", r"csv:2: nasatlx_w1 is 6; give an integer, 0 to 5"),
+        (NASA_TLX.replace(",nasatlx_w6", "") + "A,1,1,1,1,1,1,5,0,4,1,3\n", "nasatlx_w6 is missing"),
         (answers("ueq", ("A", 1)).replace("ueq_26", "ueq_27"), "ueq_26 is missing"),
         ("group,time\nA,1\nA,2\n ,3\nB,4\n", ":4: group is empty; give the name of the user's group"),
         ("group,time,time\nA,1,2\nB,1,2\n", "the header has 'time' twice"),

@@ -38,12 +38,23 @@ class Total(Table):
     weight: float = Field(gt=0)
 
 
+class Weighted(Table):
+    """A score in which each item has a weight: how often it was chosen in comparisons of all pairs of items.
+
+    The score is the sum of weight times value, divided by the number of comparisons, which is the sum of the weights.
+    """
+
+    name: Identifier
+    comparisons: int = Field(gt=0)
+
+
 class Key(Table):
     """The key of a questionnaire.
 
-    An answer is a number from `low` to `high`; its value is answer - `zero`, or `zero` - answer for a reversed item. A
-    scale is the sum or the mean of the values of its items, times its factor in the section `scale`. The answers of
-    users are in table columns named <name>_1, <name>_2, ...
+    An answer is a number from `low` to `high`, in steps of `step`; its value is answer - `zero`, or `zero` - answer for
+    a reversed item. A scale is the sum or the mean of the values of its items, times its factor in the section `scale`.
+    The answers of users are in table columns named <name>_1, <name>_2, ..., the weights of the section `weighted` in
+    columns named <name>_w1, <name>_w2, ...
     """
 
     name: Identifier
@@ -51,16 +62,25 @@ class Key(Table):
     source: str = Field(min_length=1)
     low: int
     high: int
+    step: int = Field(1, gt=0)
     zero: int
     combine: Literal["sum", "mean"]
     item: list[Item] = Field(min_length=1)
     scale: dict[Identifier, float]
     total: Total | None = None
+    weighted: Weighted | None = None
 
     @property
     def columns(self) -> list[str]:
         """Names of the table columns with the answers, in the order of the items."""
         return [f"{self.name}_{k}" for k in range(1, len(self.item) + 1)]
+
+    @property
+    def weight_columns(self) -> list[str]:
+        """Names of the table columns with the weights, in the order of the items; none if the key has no weights."""
+        if self.weighted is None:
+            return []
+        return [f"{self.name}_w{k}" for k in range(1, len(self.item) + 1)]
 
     @model_validator(mode="after")
     def _known_scales(self) -> Key:
@@ -94,6 +114,17 @@ class Key(Table):
             scores[f"{self.name}_{self.total.name}"] = self.total.weight * total
         return scores
 
+    def weighted_score(self, answers: Sequence[float], weights: Sequence[float]) -> float:
+        """Return the weighted score of one user; NaN if an answer or a weight is missing (NaN).
+
+        `answers` and `weights` have one number per item; the key must have the section `weighted`.
+        """
+        assert self.weighted is not None
+        total = 0.0
+        for answer, weight in zip(answers, weights, strict=True):
+            total += weight * (answer - self.zero)
+        return total / self.weighted.comparisons
+
 
 def keys() -> list[Key]:
     """Return the key of every questionnaire that can be scored.
@@ -123,19 +154,24 @@ def scored(
     for key in keys():
         answered = []
         for name in columns:
-            if re.fullmatch(rf"{key.name}_\d+", name):
+            if re.fullmatch(rf"{key.name}_w?\d+", name):
                 answered.append(name)
         if not answered:
             continue
         _check_columns(path, key, columns, answered)
         _check_answers(path, key, columns, lines)
-        for name in key.columns:
+        has_weights = any(name in columns for name in key.weight_columns)
+        for name in key.columns + (key.weight_columns if has_weights else []):
             del out[name]
         scores: dict[str, list[float]] = {}
         for k in range(len(lines)):
             answers = [columns[name][k] for name in key.columns]
             for score, value in key.scores(answers).items():
                 scores.setdefault(score, []).append(value)
+            if has_weights and key.weighted is not None:
+                weights = [columns[name][k] for name in key.weight_columns]
+                weighted = key.weighted_score(answers, weights)
+                scores.setdefault(f"{key.name}_{key.weighted.name}", []).append(weighted)
         out |= scores
         findings.append(info("study.scored", key.name, f"{key.title}, scored by the key of: {key.source}"))
     for start, reason in _UNSCORED.items():
@@ -147,18 +183,20 @@ def scored(
 def _check_columns(path: Path, key: Key, columns: Mapping[str, Sequence[float]], answered: Sequence[str]) -> None:
     """Raise an error if the table lacks a column of a questionnaire, or has more columns than it has items."""
     title = key.name.upper()
+    needed = list(key.columns)
+    if any(name in key.weight_columns for name in answered):
+        needed += key.weight_columns
     missing = []
-    for name in key.columns:
+    for name in needed:
         if name not in columns:
             missing.append(name)
     if missing:
         verb = "is" if len(missing) == 1 else "are"
         raise DescriptionError(
-            f"{path}:1: {title} needs the columns {key.columns[0]} to {key.columns[-1]}; "
-            f"{', '.join(missing)} {verb} missing"
+            f"{path}:1: {title} needs the columns {needed[0]} to {needed[-1]}; {', '.join(missing)} {verb} missing"
         )
     for name in answered:
-        if name not in key.columns:
+        if name not in needed:
             raise DescriptionError(f"{path}:1: {title} has {len(key.item)} items; {name} is not an item")
 
 
@@ -168,7 +206,26 @@ def _check_answers(path: Path, key: Key, columns: Mapping[str, Sequence[float]],
         for value, line in zip(columns[name], lines, strict=True):
             if math.isnan(value):
                 continue
-            if value != int(value) or not key.low <= value <= key.high:
+            allowed = value == int(value) and key.low <= value <= key.high and (value - key.low) % key.step == 0
+            if not allowed:
+                numbers = "an integer" if key.step == 1 else f"a multiple of {key.step}"
                 raise DescriptionError(
-                    f"{path}:{line}: {name} is {value:g}; give an integer, {key.low} to {key.high}, or leave it empty"
+                    f"{path}:{line}: {name} is {value:g}; give {numbers}, {key.low} to {key.high}, or leave it empty"
                 )
+    if key.weighted is None or key.weight_columns[0] not in columns:
+        return
+    most = len(key.item) - 1
+    for k, line in enumerate(lines):
+        weights = [columns[name][k] for name in key.weight_columns]
+        for name, weight in zip(key.weight_columns, weights, strict=True):
+            if not math.isnan(weight) and not (weight == int(weight) and 0 <= weight <= most):
+                raise DescriptionError(f"{path}:{line}: {name} is {weight:g}; give an integer, 0 to {most}")
+        total = sum(weights)
+        if not math.isnan(total) and total != key.weighted.comparisons:
+            first = key.weight_columns[0]
+            last = key.weight_columns[-1]
+            comparisons = key.weighted.comparisons
+            raise DescriptionError(
+                f"{path}:{line}: the weights {first} to {last} have the sum {total:g}; "
+                f"{comparisons} comparisons of pairs give the sum {comparisons}"
+            )
