@@ -66,6 +66,7 @@ NIGHTLY = {
     "twin selftest sils --family formula,usd --count 8 --seed 7 --json": ".ci/run seeds 59 of all families",
     "twin serve davinci --haptics on": "tests/ui/test_headset_page_haptics.py",
     "twin serve davinci --packets 9870": "tests/ui/test_headset_page_packets.py",
+    "twin serve davinci --ros 9090": "tests/witness/test_ros.py",
     "twin serve davinci --session hands.session": "tests/ui/test_headset_page_camera.py, with a task",
     "twin serve davinci --session p7-1.session --participant 7 --run 1": "tests/simulation/test_haptics_world.py",
     "twin serve davinci --session p7-2.session --participant 7 --run 2": "tests/simulation/test_haptics_world.py",
