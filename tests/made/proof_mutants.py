@@ -90,7 +90,7 @@ def hidden(function, generator, ranges):
         _, low, high = ranges[name]
         middle = generator.uniform(low, high)
         width = (high - low) * 10 ** generator.uniform(-7, -4)
-        near = f"(fabs({name} - {middle!r}) < {width!r})"
+        near = f"(abs({name} - {middle!r}) < {width!r})"
         new = f"(({said(node)}) + 0.001 * {near})"
         yield _changed(text, "box", *_place(text, node), new)
 

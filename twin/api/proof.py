@@ -68,11 +68,6 @@ class Proved(Result):
             text += f" and for all values of {', '.join(proof.drawn)}"
         if proof.fixed:
             text += f", for the published values of {', '.join(proof.fixed)}"
-        if proof.one_sided:
-            text += (
-                f", where {proof.one_sided} conditions of the equations have the answers that they have at the "
-                f"{proof.states} drawn states"
-            )
         return text
 
     def content(self) -> JsonObject:
@@ -83,7 +78,7 @@ class Proved(Result):
             "variants": dict(self.variants),
             "states": proof.states,
             "within_reach": proof.inside,
-            "conditions_with_one_answer": proof.one_sided,
+            "conditions": _conditions(proof),
             "arbitrary_parameters": list(proof.drawn),
             "published_angles": list(proof.fixed),
             "largest_rounding_of_cad": proof.largest,
@@ -122,6 +117,13 @@ class Proved(Result):
         yield f"  {self.summary}"
         yield f"  {100 * proof.inside:.3g} % of the drawn states are within reach and have values"
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
+        report = proof.branches
+        if report is not None and report.count:
+            yield (
+                f"  {report.count} conditions in the equations: both answers at drawn states {report.drawn}, no value "
+                f"at the other {report.undefined}, one answer by intervals {report.bounded}, the other found by a "
+                f"search {report.found}, open {len(report.open)}"
+            )
         for number, form in list(proof.recognised.items())[:_SHOWN]:
             yield f"  {number} is {form}"
         missing = [claim.name for claim in proof.claims if claim.status == "proved" and not claim.nodes]
@@ -204,6 +206,21 @@ def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     if claim.error:
         text += f"; the error is {claim.error}"
     return disagreement("prove.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
+
+
+def _conditions(proof: Proof) -> JsonObject | None:
+    """Return what is known of the conditions in the equations as plain data."""
+    report = proof.branches
+    if report is None:
+        return None
+    return {
+        "count": report.count,
+        "both_answers_drawn": report.drawn,
+        "no_value_at_the_other": report.undefined,
+        "one_answer_by_intervals": report.bounded,
+        "other_answer_found": report.found,
+        "open": list(report.open),
+    }
 
 
 def _record(claim: JudgedClaim) -> JsonObject:

@@ -49,6 +49,7 @@ class JudgedClaim:
         nodes: the operations of the numbers that are zero, if the claim is proved and all of them are known.
         reach: those of the margins that are not negative where it is claimed.
         roots: the roots in its numbers.
+        different: whether the claim is unproved because exact values are not zero.
         luckless: whether the claim is unproved because few states have all roots in the field.
     """
 
@@ -66,6 +67,7 @@ class JudgedClaim:
     reach: tuple[ProgramStep, ...] = ()
     luckless: bool = False
     roots: frozenset[RootMark] = frozenset()
+    different: bool = False
 
 
 def judged(
@@ -76,6 +78,7 @@ def judged(
     state: Mapping[str, Array],
     reasons: Sequence[str],
     drawn: int,
+    sides: Sequence[Truths] = (),
 ) -> JudgedClaim:
     """Return the verdict on a claim.
 
@@ -87,6 +90,7 @@ def judged(
         state: {name of a random number: its real values (k,)}.
         reasons: texts of what has no exact form, for a claim that is not proved.
         drawn: number of states that were drawn; those without roots may have been left out.
+        sides: the states (k,) with each answer of each condition: with roots, zeros must be among them as often.
     """
     known = inside.copy()
     zero = np.ones(len(inside), bool)
@@ -127,6 +131,8 @@ def judged(
         reason = (
             f"{exact - zeros} of {exact} exact values are not zero: a difference below 1e-6, at some states at least"
         )
+    elif roots and _missed(known & zero, known, sides):
+        reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
     elif zeros >= ENOUGH and log_odds < 0:
         status = "proved"
     elif zeros >= ENOUGH:
@@ -140,9 +146,35 @@ def judged(
     kept: tuple[ProgramStep, ...] = ()
     if status == "proved" and None not in nodes:
         kept = tuple(node for node in nodes if node is not None)
-    luckless = status == "unproved" and roots and inside.any() and not undefined and zeros < ENOUGH
+    luckless = status == "unproved" and bool(roots) and bool(inside.any()) and not undefined and zeros < ENOUGH
+    # where many exact values are known and none is zero, luck is no reason
+    luckless = luckless and (zeros > 0 or exact < _MANY)
+    different = status == "unproved" and bool(inside.any()) and not undefined
+    if roots:
+        different = different and _missed(known & zero, known, sides)
+    else:
+        different = different and zeros < exact
     verdict = (name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept)
-    return JudgedClaim(*verdict, luckless=bool(luckless), roots=roots)
+    return JudgedClaim(*verdict, luckless=luckless, roots=roots, different=different)
+
+
+def _missed(zero: Truths, known: Truths, sides: Sequence[Truths]) -> bool:
+    """Return whether no zeros are on one side of a condition, although chance would have put one there."""
+    if not zero.any():
+        return False
+    share = zero.sum() / known.sum()
+    for side in sides:
+        there = int((known & side).sum())
+        if not (zero & side).any() and (1 - share) ** there < _CHANCE:
+            return True
+    return False
+
+
+_MANY = 64
+"""Number of exact values of which one would be zero by chance if a claim is true, but for roots with other signs."""
+
+_CHANCE = 1e-6
+"""Largest probability that roots with other signs are the reason why no zero is on one side of a condition."""
 
 
 def unclaimed(name: str, sentence: str, reason: str) -> JudgedClaim:

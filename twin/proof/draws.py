@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from twin.core.spatial import Array
 from twin.proof import field, values
 from twin.proof import form as forms
 from twin.proof.constants import exact_angle
@@ -18,17 +19,32 @@ from twin.proof.values import Angle, Degree, ExactValue, Value
 STEPS = 2**49
 """Number of fractions among which a random number is drawn; the odds of a chance zero are a degree divided by this."""
 
+_NEAR = 2**16
+"""Number of fractions among which one near a given value is drawn."""
+
 _OPEN = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
 
 
 def number(
-    generator: np.random.Generator, low: float, high: float, states: int, name: str, formulas: bool = False
+    generator: np.random.Generator,
+    low: float,
+    high: float,
+    states: int,
+    name: str,
+    formulas: bool = False,
+    near: Array | None = None,
 ) -> ExactValue:
-    """Return a random fraction from low to high at each of k states; it may be a variable of formulas."""
+    """Return a random fraction from low to high at each of k states; it may be a variable of formulas.
+
+    If values `near` (k,) are given, the fractions are within a part of 2^-33 of the range from them.
+    """
     first = Fraction(low)
     step = (Fraction(high) - first) / STEPS
-    multiples = generator.integers(0, STEPS, states).astype(np.uint64)
+    multiples = generator.integers(0, STEPS, states)
+    if near is not None:
+        multiples = np.round((near - low) / (high - low) * STEPS).astype(np.int64) + multiples % _NEAR
+    multiples = np.clip(multiples, 0, STEPS - 1).astype(np.uint64)
     real = low + (high - low) * (multiples.astype(float) / STEPS)
     steps = np.full(states, field.residue(step), np.uint64)
     starts = np.full(states, field.residue(first), np.uint64)
@@ -39,9 +55,17 @@ def number(
 
 
 def turn(
-    generator: np.random.Generator, low: float, high: float, states: int, name: str, formulas: bool = False
+    generator: np.random.Generator,
+    low: float,
+    high: float,
+    states: int,
+    name: str,
+    formulas: bool = False,
+    near: Array | None = None,
 ) -> Angle:
     """Return a random angle from low to high rad at each of k states, within half a turn of their middle.
+
+    If angles `near` (k,) are given, it is near them.
 
     The tangent t of half its distance from a multiple of 30 degrees near the middle is a random fraction; cosine and
     sine are fractions of t.
@@ -49,7 +73,10 @@ def turn(
     start = _nearest((low + high) / 2)
     first = math.tan(max(low - start, -_OPEN * math.pi) / 2)
     last = math.tan(min(high - start, _OPEN * math.pi) / 2)
-    t = number(generator, first, last, states, name)
+    near_t = None
+    if near is not None:
+        near_t = np.tan(np.clip(near - start, -_OPEN * math.pi, _OPEN * math.pi) / 2)
+    t = number(generator, first, last, states, name, near=near_t)
     one = values.constant(1.0, states)
     square = values.product(t, t)
     scale = values.reciprocal(values.total(one, square))
@@ -81,14 +108,19 @@ def fixed_angle(angle: float, states: int) -> Angle:
 
 
 def named(
-    generator: np.random.Generator, ranges: Mapping[str, tuple[bool, float, float]], states: int, formulas: bool
+    generator: np.random.Generator,
+    ranges: Mapping[str, tuple[bool, float, float]],
+    states: int,
+    formulas: bool = False,
+    near: Mapping[str, Array] | None = None,
 ) -> dict[str, Value]:
     """Return random values by name; a range is (whether it is an angle, low, high).
 
-    `formulas`: whether they are variables of formulas.
+    `formulas`: whether they are variables of formulas. `near`: {name: values (k,) near which they are}.
     """
     drawn: dict[str, Value] = {}
     for name, (is_angle, low, high) in ranges.items():
         draw = turn if is_angle else number
-        drawn[name] = draw(generator, low, high, states, name, formulas)
+        values_near = None if near is None else near[name]
+        drawn[name] = draw(generator, low, high, states, name, formulas, values_near)
     return drawn

@@ -10,6 +10,7 @@ Nothing of CasADi is trusted but the list of its operations: `twin.proof.interva
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,8 @@ _BINARY = 1024.0
 
 def constant(value: float) -> Intervals:
     """Return a constant of the equations; one that is no multiple of 1/1024 has been rounded."""
+    if not math.isfinite(value):
+        return intervals.unknown(())
     if value * _BINARY == round(value * _BINARY):
         return intervals.exactly(value)
     return intervals.around(value, abs(value) * _ROUNDED)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from twin.proof.constants import ExactNumber
 
@@ -25,7 +25,7 @@ class ProgramStep:
     """
 
     name: str
-    operands: tuple[ProgramStep, ...] = ()
+    operands: tuple[ProgramStep, ...] = field(default=(), repr=False)
     text: str = ""
 
 

@@ -11,12 +11,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.body import Point
 from twin.model.mechanism import Mechanism
 from twin.proof import draws, field, formula_side, mechanism, values
 from twin.proof import form as forms
+from twin.proof.branches import Branches, BranchReport, examined
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.constants import exact_angle, exact_number
 from twin.proof.drawing import Drawing
@@ -45,6 +47,12 @@ _TRIAL_STATES = 256
 _ROOTED_FACTORS = (16, 128)
 """Numbers of states, as multiples, among which those with all roots are searched for claims with many roots."""
 
+_ROOTED_STATES = 256
+"""Largest number of states with all roots that are kept for a claim."""
+
+_CONDITION_STATES = 2048
+"""Number of states at which conditions have their answers, before others are searched."""
+
 _REASONS = 3
 """Number of numbers without an exact form that a claim names."""
 
@@ -66,8 +74,7 @@ class Proof:
         claims: all claims.
         states: number of random states.
         inside: smallest share of the states within reach.
-        one_sided: number of conditions in the equations that have one answer at all states; nothing is proved of the
-            expressions that they do not choose.
+        branches: the conditions in the equations; None if a claim is refuted.
         drawn: parameters for all of whose values the claims are proved.
         fixed: other parameters that are angles: with other values, a claim is wrong, or none was tried.
         inexact: parameters without an exact form.
@@ -81,7 +88,7 @@ class Proof:
     claims: tuple[JudgedClaim, ...]
     states: int
     inside: float
-    one_sided: int
+    branches: BranchReport | None
     drawn: tuple[str, ...]
     fixed: tuple[str, ...]
     inexact: tuple[str, ...]
@@ -115,17 +122,18 @@ class _Work:
     formulas: bool = False
     rooted: Sequence[RootGroup] = ()
     drawn_states: int = 0
+    near: Mapping[str, Array] | None = None
     rootless: bool = False
     roots: list[tuple[int, RootMark, int]] = made(default_factory=list)
     parameters: dict[str, Value] = made(default_factory=dict)
     drawn: list[str] = made(default_factory=list)
     inexact: list[str] = made(default_factory=list)
     notes: Notes = made(default_factory=Notes)
-    one_sided: int = 0
     reach: list[ProgramStep] = made(default_factory=list)
     claims: list[JudgedClaim] = made(default_factory=list)
     uncovered: set[str] = made(default_factory=set)
     ranges: dict[str, tuple[bool, float, float]] = made(default_factory=dict)
+    sides: list[Truths] = made(default_factory=list)
     shares: list[float] = made(default_factory=list)
 
 
@@ -154,9 +162,16 @@ def prove(
     primes = list(field.PRIMES)
     works: list[_Work] = []
 
-    def attempt(drawn: Collection[str], count: int, formulas: bool = False, rooted: Sequence[RootGroup] = ()) -> Proof:
+    def attempt(
+        drawn: Collection[str],
+        count: int,
+        formulas: bool = False,
+        rooted: Sequence[RootGroup] = (),
+        near: Mapping[str, Array] | None = None,
+    ) -> Proof:
         while True:
-            work = _Work(formula, variants, robot, count, np.random.default_rng(seed), formulas, rooted, count)
+            generator = np.random.default_rng(seed)
+            work = _Work(formula, variants, robot, count, generator, formulas, rooted, count, near)
             with field.modulo(primes[0]):
                 proof = _attempt(work, drawn)
             works[:] = [work]
@@ -193,7 +208,52 @@ def prove(
         if groups_of_roots:
             progress("states with roots", 0.9)
             proof = _completed(proof, attempt(general, factor * states, rooted=groups_of_roots))
-    return proof
+    progress("conditions", 0.95)
+    report = _examined(formula, variants, proof, seed)
+    count = len(next(iter(report.states.values())))
+    if count:
+        proof = _judged_besides(proof, attempt(proof.drawn, count, near=report.states))
+    return _with_branches(proof, report)
+
+
+def _examined(formula: Formula, variants: Mapping[str, str], proof: Proof, seed: int) -> BranchReport:
+    """Return what is known of the conditions in the equations."""
+    conditions = Branches(formula, variants, proof.drawn)
+    ranges = {name: proof.ranges[name] for name in conditions.names}
+    state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
+    limits = np.array([[low, high] for _, low, high in ranges.values()])
+    return examined(conditions, np.array([values.real_of(value) for value in state.values()]), limits)
+
+
+def _judged_besides(proof: Proof, found: Proof) -> Proof:
+    """Return the proof with the claims that are wrong, or not exactly zero, at states that a search found."""
+    claims = []
+    for claim, other in zip(proof.claims, found.claims, strict=True):
+        if other.status == "refuted":
+            claims.append(other)
+        elif claim.status == "proved" and other.different:
+            claims.append(replace(claim, status="unproved", reason=other.reason, nodes=()))
+        else:
+            claims.append(claim)
+    return replace(proof, claims=tuple(claims))
+
+
+def _with_branches(proof: Proof, report: BranchReport) -> Proof:
+    """Return the proof with the claims that all conditions were judged, and that there is a value within reach."""
+    claims = list(proof.claims)
+    if report.open:
+        reason = (
+            f"{len(report.open)} of {report.count} conditions have one answer at all drawn states, and a search found "
+            f"no state with the other: {', '.join(report.open[:_REASONS])}"
+        )
+        if len(report.open) > _REASONS:
+            reason += " and others"
+        claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
+    if report.without_value:
+        sentence = "the equations have a value at each pose within reach"
+        lost = unclaimed("values", sentence, "")
+        claims.append(replace(lost, status="refuted", largest=math.inf, witness=report.without_value))
+    return replace(proof, claims=tuple(claims), branches=report)
 
 
 def _root_groups(proof: Proof, work: _Work) -> list[RootGroup]:
@@ -265,7 +325,7 @@ def _attempt(work: _Work, drawn: Collection[str]) -> Proof:
         claims=tuple(work.claims),
         states=work.states,
         inside=min(work.shares),
-        one_sided=work.one_sided,
+        branches=None,
         drawn=tuple(work.drawn),
         fixed=tuple(name for name in _angles(formula) if name not in work.drawn),
         inexact=tuple(work.inexact),
@@ -285,6 +345,11 @@ def _set_parameters(work: _Work, drawn: Collection[str]) -> None:
     for parameter in work.formula.parameters:
         name = parameter.name
         value = float(parameter.value)
+        if not math.isfinite(value):
+            raise KinematicsError(
+                f"formula '{work.formula.name}': parameter '{name}' is {value}, not a finite number; nothing can be "
+                "proved with it"
+            )
         if parameter.unit not in _ANGULAR:
             number = values.constant(value, work.states)
             if work.formulas:
@@ -296,7 +361,8 @@ def _set_parameters(work: _Work, drawn: Collection[str]) -> None:
             low = value - SPREAD_PARAMETER
             high = value + SPREAD_PARAMETER
             work.ranges[name] = (True, low, high)
-            angle = draws.turn(work.generator, low, high, work.states, name)
+            near = None if work.near is None else work.near[name]
+            angle = draws.turn(work.generator, low, high, work.states, name, near=near)
             work.parameters[name] = replace(angle, published=value)
             work.drawn.append(name)
         else:
@@ -346,12 +412,12 @@ def _coordinate_ranges(formula: Formula) -> dict[str, tuple[bool, float, float]]
 
 def _state(work: _Work, ranges: Mapping[str, tuple[bool, float, float]]) -> dict[str, Value]:
     """Return random states by name; with `rooted`, those where the roots of one group exist in the field."""
-    state = draws.named(work.generator, ranges, work.states, work.formulas)
+    state = draws.named(work.generator, ranges, work.states, work.formulas, work.near)
     if not work.rooted:
         return state
     kept = np.zeros(work.states, bool)
     for group in work.rooted:
-        kept[_rooted(work, state, group)] = True
+        kept[_rooted(work, state, group)[:_ROOTED_STATES]] = True
     places = np.flatnonzero(kept)
     work.states = len(places)
     work.parameters = {name: values.taken(value, places) for name, value in work.parameters.items()}
@@ -403,8 +469,8 @@ def _inside(work: _Work, found: Found) -> Truths:
         if node is not None:
             work.reach.append(node)
     work.shares.append(float(inside.mean()))
-    for answers in work.notes.conditions:
-        work.one_sided += bool(answers[inside].all() or not answers[inside].any())
+    work.sides += [answers & inside for answers in work.notes.conditions]
+    work.sides += [~answers & inside for answers in work.notes.conditions]
     return inside
 
 
@@ -462,6 +528,10 @@ def _claim_inverse(
         if entries is None or point.body not in placed.poses:
             continue
         p = mechanism.moved(placed.poses[point.body], exact.point(point.body, point.p_body, point.name))
+        if len(entries) != len(p):
+            raise KinematicsError(
+                f"formula '{work.formula.name}': point '{point.name}' has {len(entries)} entries, not 3: return (3,)"
+            )
         numbers = [values.difference(a, values.scalar(b)) for a, b in zip(p, entries, strict=True)]
         sentence = f"point {point.name} of the equations is that of {point.body}"
         _claim(work, exact, f"inverse: point {point.name}", sentence, numbers, inside, state)
@@ -521,5 +591,5 @@ def _claim(
     reasons = [f"parameter {key}" for key in work.inexact]
     reasons += dict.fromkeys(exact.drawing.unrecognised)
     reasons += dict.fromkeys(work.notes.inexact)
-    claim = judged(name, sentence, numbers, inside, reals, reasons[:_REASONS], work.drawn_states)
+    claim = judged(name, sentence, numbers, inside, reals, reasons[:_REASONS], work.drawn_states, work.sides)
     work.claims.append(replace(claim, reach=tuple(work.reach)))

@@ -1,0 +1,362 @@
+"""Conditions in the equations: which answers they have, and a search for states with answers that were not drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.formula.contract import Formula
+from twin.proof import formula_side, intervals
+from twin.proof.interval_function import IntervalFunction
+from twin.proof.values import Truths
+
+_STARTS = 24
+"""Number of states nearest to the change of an answer from which a search starts."""
+
+_STEPS = 6
+"""Number of Newton steps of a search."""
+
+_BEYOND = tuple(10.0**-k for k in range(10))
+"""How far beyond the change of an answer a search aims, as parts of the margin at its start."""
+
+_HALVINGS = 4
+"""How often each coordinate is halved at most."""
+
+_MOST_BOXES = 4096
+"""Maximum number of boxes."""
+
+_RARE = 64
+"""Number of states with an answer below which they are judged besides."""
+
+_KEPT = 16
+"""Maximum number of states that are kept of those where one condition has another answer."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A condition that chooses between expressions.
+
+    Attributes:
+        margin: positive where it is true, as an expression of state and parameters.
+        undefined: answers at which the equations have no value, because the expression that is chosen is no number.
+    """
+
+    margin: ca.SX
+    undefined: frozenset[bool]
+
+
+class Branches:
+    """The conditions of the equations as functions of the state.
+
+    The state has the joints or the coordinates, and the parameters that are drawn; other parameters are constants.
+
+    Attributes:
+        all: the conditions.
+        state: symbols of the state (n, 1).
+        names: their names.
+        margins: function of the state that returns the margins of all conditions.
+        values: function of the state that returns what must be finite and what must not be negative within reach.
+    """
+
+    def __init__(self, formula: Formula, variants: Mapping[str, str], drawn: Collection[str]) -> None:
+        if formula.has("forward"):
+            first = formula_side.from_joints(formula, variants)
+        else:
+            first = formula_side.from_pose(formula, variants, coordinates=True)
+        self.names = (*first.state, *drawn)
+        symbols = {name: ca.SX.sym(name) for name in self.names}
+        self.state = ca.vertcat(*symbols.values())
+        columns = [symbols[name] for name in first.state]
+        parameters = [symbols.get(p.name, ca.SX(float(p.value))) for p in formula.parameters]
+        numbers = ca.vertcat(*parameters)
+        results, found = _walked(first.function, [ca.vertcat(*columns), numbers])
+        finite = [results[first.names.index("pose")]]
+        reach = _of(first.names, results, "reach")
+        if "joints" in first.names:
+            finite.append(results[first.names.index("joints")])
+        elif formula.has("inverse"):
+            second = formula_side.from_pose(formula, variants, coordinates=False)
+            results, more = _walked(second.function, [finite[0], numbers])
+            found += more
+            finite.append(results[second.names.index("joints")])
+            reach += _of(second.names, results, "reach")
+        self.all = found
+        self.margins = ca.Function("margins", [self.state], [ca.vertcat(*[branch.margin for branch in found])])
+        self.values = ca.Function("values", [self.state], [ca.vertcat(*finite), ca.vertcat(*reach)])
+
+    def judged(self, state: Array) -> tuple[Truths, Truths]:
+        """Return which states (n, k) have values, and which are within reach by the margins of the equations.
+
+        A margin that is no number says that a state is out of reach only if conditions choose what is no number.
+        """
+        finite, reach = self.values(state)
+        margins = reach.full()
+        with np.errstate(invalid="ignore"):
+            beyond = (margins < 0).any(axis=0)
+        if any(branch.undefined for branch in self.all):
+            beyond |= np.isnan(margins).any(axis=0)
+        known = np.isfinite(finite.full()).all(axis=0) & np.isfinite(margins).all(axis=0)
+        return known, ~beyond
+
+    def text(self, i: int) -> str:
+        """Return a condition as text; if it is a long one, only its number."""
+        text = str(self.all[i].margin)
+        if len(text) > _LONGEST:
+            return f"condition {i + 1}"
+        return f"{text} > 0"
+
+
+_LONGEST = 60
+"""Maximum length of the text of a condition."""
+
+
+def searched(branches: Branches, chosen: Sequence[int], state: Array, limits: Array) -> list[Array]:
+    """Return, for each chosen condition, states within reach where it has the answer that it has at no drawn state.
+
+    Each search goes along the gradient of the margin, from the states with the smallest ones.
+
+    Args:
+        branches: the conditions.
+        chosen: indices of those with one answer.
+        state: drawn states (n, k) within reach.
+        limits: lowest and highest values (n, 2) of the state.
+
+    Returns:
+        for each chosen condition: states (n, j); j is 0 if none was found.
+    """
+    margin = ca.vertcat(*[branches.all[i].margin for i in chosen])
+    margins = ca.Function("margin", [branches.state], [margin])(state).full()
+    found = []
+    for row, i in enumerate(chosen):
+        sizes = np.abs(margins[row])
+        nearest = np.argsort(np.where(np.isfinite(sizes), sizes, np.inf))[:_STARTS]
+        answer = bool(margins[row][nearest[0]] > 0)
+        found.append(_beyond(branches, i, answer, state[:, nearest], limits))
+    return found
+
+
+def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Array) -> Array:
+    """Return states (n, j) where a condition does not have an answer, found from given states."""
+    margin = branches.all[i].margin
+    gradient = ca.Function("gradient", [branches.state], [margin, ca.jacobian(margin, branches.state)])
+    n, starts = state.shape
+    sign = 1.0 if answer else -1.0
+    x = np.repeat(state, len(_BEYOND), axis=1)
+    function = gradient.map(x.shape[1])
+    kept: list[Array] = []
+    aim = None
+    for _ in range(_STEPS):
+        value, jacobian = (matrix.full() for matrix in function(x))
+        value = sign * value[0]
+        slope = sign * jacobian[0].reshape(x.shape[1], n).T
+        if aim is None:
+            aim = np.tile(_BEYOND, starts) * np.abs(value)
+        passed = value <= 0 if answer else value < 0
+        passed &= np.isfinite(value)
+        if passed.any():
+            finite, reach = branches.judged(x)
+            kept += list(x[:, passed & finite & reach].T)
+            if len(kept) >= _KEPT:
+                break
+        size = (slope**2).sum(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = -(value + aim) / size * slope
+        x = np.clip(x + np.where(np.isfinite(step), step, 0.0), limits[:, :1], limits[:, 1:])
+    return np.array(kept[:_KEPT]).reshape(-1, n).T
+
+
+def _of(names: Sequence[str], results: Sequence[ca.SX], name: str) -> list[ca.SX]:
+    """Return the results of a name as a list; an empty one if there is none."""
+    if name not in names:
+        return []
+    return [results[names.index(name)]]
+
+
+def _walked(function: ca.Function, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], list[Branch]]:
+    """Return outputs of a function as expressions of inputs, and the conditions in it."""
+    memory: dict[int, ca.SX] = {}
+    truths: dict[int, tuple[int, bool]] = {}  # {place: (instruction of a condition, whether it is negated)}
+    margins: dict[int, ca.SX] = {}
+    used: set[int] = set()
+    undefined: dict[int, set[bool]] = {}
+    outputs = [ca.SX.zeros(function.sparsity_out(k)) for k in range(function.n_out())]
+
+    def margin_of(place: int) -> ca.SX:
+        if place not in truths:
+            return ca.fabs(memory[place]) - 0.5
+        instruction, negated = truths[place]
+        return -margins[instruction] if negated else margins[instruction]
+
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        targets = function.instruction_output(k)
+        if operation == ca.OP_CONST:
+            memory[targets[0]] = ca.SX(function.instruction_constant(k))
+            truths.pop(targets[0], None)
+            continue
+        sources = function.instruction_input(k)
+        if operation == ca.OP_INPUT:
+            memory[targets[0]] = inputs[sources[0]][sources[1]]
+            truths.pop(targets[0], None)
+            continue
+        if operation == ca.OP_OUTPUT:
+            outputs[targets[0]].nz[targets[1]] = memory[sources[0]]
+            continue
+        operands = [memory[place] for place in sources]
+        condition: tuple[int, bool] | None = None
+        if operation in _MARGINS:
+            margins[k] = _MARGINS[operation](*operands)
+            condition = (k, False)
+        elif operation == ca.OP_NOT and sources[0] in truths:
+            instruction, negated = truths[sources[0]]
+            condition = (instruction, not negated)
+        elif operation in (ca.OP_AND, ca.OP_OR):
+            smaller = ca.fmin if operation == ca.OP_AND else ca.fmax
+            margins[k] = smaller(*[margin_of(place) for place in sources])
+            condition = (k, False)
+        else:
+            used.update(truths[place][0] for place in sources if place in truths)
+        if operation in _CHOOSING:
+            margins[k] = _CHOOSING[operation](*operands)
+            used.add(k)
+        if operation == ca.OP_IF_ELSE_ZERO and sources[0] in truths and _is_nan(operands[1]):
+            instruction, negated = truths[sources[0]]
+            undefined.setdefault(instruction, set()).add(not negated)
+        if len(operands) == 1:
+            memory[targets[0]] = ca.SX.unary(operation, *operands)
+        else:
+            memory[targets[0]] = ca.SX.binary(operation, *operands)
+        truths.pop(targets[0], None)
+        if condition is not None:
+            truths[targets[0]] = condition
+    return outputs, [Branch(margins[k], frozenset(undefined.get(k, ()))) for k in sorted(used)]
+
+
+def _is_nan(value: ca.SX) -> bool:
+    """Return whether an expression is the constant that is no number."""
+    return value.is_constant() and bool(np.isnan(float(value)))
+
+
+_MARGINS = {
+    ca.OP_LT: lambda a, b: b - a,
+    ca.OP_LE: lambda a, b: b - a,
+    ca.OP_EQ: lambda a, b: -ca.fabs(a - b),
+    ca.OP_NE: lambda a, b: ca.fabs(a - b),
+}
+"""Margins of comparisons, positive where they are true."""
+
+_CHOOSING = {
+    ca.OP_FABS: lambda a: a,
+    ca.OP_FMIN: lambda a, b: b - a,
+    ca.OP_FMAX: lambda a, b: a - b,
+    ca.OP_COPYSIGN: lambda a, b: b,
+}
+"""Margins of operations that choose by themselves."""
+
+
+def bounded(branches: Branches, chosen: Sequence[int], answers: Sequence[bool], limits: Array) -> set[int]:
+    """Return those of the chosen conditions that have their answers at all states within limits.
+
+    The range of the state is halved along one coordinate after the other, until the margins have bounds with one sign.
+
+    Args:
+        branches: the conditions.
+        chosen: indices of conditions.
+        answers: the answer of each of them.
+        limits: lowest and highest values (n, 2) of the state.
+    """
+    margins = ca.vertcat(*[branches.all[i].margin for i in chosen])
+    function = IntervalFunction(ca.Function("margins", [branches.state], [margins]))
+    n = len(limits)
+    low, high = np.array(limits.T[0])[:, None], np.array(limits.T[1])[:, None]
+    open_at = {k: np.ones(1, bool) for k in range(len(chosen))}
+    for turn in range(_HALVINGS * n):
+        state = [intervals.between(low[i], high[i]) for i in range(n)]
+        (found,) = function([state])
+        for k in list(open_at):
+            right = found[k] > 0 if answers[k] else found[k] <= 0
+            open_at[k] &= ~np.broadcast_to(right, low.shape[1:])
+        closed = {k for k, where in open_at.items() if not where.any()}
+        keep = np.zeros(low.shape[1], bool)
+        for k in set(open_at) - closed:
+            keep |= open_at[k]
+        if not keep.any() or 2 * keep.sum() > _MOST_BOXES:
+            return {chosen[k] for k in closed}
+        i = turn % n
+        low, high = low[:, keep], high[:, keep]
+        middle = (low[i] + high[i]) / 2
+        below, above = np.array(high), np.array(low)
+        below[i] = middle
+        above[i] = middle
+        low, high = np.hstack([low, above]), np.hstack([below, high])
+        open_at = {k: np.tile(where[keep], 2) for k, where in open_at.items()}
+    return {chosen[k] for k, where in open_at.items() if not where.any()}
+
+
+@dataclass(frozen=True)
+class BranchReport:
+    """The conditions of the equations, and how it is known that all their answers were judged.
+
+    Attributes:
+        count: number of conditions.
+        drawn: those with both answers at drawn states.
+        undefined: those with one answer, because the equations have no value at the other.
+        bounded: those with one answer at all states within the limits, by intervals.
+        found: those whose other answer was found by a search, at states that were judged then.
+        open: texts of those with one answer at all drawn states of which nothing else is known.
+        states: {name: values (j,)} at the states that were found, and at those with rare answers.
+        without_value: {name: value} at a state within reach where the equations have no value; empty if there is none.
+    """
+
+    count: int
+    drawn: int
+    undefined: int
+    bounded: int
+    found: int
+    open: tuple[str, ...]
+    states: Mapping[str, Array]
+    without_value: Mapping[str, float]
+
+
+def examined(branches: Branches, state: Array, limits: Array) -> BranchReport:
+    """Return what is known of all conditions, from drawn states (n, k) within limits (n, 2)."""
+    finite, reach = branches.judged(state)
+    without_value = {}
+    if (reach & ~finite).any():
+        place = int(np.argmax(reach & ~finite))
+        without_value = {name: float(x) for name, x in zip(branches.names, state[:, place], strict=True)}
+    state = state[:, finite & reach]
+    empty = {name: np.zeros(0) for name in branches.names}
+    if not branches.all or not state.shape[1]:
+        return BranchReport(len(branches.all), 0, 0, 0, 0, (), empty, without_value)
+    margins = branches.margins(state).full()
+    single: dict[int, bool] = {}
+    undefined = 0
+    rare: list[Array] = []
+    for i, branch in enumerate(branches.all):
+        true = margins[i] > 0
+        if not true.all() and true.any():
+            # the claims were judged at other states: an answer that is rare may not be among those
+            fewer = true if true.sum() <= (~true).sum() else ~true
+            if fewer.sum() < _RARE:
+                rare.append(state[:, fewer][:, :_KEPT])
+            continue
+        if bool(not true[0]) in branch.undefined:
+            undefined += 1
+        else:
+            single[i] = bool(true[0])
+    drawn = len(branches.all) - undefined - len(single)
+    sure: set[int] = set()
+    if single:
+        sure = bounded(branches, list(single), list(single.values()), limits)
+    rest = [i for i in single if i not in sure]
+    found = searched(branches, rest, state, limits) if rest else []
+    texts = tuple(branches.text(i) for i, states in zip(rest, found, strict=True) if not states.shape[1])
+    columns = np.hstack([np.zeros((len(limits), 0)), *rare, *found])
+    states = dict(zip(branches.names, columns, strict=True))
+    count = len(branches.all)
+    return BranchReport(count, drawn, undefined, len(sure), len(rest) - len(texts), texts, states, without_value)
