@@ -91,6 +91,7 @@ class Problem:
     Attributes:
         first, second: the sides.
         axes: the joints of the first side, in the order of the second.
+        directed: for each joint, whether both sides state which way along its line is positive.
         tolerance: distance in m up to which two lines coincide.
     """
 
@@ -106,7 +107,9 @@ class Problem:
         self.target_points = np.array([axis.point for axis in second.axes])
         self.target_directions = np.array([axis.direction for axis in second.axes])
         self.kinds = [axis.kind for axis in self.axes]
-        self.signed = [i for i, axis in enumerate(self.axes) if axis.kind in ONE_COORDINATE]
+        both = zip(self.axes, second.axes, strict=True)
+        self.directed = [one.directed and other.directed for one, other in both]
+        self.signed = [i for i, axis in enumerate(self.axes) if axis.kind in ONE_COORDINATE and self.directed[i]]
         drawn = np.array([axis.drawn for axis in self.axes])
         target_drawn = np.array([axis.drawn for axis in second.axes])
         self.drawn = drawn
@@ -269,6 +272,9 @@ class Problem:
         R = motion[..., :3, :3]
         point = R @ self.points[i] + motion[..., :3, 3]
         direction = signs[i] * (R @ self.directions[i])
+        if not self.directed[i]:
+            ahead = np.sign(direction @ self.target_directions[i])
+            direction = np.asarray(ahead)[..., None] * direction
         return point, direction
 
     def gap(self, u: Unknowns) -> FitGap:

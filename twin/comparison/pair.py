@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -10,12 +11,15 @@ import numpy as np
 from twin.comparison.edits import with_edits
 from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
 from twin.comparison.items import ComparedItem, items, placed
+from twin.comparison.joined import joined
+from twin.comparison.links import JointPlace, differing_places, place_items
 from twin.comparison.matching import match
 from twin.comparison.poses import PoseFit, compare_rows
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.property_edits import with_property_edits
 from twin.comparison.range import Worst, worst
-from twin.comparison.search import solutions
+from twin.comparison.recut import recut
+from twin.comparison.search import conventions, deviations
 from twin.comparison.side import RobotSide
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -40,7 +44,8 @@ class SidePair:
         kinematics: the verdict on joints and links.
         items: conventions and differences.
         ties: other explanations with as many changes, each as texts.
-        properties: limits, speeds, efforts, masses, couplings; None if the kinematics are unexplained.
+        properties: limits, speeds, efforts, masses, couplings; None if the kinematics are unexplained, and for robots
+            with loops whose links differ.
         worst: the largest difference of the tools; None if there is none, or no tool.
         solution, problem: the fit; None for poses that are compared without joint lines.
         poses: the comparison of rows of poses, if one side is a table of poses, or equations of a robot with loops.
@@ -205,11 +210,28 @@ def _frame_item(kind: str, text: str, T: Array) -> ComparedItem:
     return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))
 
 
+def _of_links(problem: Problem, explanations: Sequence[Sequence[JointPlace]]) -> SidePair:
+    """Return the comparison of robots with loops of which some joints have other places on their links."""
+    found = tuple(place_items(problem, explanations[0]))
+    others = []
+    for places in explanations[1 : 1 + _TIES]:
+        others.append(tuple(item.text for item in place_items(problem, places)))
+    return SidePair(problem.first, problem.second, "disagree", found, tuple(others), None, None, problem, None)
+
+
 def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
     """Compare the joint lines of two sides."""
+    first, second = joined(first, second, tolerance), joined(second, first, tolerance)
+    second = recut(second, first)
     matching = match(first, second)
     problem = Problem(first, second, matching, tolerance)
-    found_solutions = solutions(problem)
+    found_solutions = conventions(problem)
+    if not found_solutions and first.looped:
+        explanations = differing_places(problem)
+        if explanations:
+            return _of_links(problem, explanations)
+    if not found_solutions:
+        found_solutions = deviations(problem)
     if not found_solutions:
         return SidePair(first, second, "unexplained", (), (), None, None, problem, None)
     best = found_solutions[0]

@@ -390,8 +390,8 @@ def base_moved(problem: Problem, u: Unknowns) -> bool:
     return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
-def solutions(problem: Problem) -> list[FitSolution]:
-    """Return the likeliest solutions, all with as many changes; [] if no few deviating joints explain the difference.
+def conventions(problem: Problem) -> list[FitSolution]:
+    """Return the likeliest solutions, all with as many changes; [] if no conventions explain the difference.
 
     Conventions explain all differences where they can. Only where they leave limits or inertias different that one
     deviating joint makes equal, with far fewer changes, is this joint the explanation.
@@ -401,7 +401,7 @@ def solutions(problem: Problem) -> list[FitSolution]:
     if not any(True for _ in known.contradictions()):
         found = _ordered(problem, _Search(problem, known, np.inf).run([()]))
     if not found:
-        return _deviations(problem, known)
+        return []
     stated = StatedEvidence(problem)
     most = _cost(stated, found[0].unknowns) - _DEVIATION
     if most < 0.0 or not _contradicted(stated, found[0].unknowns):
@@ -427,11 +427,12 @@ def _places(problem: Problem) -> list[int]:
     return [*range(problem.count), *axes]
 
 
-def _deviations(problem: Problem, known: Local) -> list[FitSolution]:
+def deviations(problem: Problem) -> list[FitSolution]:
     """Return all solutions with the fewest deviating joints, those with the fewest conventions first.
 
     The result is empty if no `_DEVIATING` joints explain the difference.
     """
+    known = local(problem)
     contradictions = list(known.contradictions())
     for size in range(1, _SETS + 1):
         if size == _SETS and not contradictions:

@@ -44,6 +44,8 @@ class Axis:
         limits: range of the coordinate in m or rad; `UNLIMITED` if the file states that there are no limits; None if it
             states nothing.
         max_speed: as in `model.joint.Joint`.
+        directed: whether the description states which way along the line is positive.
+        parts: plain names of the joints that the description writes instead of this one, see `joined`.
     """
 
     name: str
@@ -57,6 +59,8 @@ class Axis:
     active: bool = True
     limits: tuple[float, float] | None = None
     max_speed: float | None = None
+    directed: bool = True
+    parts: tuple[str, ...] = ()
 
     @property
     def is_angle(self) -> bool:

@@ -84,7 +84,14 @@ class NumberStatement:
         if step is None:
             return None
         W = T_base_link @ step @ spatial.inverse(T_base_link)
-        axes = [_moved_axis(axis, W) if plain(axis.name) in self.joints else axis for axis in side.axes]
+        axes = []
+        for axis in side.axes:
+            names = set(axis.parts or (plain(axis.name),))
+            if names <= self.joints:
+                axis = _moved_axis(axis, W)
+            elif not names.isdisjoint(self.joints):
+                return None  # it parts hinges that stand for a ball
+            axes.append(axis)
         frames = {}
         for name, (group, T) in side.frames.items():
             frames[name] = (group, W @ T if plain(name) in self.links else T)

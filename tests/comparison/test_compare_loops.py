@@ -1,0 +1,316 @@
+"""Robots with loops: joints that formats write as several, other cuts, and links that differ."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+import twin
+from made.lanes import robots
+from made.mechanisms import four_bar
+from twin.comparison.joined import joined
+from twin.comparison.pair import SidePair, compare_pair
+from twin.comparison.recut import recut
+from twin.comparison.side import RobotSide, from_mechanism
+from twin.core import assets
+from twin.core.spatial import Array
+from twin.exchange.formats.mjcf.write import write_mjcf
+from twin.exchange.formats.urdf.write import write_urdf
+from twin.exchange.read import read
+from twin.exchange.read.closing import close
+
+TOLERANCE = 1e-5
+
+SHIFT = np.array([0.0003, 0.0004, 0.0])
+"""Change of a position in m: 0.5 mm."""
+
+TILT = np.radians(0.5)
+"""Change of a direction in rad."""
+
+
+def side_of(file: Path) -> RobotSide:
+    if file.suffix == ".usda":
+        return from_mechanism(twin.load(file).mechanism, file.name)
+    imported = read(file, guarded=False)
+    mechanism = imported.mechanism
+    if mechanism.loops:
+        mechanism = close(imported).mechanism
+    return from_mechanism(mechanism, file.name, path=file)
+
+
+def located(pair: SidePair) -> str:
+    """Return all texts that say where two robots differ, ties as well."""
+    texts = [item.text for item in pair.differences]
+    for tie in pair.ties:
+        texts += tie
+    return " ".join(texts)
+
+
+def tilted(text: str) -> Array:
+    """Return a direction (3,) that is turned by `TILT`."""
+    axis = np.array([float(number) for number in text.split()])
+    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    across /= np.linalg.norm(across)
+    return np.cos(TILT) * axis + np.sin(TILT) * across
+
+
+def shifted(text: str) -> Array:
+    return np.array([float(number) for number in text.split()]) + SHIFT
+
+
+def with_number(file: Path, element: Callable[[ET.Element], ET.Element], attribute: str, new: Array) -> Path:
+    """Change an attribute of one element of an XML file."""
+    tree = ET.parse(file)
+    element(tree.getroot()).set(attribute, " ".join(repr(float(value)) for value in new))
+    tree.write(file)
+    return file
+
+
+# -- one concept each ---------------------------------------------------------------------------------
+
+
+def test_two_points_that_close_a_loop_are_a_hinge(tmp_path: Path) -> None:
+    mechanism = four_bar()
+    first = side_of(write_mjcf(mechanism, tmp_path))
+    second = from_mechanism(mechanism, "drawn")
+    assert {axis.kind for axis in first.axes if axis.closing} == {"spherical"}
+    (closing,) = [axis for axis in joined(first, second, TOLERANCE).axes if axis.closing]
+    assert closing.kind == "revolute"
+    assert closing.name in [axis.name for axis in second.axes]
+    pair = compare_pair(first, second, TOLERANCE)
+    assert (pair.kinematics, pair.items) == ("agree", ())
+
+
+BALL = """<mujoco><worldbody><body name="base"><body name="arm" pos="0 0 0.3">
+<inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/><joint name="shoulder" type="ball"/>
+<body name="hand" pos="0.1 0 {length}"><inertial pos="0 0 0.1" mass="1" diaginertia="0.01 0.01 0.01"/>
+<joint name="wrist" axis="0 1 0"/></body></body></body></worldbody></mujoco>"""
+
+
+def three_hinges(file: Path, *, apart: float = 0.0) -> Path:
+    """Write a URDF with three hinges through one point, or apart, instead of a ball."""
+    inertial = '<inertial><origin xyz="0 0 0.1"/><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" '
+    inertial += 'ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = ["base", "shoulder_x_axis", "shoulder_y_axis", "arm", "hand"]
+    joints = [
+        ("shoulder_x", "0 0 0.3", "1 0 0"),
+        ("shoulder_y", f"0 0 {apart}", "0 1 0"),
+        ("shoulder_z", "0 0 0", "0 0 1"),
+        ("wrist", "0.1 0 0.2", "0 1 0"),
+    ]
+    lines = ['<robot name="arm">']
+    for link in links:
+        lines.append(f'<link name="{link}">{inertial if link in ("arm", "hand") else ""}</link>')
+    for parent, child, (name, xyz, axis) in zip(links[:-1], links[1:], joints, strict=True):
+        lines.append(
+            f'<joint name="{name}" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{xyz}"/><axis xyz="{axis}"/></joint>'
+        )
+    file.write_text("\n".join([*lines, "</robot>"]), encoding="utf-8")
+    return file
+
+
+def test_three_hinges_through_one_point_are_a_ball(tmp_path: Path) -> None:
+    ball = tmp_path / "ball.xml"
+    ball.write_text(BALL.format(length=0.2), encoding="utf-8")
+    hinges = three_hinges(tmp_path / "hinges.urdf")
+    for pair in (twin.compare(ball, hinges).pairs[0], twin.compare(hinges, ball).pairs[0]):
+        assert pair.agrees
+        assert pair.differences == ()
+    # both write hinges: nothing is joined
+    pair = twin.compare(hinges, three_hinges(tmp_path / "same.urdf")).pairs[0]
+    assert len(pair.first.axes) == 4
+
+
+def test_three_hinges_that_do_not_meet_are_no_ball(tmp_path: Path) -> None:
+    ball = tmp_path / "ball.xml"
+    ball.write_text(BALL.format(length=0.2), encoding="utf-8")
+    with pytest.raises(twin.TwinError, match="shoulder_x"):
+        twin.compare(ball, three_hinges(tmp_path / "hinges.urdf", apart=0.001))
+
+
+def test_a_length_behind_three_hinges_is_found_with_its_edit(tmp_path: Path) -> None:
+    ball = tmp_path / "ball.xml"
+    ball.write_text(BALL.format(length=0.23), encoding="utf-8")
+    pair = twin.compare(ball, three_hinges(tmp_path / "hinges.urdf")).pairs[0]
+    assert [item.joint for item in pair.differences] == ["wrist"]
+    edits = {edit.file.rpartition("/")[2]: (edit.old, edit.new) for edit in pair.differences[0].edits}
+    assert edits["hinges.urdf"] == ("0.2", "0.23")
+
+
+def test_another_cut_and_another_parent_are_no_difference() -> None:
+    side = from_mechanism(four_bar(), "drawn")
+    (closing,) = [i for i, axis in enumerate(side.axes) if axis.closing]
+    axis = side.axes[closing]
+    other = recut(side, side)
+    assert other.axes == side.axes
+    turned = [*side.axes]
+    turned[closing] = type(axis)(
+        **{**vars(axis), "parent": axis.child, "child": axis.parent, "direction": -axis.direction}
+    )
+    reversed_side = type(side)(**{**vars(side), "axes": tuple(turned)})
+    again = recut(reversed_side, side).axes[closing]
+    assert (again.parent, again.child) == (axis.parent, axis.child)
+    np.testing.assert_array_equal(again.direction, axis.direction)
+
+
+def _connect(root: ET.Element) -> ET.Element:
+    return next(root.iter("connect"))
+
+
+def test_a_loop_anchor_that_differs_is_located(tmp_path: Path) -> None:
+    mechanism = four_bar()
+    file = write_mjcf(mechanism, tmp_path)
+    anchor = _connect(ET.parse(file).getroot())
+    with_number(file, _connect, "anchor", shifted(anchor.get("anchor", "")))
+    pair = compare_pair(from_mechanism(mechanism, "drawn"), side_of(file), TOLERANCE)
+    assert pair.kinematics == "disagree"
+    assert anchor.get("name", "").removesuffix("_0") in located(pair)
+
+
+# -- every robot in every format ----------------------------------------------------------------------
+
+AGREEING = robots([], slow=("hibou", "lapbot", "sils"))
+SPOILABLE = robots([], slow=("sils",))
+DEFECTS = ("length", "anchor", "axis")
+
+
+@cache
+def drawn(name: str) -> RobotSide:
+    return from_mechanism(twin.load(name).weighed().mechanism, name)
+
+
+def export(name: str, suffix: str, folder: Path) -> Path:
+    """Return the file of a robot in a format: as the exporter writes it, or a copy of its stage."""
+    if suffix == "usda":
+        stages = assets.data_folder() / "usd" / name
+        return Path(shutil.copytree(stages, folder / "usd")) / f"{name}.usda"
+    mechanism = drawn(name).mechanism
+    assert mechanism is not None
+    write = write_mjcf if suffix == "xml" else write_urdf
+    return write(replace(mechanism, bodies=tuple(replace(body, meshes=()) for body in mechanism.bodies)), folder)
+
+
+@pytest.mark.parametrize("suffix", ["xml", "urdf", "usda"])
+@pytest.mark.parametrize("name", AGREEING)
+def test_each_export_agrees_with_its_robot(name: str, suffix: str, tmp_path: Path) -> None:
+    pair = compare_pair(drawn(name), side_of(export(name, suffix, tmp_path)), TOLERANCE)
+    # MJCF lists joints in the order of its tree
+    assert {item.kind for item in pair.items} <= {"order"}
+    assert pair.agrees
+    assert pair.properties is not None
+    for kind in ("limits", "masses", "centres of mass", "couplings"):
+        assert pair.properties.verdict(kind) != "disagree"
+
+
+def _spoiled_xml(file: Path, defect: str) -> str | None:
+    root = ET.parse(file).getroot()
+    if defect == "length":
+        bodies = []
+        for body in root.iter("body"):
+            joint = body.find("joint")
+            # where a slide begins is no length
+            if joint is not None and joint.get("type", "hinge") == "hinge":
+                bodies.append(body)
+        found = bodies[len(bodies) // 2]
+        name = next(found.iter("joint")).get("name", "")
+
+        def element(root: ET.Element) -> ET.Element:
+            return next(body for body in root.iter("body") if body.get("name") == found.get("name"))
+
+        with_number(file, element, "pos", shifted(found.get("pos", "0 0 0")))
+        return name
+    tag, attribute = {"anchor": ("connect", "anchor"), "axis": ("joint", "axis")}[defect]
+    names = [found.get("name", "") for found in root.iter(tag) if found.get(attribute)]
+    if not names:
+        return None
+    name = names[len(names) // 2]
+    found = next(found for found in root.iter(tag) if found.get("name") == name)
+    change = tilted if defect == "axis" else shifted
+
+    def named(root: ET.Element) -> ET.Element:
+        return next(found for found in root.iter(tag) if found.get("name") == name)
+
+    with_number(file, named, attribute, change(found.get(attribute, "")))
+    return re.sub(r"_[01]$", "", name)
+
+
+def _spoiled_urdf(file: Path, defect: str) -> str | None:
+    root = ET.parse(file).getroot()
+    hinges = []
+    for joint in root.findall("joint"):
+        fixed = joint.get("type") == "fixed"
+        name = joint.get("name", "")
+        # a hinge of a ball tilts without an effect
+        wanted = name.endswith("_b_fixed") if defect == "anchor" else not fixed and not re.search(r"_[xyz]$", name)
+        if wanted and (defect != "length" or joint.get("type") == "continuous"):
+            hinges.append(joint)
+    if not hinges:
+        return None
+    found = hinges[len(hinges) // 2]
+    name = found.get("name", "")
+    tag = "axis" if defect == "axis" else "origin"
+
+    def element(root: ET.Element) -> ET.Element:
+        joint = next(joint for joint in root.findall("joint") if joint.get("name") == name)
+        child = joint.find(tag)
+        assert child is not None
+        return child
+
+    old = element(root).get("xyz", "0 0 0")
+    with_number(file, element, "xyz", tilted(old) if defect == "axis" else shifted(old))
+    return name.removesuffix("_b_fixed")
+
+
+def _spoiled_stage(file: Path, defect: str) -> str | None:
+    from pxr import Gf, Usd, UsdPhysics
+
+    stage = Usd.Stage.Open(str(file))
+    hinges = []
+    for prim in stage.Traverse():
+        joint = UsdPhysics.Joint(prim)
+        if not joint or prim.GetTypeName() not in ("PhysicsRevoluteJoint", "PhysicsSphericalJoint"):
+            continue
+        closing = bool(joint.GetExcludeFromArticulationAttr().Get())
+        if closing == (defect == "anchor") and (defect == "anchor" or prim.IsA(UsdPhysics.RevoluteJoint)):
+            hinges.append(joint)
+    if not hinges:
+        return None
+    found = hinges[len(hinges) // 2]
+    if defect == "axis":
+        attribute = found.GetLocalRot0Attr()
+        half = TILT / 2
+        attribute.Set(attribute.Get() * Gf.Quatf(float(np.cos(half)), 0.0, float(np.sin(half)), 0.0))
+    else:
+        attribute = found.GetLocalPos0Attr()
+        attribute.Set(attribute.Get() + Gf.Vec3f(*SHIFT.tolist()))
+    stage.GetRootLayer().Save()
+    return found.GetPrim().GetName()
+
+
+SPOILED = {"xml": _spoiled_xml, "urdf": _spoiled_urdf, "usda": _spoiled_stage}
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+@pytest.mark.parametrize("suffix", ["xml", "urdf", "usda"])
+@pytest.mark.parametrize("name", SPOILABLE)
+def test_a_seeded_defect_is_found_and_located(name: str, suffix: str, defect: str, tmp_path: Path) -> None:
+    file = export(name, suffix, tmp_path)
+    joint = SPOILED[suffix](file, defect)
+    if joint is None:
+        pytest.skip(f"{name}.{suffix} has nothing that closes a loop")
+    pair = compare_pair(drawn(name), side_of(file), TOLERANCE)
+    assert pair.kinematics == "disagree"
+    # the joint itself, or another joint on one of its links
+    ends = {group for axis in pair.second.axes if axis.name == joint for group in (axis.parent, axis.child)}
+    near = {axis.name for axis in pair.second.axes if not ends.isdisjoint((axis.parent, axis.child))}
+    named = {item.joint for item in pair.differences}
+    assert joint in located(pair) or named <= near, (joint, located(pair))

@@ -1,0 +1,264 @@
+"""Joints that one side writes as several, joined as the other side writes them.
+
+Formats without ball joints write three hinges through one point; formats whose loops close only in points write a
+hinge that closes a loop as two balls on its line, and number the names of these points. Such joints allow the same
+motions as the joint that they stand for, so they are no difference of the robot.
+
+    three hinges through one point, with links that carry nothing else         a ball
+    a hinge and a slide on one line, with a link that carries nothing else     a cylindrical joint
+    two balls that close a loop between the same two links                     a hinge on the line through them
+    the name of a closing joint with a number behind it ("s2_0")               the name without it
+
+Joints are joined only where the other side has more joints of the new type: a wrist of three hinges that both sides
+write as hinges stays as it is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.side import Axis, JointGroup, RobotSide, plain
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+
+_INDEPENDENT = 0.1
+"""Smallest singular value of the directions of three hinges that turn a link about all axes."""
+
+_APART = 1e-3
+"""Smallest distance in m of two points that determine the direction of a line."""
+
+_NUMBER = re.compile(r"_[0-9]+$")
+"""End of the name of a closing joint that numbers its points."""
+
+
+@dataclass(frozen=True)
+class _JointParts:
+    """Joints that stand for one: their indices, and the joint."""
+
+    indices: tuple[int, ...]
+    whole: Axis
+
+
+def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
+    """Return the side with its joints as the other side writes them.
+
+    Args:
+        side: the side whose joints are joined.
+        other: the side that it is compared with.
+        tolerance: distance in m up to which lines meet in a point.
+    """
+    whole = side
+    for kind, found in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
+        whole = _with_wholes(whole, other, kind, list(found(whole, tolerance)))
+    read = side.reread
+    if whole is side or read is None:
+        return _without_numbers(whole, other)
+
+    def reread(data: bytes) -> RobotSide:
+        again = joined(read(data), other, tolerance)
+        if len(again.axes) != len(whole.axes):
+            raise TwinError(f"{side.label}: with this number, joints are no longer parts of one")
+        return again
+
+    return _without_numbers(replace(whole, reread=reread), other)
+
+
+def _with_wholes(side: RobotSide, other: RobotSide, kind: str, found: Sequence[_JointParts]) -> RobotSide:
+    """Return the side with some of the found joints joined: as many as the other side has more of this type."""
+    own = Counter(axis.kind for axis in side.axes)
+    wanted = Counter(axis.kind for axis in other.axes)
+    missing = wanted[kind] - own[kind]
+    if kind == "revolute":
+        # of hinges, those in the tree may differ for other reasons
+        missing = sum(_closes(axis, kind) for axis in other.axes) - sum(_closes(axis, kind) for axis in side.axes)
+    names = {plain(axis.name) for axis in other.axes if axis.kind == kind}
+    # those whose name the other side knows first
+    ordered = sorted(found, key=lambda parts: plain(parts.whole.name) not in names)
+    chosen: list[_JointParts] = []
+    used: set[int] = set()
+    for parts in ordered:
+        if len(chosen) < missing and used.isdisjoint(parts.indices):
+            chosen.append(parts)
+            used |= set(parts.indices)
+    for name, parts in [([side.axes[i].name for i in parts.indices], parts.whole) for parts in chosen]:
+        side = _replaced(side, name, parts)
+    return side
+
+
+def _closes(axis: Axis, kind: str) -> bool:
+    return axis.closing and axis.kind == kind
+
+
+def _replaced(side: RobotSide, parts: Sequence[str], whole: Axis) -> RobotSide:
+    """Return the side with one joint instead of several; the links between them are parts of the last link."""
+    indices = [side.index(name) for name in parts]
+    first = side.axes[indices[0]]
+    last = side.axes[indices[-1]]
+    whole = replace(whole, parent=first.parent, child=last.child)
+    axes = []
+    for i, axis in enumerate(side.axes):
+        if i == indices[0]:
+            axes.append(whole)
+        elif i not in indices:
+            axes.append(axis)
+    between = [] if whole.closing else [side.axes[i].child for i in indices[:-1]]
+    order = tuple(name for name in side.order if name not in parts)
+    joined_side = replace(side, axes=tuple(axes), order=order)
+    return _without_groups(joined_side, between, last.child)
+
+
+def _without_groups(side: RobotSide, between: Sequence[int], last: int) -> RobotSide:
+    """Return the side whose groups `between` are parts of the group `last`; frames on them are dropped."""
+    number = {}
+    for group in range(len(side.groups)):
+        if group not in between:
+            number[group] = len(number)
+    groups = []
+    for group, bodies in enumerate(side.groups):
+        if group in between:
+            continue
+        if group == last:
+            for inner in between:
+                bodies = _together(bodies, side.groups[inner])
+        groups.append(bodies)
+    axes = []
+    for axis in side.axes:
+        axes.append(replace(axis, parent=number[axis.parent], child=number[axis.child]))
+    frames = {}
+    for name, (group, T) in side.frames.items():
+        if group in number:
+            frames[name] = (number[group], T)
+    return replace(side, axes=tuple(axes), groups=tuple(groups), frames=frames)
+
+
+def _together(outer: JointGroup, inner: JointGroup) -> JointGroup:
+    """Return a group with the mass of another; the names are those of the outer one."""
+    inertia = outer.inertia
+    if inertia is None:
+        inertia = inner.inertia
+    elif inner.inertia is not None:
+        inertia = inertia + inner.inertia
+    return JointGroup(outer.bodies, inertia)
+
+
+# -- what can be joined -------------------------------------------------------------------------------
+
+
+def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
+    """Yield the indices of joints one behind another whose links between them carry nothing else."""
+    coupled = {name for coupling in side.couplings for name in coupling.ratios}
+    touching = Counter(group for axis in side.axes for group in (axis.parent, axis.child))
+    tool_group = side.frames[side.tool][0] if side.tool in side.frames else None
+    behind = {axis.parent: i for i, axis in enumerate(side.axes) if not axis.closing}
+    for start, axis in enumerate(side.axes):
+        if axis.closing:
+            continue
+        chain = [start]
+        while len(chain) < length:
+            inner = side.axes[chain[-1]].child
+            if touching[inner] != 2 or inner == tool_group or inner not in behind:
+                break
+            chain.append(behind[inner])
+        if len(chain) == length and not any(side.axes[i].name in coupled for i in chain):
+            yield tuple(chain)
+
+
+def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
+    """Yield three hinges through one point, about three independent directions."""
+    for chain in _chains(side, 3):
+        axes = [side.axes[i] for i in chain]
+        if any(axis.kind != "revolute" for axis in axes):
+            continue
+        directions = np.array([axis.direction for axis in axes])
+        if np.linalg.svd(directions, compute_uv=False)[-1] < _INDEPENDENT:
+            continue
+        centre = _nearest_point(axes)
+        if max(_distance(centre, axis) for axis in axes) > tolerance:
+            continue
+        yield _JointParts(chain, _whole(axes, "spherical", centre, axes[0].direction))
+
+
+def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
+    """Yield a hinge and a slide on one line."""
+    for chain in _chains(side, 2):
+        axes = [side.axes[i] for i in chain]
+        if sorted(axis.kind for axis in axes) != ["prismatic", "revolute"]:
+            continue
+        hinge = axes[0] if axes[0].kind == "revolute" else axes[1]
+        slide = axes[1] if hinge is axes[0] else axes[0]
+        # a slide moves along its direction from any point: only the directions must be parallel
+        if np.linalg.norm(np.cross(hinge.direction, slide.direction)) > ANGLE_PER_LENGTH * tolerance:
+            continue
+        yield _JointParts(chain, _whole(axes, "cylindrical", hinge.point, hinge.direction))
+
+
+def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
+    """Yield two balls that close a loop between the same two links."""
+    closing = [i for i, axis in enumerate(side.axes) if _closes(axis, "spherical")]
+    pairs: dict[frozenset[int], list[int]] = {}
+    for i in closing:
+        axis = side.axes[i]
+        pairs.setdefault(frozenset((axis.parent, axis.child)), []).append(i)
+    for indices in pairs.values():
+        if len(indices) != 2:  # with a third point that is not on the line, the links are fixed to each other
+            continue
+        axes = [side.axes[i] for i in indices]
+        between = axes[1].point - axes[0].point
+        distance = float(np.linalg.norm(between))
+        if distance < _APART:
+            continue
+        middle = (axes[0].point + axes[1].point) / 2
+        whole = replace(_whole(axes, "revolute", middle, between / distance), directed=False)
+        yield _JointParts(tuple(indices), whole)
+
+
+def _whole(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> Axis:
+    """Return the joint that several stand for, with the common beginning of their names."""
+    names = [axis.name for axis in axes]
+    stem = names[0]
+    while not all(name.startswith(stem) for name in names):
+        stem = stem[:-1]
+    name = stem.rstrip("_") or names[0]
+    first = axes[0]
+    parts = tuple(plain(name) for name in names)
+    whole = Axis(name, kind, first.parent, axes[-1].child, point, direction, 0.0, first.closing, active=False)
+    return replace(whole, parts=parts)
+
+
+def _nearest_point(axes: Sequence[Axis]) -> Array:
+    """Return the point (3,) with the least squared distances to some lines that are not parallel."""
+    total = np.zeros((3, 3))
+    weighted = np.zeros(3)
+    for axis in axes:
+        across = np.eye(3) - np.outer(axis.direction, axis.direction)
+        total += across
+        weighted += across @ axis.point
+    return np.asarray(np.linalg.solve(total, weighted), float)
+
+
+def _distance(point: Array, axis: Axis) -> float:
+    return float(np.linalg.norm(np.cross(point - axis.point, axis.direction)))
+
+
+# -- names --------------------------------------------------------------------------------------------
+
+
+def _without_numbers(side: RobotSide, other: RobotSide) -> RobotSide:
+    """Return the side with the names of the other side for closing joints that differ only by a number behind it."""
+    own = {plain(axis.name) for axis in side.axes}
+    known = {plain(axis.name): axis.name for axis in other.axes}
+    axes = []
+    for axis in side.axes:
+        stem = _NUMBER.sub("", axis.name)
+        partner = known.get(plain(stem))
+        if axis.closing and stem != axis.name and partner and plain(axis.name) not in known and plain(stem) not in own:
+            axis = replace(axis, name=partner)
+            own.add(plain(stem))
+        axes.append(axis)
+    return replace(side, axes=tuple(axes))

@@ -1,0 +1,263 @@
+"""Robots with loops whose links differ: which joint has another place on which link.
+
+Each link of the first side is moved, as a rigid body, onto the link of the second side that carries the same joints.
+All links together must bring the lines of all joints together, on the parent and on the child: then both robots are the
+same up to conventions. If they do not, the fewest places of joints are searched without which all other places agree.
+A joint can have another place on its parent, on its child, or, as where a file states one point for both, on both.
+
+The search of deviating joints in `search` follows a tree, in which a joint that closes a loop has no child to move;
+here all joints are treated alike, and the posture in which a side is drawn does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from twin.comparison.fit import Problem
+from twin.comparison.items import ComparedItem, placed
+from twin.comparison.side import TURNING
+from twin.core import spatial
+from twin.core.spatial import Array
+
+Where = Literal["parent", "child", "both"]
+
+_ENDS: tuple[Where, ...] = ("parent", "child")
+
+_ROUNDS = 12
+"""Maximum number of Gauss-Newton steps."""
+
+_DONE = 1e-12
+"""Step in m and rad that is no longer made."""
+
+_DAMPING = 1e-11
+"""Damping, relative to the largest diagonal element, of motions that do not change the lines: a bar between balls."""
+
+_REWEIGHTED = 12
+"""Number of fits that find the places which differ most, each with less weight for places that do not fit."""
+
+_PAIRED = 8
+"""Number of joints of which two are tried together."""
+
+
+@dataclass(frozen=True)
+class JointPlace:
+    """The place of a joint on its parent, its child, or both, which differs: shift (3,) in m, turn (3,) in rad."""
+
+    joint: int
+    where: Where
+    shift: Array
+    turn: Array
+
+
+class _Links:
+    """The motions of the links of the first side onto those of the second."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.groups = len(problem.first.groups)
+        rows: list[tuple[int, Where]] = []
+        for i, kind in enumerate(problem.kinds):
+            if kind == "free":
+                continue
+            rows += _at(i, _ENDS)
+            if kind in ("revolute", "prismatic"):
+                rows.append((i, "both"))
+        self.blocks = rows
+
+    def block(self, T: Array, i: int, where: Where) -> tuple[Array, Array]:
+        """Return (residual (rows,), derivatives (rows, 6 groups)) of one place, or of what a joint's places share."""
+        axis = self.problem.axes[i]
+        kind = self.problem.kinds[i]
+        if where != "both":
+            return self._place(T, i, axis.parent if where == "parent" else axis.child)
+        J = np.zeros((3, 6 * self.groups))
+        if kind == "prismatic":
+            between = T[axis.parent, :3, :3] @ T[axis.child, :3, :3].T
+            J[:, 6 * axis.parent : 6 * axis.parent + 3] = np.eye(3)
+            J[:, 6 * axis.child : 6 * axis.child + 3] = -np.eye(3)
+            return spatial.log_so3(between), J
+        along = self.problem.target_directions[i]
+        points = []
+        for group, sign in ((axis.parent, 1.0), (axis.child, -1.0)):
+            point, moved = self._point(T, i, group)
+            points.append(point)
+            J[:1] += sign * along @ moved
+        return np.array([along @ (points[0] - points[1])]), J[:1]
+
+    def _point(self, T: Array, i: int, group: int) -> tuple[Array, Array]:
+        """Return the point (3,) of a joint on a link, and its derivatives (3, 6 groups)."""
+        point = T[group, :3, :3] @ self.problem.points[i] + T[group, :3, 3]
+        moved = np.zeros((3, 6 * self.groups))
+        moved[:, 6 * group : 6 * group + 3] = -spatial.hat(point)
+        moved[:, 6 * group + 3 : 6 * group + 6] = np.eye(3)
+        return point, moved
+
+    def _place(self, T: Array, i: int, group: int) -> tuple[Array, Array]:
+        kind = self.problem.kinds[i]
+        point, moved = self._point(T, i, group)
+        to_line = point - self.problem.target_points[i]
+        if kind == "spherical":
+            return to_line, moved
+        target = self.problem.target_directions[i]
+        direction = T[group, :3, :3] @ self.problem.directions[i]
+        if direction @ target < 0.0:  # which way is positive is a convention
+            direction = -direction
+        turned = np.zeros((3, 6 * self.groups))
+        turned[:, 6 * group : 6 * group + 3] = -spatial.hat(direction)
+        rows = [direction - target]
+        derivatives = [turned]
+        if kind in TURNING:
+            rows.append(np.cross(to_line, target))
+            derivatives.append(-spatial.hat(target) @ moved)
+        return np.concatenate(rows), np.vstack(derivatives)
+
+    def solved(self, kept: Sequence[tuple[int, Where]], weights: Sequence[float], start: Array) -> Array:
+        """Return the motions (groups, 4, 4) that bring the kept places together, in the sense of least squares."""
+        T = start.copy()
+        for _ in range(_ROUNDS):
+            parts = [self.block(T, i, where) for i, where in kept]
+            r = np.concatenate([weight * part[0] for weight, part in zip(weights, parts, strict=True)])
+            J = np.vstack([weight * part[1] for weight, part in zip(weights, parts, strict=True)])
+            normal = J.T @ J
+            damping = _DAMPING * float(normal.diagonal().max())
+            step = np.linalg.solve(normal + damping * np.eye(len(normal)), -J.T @ r).reshape(self.groups, 6)
+            T = spatial.pose(spatial.exp_so3(step[:, :3]), step[:, 3:]) @ T
+            # a rotation about the origin, then the shift: the derivatives are those of points after the motion
+            if np.abs(step).max() < _DONE:
+                break
+        return T
+
+    def misfit(self, T: Array, i: int, where: Where) -> float:
+        """Return by how much a place differs, in units of the tolerance."""
+        r = self.block(T, i, where)[0]
+        if where == "both":
+            unit = self.problem.tolerance if self.problem.kinds[i] == "revolute" else self.problem.angle_tolerance
+            return float(np.linalg.norm(r)) / unit
+        if self.problem.kinds[i] == "spherical":
+            return float(np.linalg.norm(r)) / self.problem.tolerance
+        turn = float(np.linalg.norm(r[:3])) / self.problem.angle_tolerance
+        return max(turn, float(np.linalg.norm(r[3:])) / self.problem.tolerance)
+
+    def without(self, left_out: Sequence[tuple[int, Where]]) -> list[tuple[int, Where]]:
+        """Return the places without some: leaving a place out leaves out what it shares with the other one."""
+        kept = []
+        for i, where in self.blocks:
+            own = [chosen for joint, chosen in left_out if joint == i]
+            if own and (where == "both" or "both" in own or where in own):
+                continue
+            kept.append((i, where))
+        return kept
+
+    def explained(self, left_out: Sequence[tuple[int, Where]], start: Array) -> tuple[JointPlace, ...] | None:
+        """Return the places that are left out, if all others agree without them; else None."""
+        kept = self.without(left_out)
+        T = self.solved(kept, np.ones(len(kept)).tolist(), start)
+        if max(self.misfit(T, i, where) for i, where in kept) > 1.0:
+            return None
+        return tuple(self._gap(T, i, where) for i, where in left_out)
+
+    def _gap(self, T: Array, i: int, where: Where) -> JointPlace:
+        """Return how the place of a joint in the first side differs from that in the second."""
+        axis = self.problem.axes[i]
+        group = axis.child if where == "child" else axis.parent
+        point, _ = self._point(T, i, group)
+        target = self.problem.target_directions[i]
+        shift = point - self.problem.target_points[i]
+        turn = np.zeros(3)
+        kind = self.problem.kinds[i]
+        if kind != "spherical":
+            direction = T[group, :3, :3] @ self.problem.directions[i]
+            if direction @ target < 0.0:
+                direction = -direction
+            across = np.cross(target, direction)
+            sine = float(np.linalg.norm(across))
+            if sine > 0.0:
+                turn = np.arctan2(sine, target @ direction) * across / sine
+            shift = shift - target * (shift @ target)
+        if kind == "revolute" and where != "both":
+            other = axis.parent if where == "child" else axis.child
+            shift = shift + target * (target @ (point - self._point(T, i, other)[0]))
+        if kind == "prismatic":
+            shift = np.zeros(3)
+        return JointPlace(i, where, shift, turn)
+
+
+def differing_places(problem: Problem) -> list[tuple[JointPlace, ...]]:
+    """Return the explanations with the fewest places of joints that differ; [] if no two places explain all.
+
+    Each explanation is a tuple of one or two places. Several explanations are as good: of a bar with two joints,
+    either has another place.
+    """
+    links = _Links(problem)
+    identity = np.tile(np.eye(4), (links.groups, 1, 1))
+    start = links.solved(links.blocks, np.ones(len(links.blocks)).tolist(), identity)
+    singles: list[tuple[int, Where]] = []
+    for i, kind in enumerate(problem.kinds):
+        if kind != "free":
+            singles += _at(i, _ENDS)
+    found = [links.explained([one], start) for one in singles]
+    known = [explanation for explanation in found if explanation is not None]
+    if known:
+        return known
+    suspects = _suspects(links, start)
+    both: Where = "both"
+    found = [links.explained([(i, both)], start) for i in suspects]
+    known = [explanation for explanation in found if explanation is not None]
+    if known:
+        return known
+    places: list[tuple[int, Where]] = []
+    for i in suspects[:_PAIRED]:
+        places += _at(i, (*_ENDS, both))
+    for one, other in combinations(places, 2):
+        if one[0] == other[0]:
+            continue
+        explanation = links.explained([one, other], start)
+        if explanation is not None:
+            known.append(explanation)
+    # what moves on one link is a simpler explanation than what moves on both
+    known.sort(key=lambda found: sum(place.where == "both" for place in found))
+    fewest = [sum(place.where == "both" for place in found) for found in known[:1]]
+    return [found for found in known if sum(place.where == "both" for place in found) == fewest[0]]
+
+
+def _at(joint: int, wheres: Sequence[Where]) -> list[tuple[int, Where]]:
+    found: list[tuple[int, Where]] = []
+    for where in wheres:
+        found.append((joint, where))
+    return found
+
+
+def _suspects(links: _Links, start: Array) -> list[int]:
+    """Return the joints, those first that fit least if as many places as possible fit."""
+    T = start
+    for _ in range(_REWEIGHTED):
+        weights = [1.0 / np.sqrt(max(links.misfit(T, i, where), 1e-2)) for i, where in links.blocks]
+        T = links.solved(links.blocks, weights, T)
+    worst = np.zeros(links.problem.count)
+    for i, where in links.blocks:
+        worst[i] = max(worst[i], links.misfit(T, i, where))
+    return [int(i) for i in np.argsort(-worst, kind="stable")]
+
+
+def place_items(problem: Problem, places: Sequence[JointPlace]) -> list[ComparedItem]:
+    """Return the differences as items."""
+    found = []
+    for place in places:
+        joint = problem.second.axes[place.joint]
+        groups = problem.second.groups
+        names = {"parent": groups[joint.parent].bodies[-1], "child": groups[joint.child].bodies[-1]}
+        link = names["child" if place.where == "child" else "parent"]
+        on = f"on link '{link}'"
+        if place.where == "both":
+            on = f"on links '{names['parent']}' and '{names['child']}'"
+        shift = place.shift if np.linalg.norm(place.shift) > 1e-9 else np.zeros(3)
+        turn = place.turn if np.linalg.norm(place.turn) > 1e-9 else np.zeros(3)
+        text = f"the place of joint '{joint.name}' {on} differs by {placed(shift, turn)}"
+        length = float(np.linalg.norm(shift))
+        found.append(ComparedItem("link", joint.name, text, link, length, float(np.linalg.norm(turn))))
+    return found

@@ -1,0 +1,45 @@
+"""A robot with loops as a tree that is cut at the same joints as that of the other side.
+
+Which joint of a loop closes it, and which of its two links is called the parent, is a choice of the format and of its
+writer. A joint whose parent and child change places turns its axis around; its coordinate stays the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from twin.comparison.side import Axis, RobotSide, plain
+
+
+def recut(side: RobotSide, other: RobotSide) -> RobotSide:
+    """Return the side with the tree of the other side, if both have loops and the same joints between the same links.
+
+    The joints are matched by their names. Without such a match the side is returned as it is.
+    """
+    if not (side.looped and other.looped) or len(side.axes) != len(other.axes):
+        return side
+    known = {plain(axis.name): axis for axis in side.axes}
+    partners = [known.get(plain(axis.name)) for axis in other.axes]
+    if len(known) != len(side.axes) or None in partners:
+        return side
+    axes = _with_tree([axis for axis in partners if axis is not None], other)
+    if axes is None:
+        return side
+    return replace(side, axes=tuple(axes))
+
+
+def _with_tree(partners: Sequence[Axis], other: RobotSide) -> list[Axis] | None:
+    """Return the joints of one side with the ends and cuts of the other; None if they connect other links."""
+    partner_of = {0: 0}  # group of the other side: group of this side
+    axes = []
+    for axis, model in zip(partners, other.axes, strict=True):
+        if model.parent not in partner_of:
+            return None
+        start = partner_of[model.parent]
+        if start == axis.child and start != axis.parent:
+            axis = replace(axis, parent=axis.child, child=axis.parent, direction=-axis.direction)
+        if axis.parent != start or partner_of.setdefault(model.child, axis.child) != axis.child:
+            return None
+        axes.append(replace(axis, closing=model.closing))
+    return axes
