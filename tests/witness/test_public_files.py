@@ -9,10 +9,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from twin.checking.descriptions import walk
+from twin.checking.file_verdict import JudgeJob
+from twin.checking.file_verdict import judge as judge_file
 from twin.core import spatial
 from twin.core.errors import SourceError
 from twin.exchange.read import read
 from twin.exchange.read.source import rest_poses
+from twin.exchange.xacro import XacroSettings
 from twin.usd.read.names import identifier
 
 EXACT = 1e-9
@@ -107,11 +111,21 @@ def apart(path, rng):
     return worst, compared
 
 
+def assert_told(path: Path, reason: str) -> None:
+    """`twin check` says why a file is not imported."""
+    tree = walk(path.parent)
+    (description,) = [found for found in tree.descriptions if found.path == path.resolve()]
+    (finding,) = judge_file(JudgeJob(description, tree, XacroSettings())).findings
+    assert finding.rule == "file/malformed"
+    assert reason in finding.message
+
+
 def judge(folder: Path, names, figures, rng) -> None:
     for name in sorted(names):
         if name in REFUSED:
             with pytest.raises(SourceError, match=REFUSED[name]):
                 read(folder / name)
+            assert_told(folder / name, REFUSED[name])
             continue
         worst, compared = apart(folder / name, rng)
         figures.add("robosuite 1.5.2", name, Path(name).suffix[1:], worst, worst, f"{compared} bodies, {STATES} states")
