@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from twin.api.robot import Robot
 from twin.core.errors import TwinError
@@ -15,23 +14,28 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result
 from twin.core.units import DEG, MM, UM
 
-_FRAMES = slice(0, 3)
+if TYPE_CHECKING:
+    from twin.proof.trigonometric import TrigonometricSum
+
+_ROWS = slice(0, 3)
 
 
 @dataclass(frozen=True)
 class ChainBounds(Result):
-    """By how much forward equations and mechanism can differ at any joint values.
+    """By how much forward equations and mechanism, or two mechanisms, can differ at any joint values.
 
     Attributes:
         robot: name of the robot.
+        sides: what is compared: "equations" and "mechanism", or the names of two robots.
         variants: the chosen variant of each equation.
         position: upper bound of the distance of the tool's origins in m.
         rotation: upper bound of the angle between the tool's orientations in rad.
-        terms: number of products of sines and cosines in the poses of equations and mechanism.
+        terms: number of products of sines and cosines in the poses of both sides.
         tolerance: by how much each length of the equations may differ from its value, in m.
     """
 
     robot: str
+    sides: tuple[str, str]
     variants: Mapping[str, str]
     position: float
     rotation: float
@@ -50,24 +54,24 @@ class ChainBounds(Result):
         """Return the bounds as plain data."""
         return {
             "robot": self.robot,
+            "sides": list(self.sides),
             "variants": dict(self.variants),
             "position_bound_mm": self.position / MM,
             "rotation_bound_deg": self.rotation / DEG,
-            "terms_of_equations": self.terms[0],
-            "terms_of_mechanism": self.terms[1],
+            "terms": list(self.terms),
             "tolerance_um": self.tolerance / UM,
         }
 
     def text(self) -> Iterator[Part]:
         """Yield the bounds."""
-        yield f"{self.robot}: forward equations and mechanism, at all joint values"
+        yield f"{self.robot}: {self.sides[0]} and {self.sides[1]}, at all joint values"
         yield ""
         lengths = ""
         if self.tolerance:
             lengths = f", if each length of the equations is within {self.tolerance / UM:g} um of its value"
         yield f"  tool position     at most {self.position / MM:.3g} mm apart{lengths}"
         yield f"  tool orientation  at most {self.rotation / DEG:.3g} deg apart"
-        yield f"  terms             {self.terms[0]} of the equations, {self.terms[1]} of the mechanism"
+        yield f"  terms             {self.terms[0]} of {self.sides[0]}, {self.terms[1]} of {self.sides[1]}"
         yield ""
 
 
@@ -88,7 +92,6 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
     """
     from twin.formula import flow
     from twin.proof import chain, formula_chain
-    from twin.proof.trigonometric import VARIABLES, part
 
     if not (math.isfinite(tolerance) and tolerance >= 0):
         raise TwinError(f"the tolerance of lengths is {tolerance / UM:g} um; give a number of micrometres, 0 or more")
@@ -106,13 +109,50 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
             tolerances[parameter.name] = tolerance
     equations, joints = formula_chain.tool_pose(formula, chosen, sliding, tolerances)
     mechanism = chain.tool_pose(robot.mechanism, joints)
-    difference = equations - mechanism
     turning = {place for place, joint in enumerate(formula.joints) if joint.kind == "revolute"}
+    return _bounds(robot.name, ("equations", "mechanism"), chosen, (equations, mechanism), turning, tolerance)
+
+
+def mechanism_bounds(first: Robot, second: Robot) -> ChainBounds:
+    """Return bounds of the difference of two mechanisms over all values of their joints, which have the same names.
+
+    A joint that slides has the values within the limits of the first mechanism.
+
+    Raises:
+        TwinError: the mechanisms differ in the driven joints between base and tool, or a passive one is between them.
+    """
+    from twin.proof import chain, trigonometric
+    from twin.proof.trigonometric import AngleSum, Operand
+
+    joints: dict[str, Operand] = {}
+    turning = set()
+    for place, joint in enumerate(first.mechanism.active):
+        if joint.type == "revolute":
+            joints[joint.name] = AngleSum({place: 1}, 0.0, 0.0)
+            turning.add(place)
+        else:
+            joints[joint.name] = trigonometric.variable(place, *chain.sliding_range(first.mechanism, joint.name))
+    poses = chain.tool_pose(first.mechanism, joints), chain.tool_pose(second.mechanism, joints)
+    return _bounds(first.name, (first.name, f"{second.name} of --against"), {}, poses, turning, 0.0)
+
+
+def _bounds(
+    robot: str,
+    sides: tuple[str, str],
+    variants: Mapping[str, str],
+    poses: tuple[TrigonometricSum, TrigonometricSum],
+    turning: set[int],
+    tolerance: float,
+) -> ChainBounds:
+    """Return the bounds of the difference of two poses; `turning` are the places of the joints that turn."""
+    from twin.proof.trigonometric import VARIABLES, length_bound, part
+
+    difference = poses[0] - poses[1]
     lengths = [place for place in range(VARIABLES) if place not in turning]
-    position = chain.distance_bound(difference, robot.mechanism, joints, lengths)
+    position = length_bound(part(difference, _ROWS, slice(3, 4)), lengths)
     # the distance of two rotations in the norm of Frobenius is 2 sqrt(2) sin(angle / 2)
-    sine = part(difference, _FRAMES, _FRAMES).bound() / (2 * math.sqrt(2))
+    sine = part(difference, _ROWS, _ROWS).bound() / (2 * math.sqrt(2))
     rotation = 2 * math.asin(min(sine, 1.0)) * (1 + 1e-15)
-    if not np.isfinite(position):
-        raise TwinError(f"{robot.name}: the equations have a parameter or a constant that is not finite")
-    return ChainBounds(robot.name, chosen, position, rotation, (equations.keys.size, mechanism.keys.size), tolerance)
+    if not math.isfinite(position):
+        raise TwinError(f"{robot}: a number of the equations or of the mechanism is not finite, or too large")
+    return ChainBounds(robot, sides, variants, position, rotation, (poses[0].keys.size, poses[1].keys.size), tolerance)

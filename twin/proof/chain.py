@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -13,12 +13,6 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof import trigonometric
 from twin.proof.trigonometric import AngleSum, Operand, TrigonometricSum
-
-_SMALL = 1e-9
-"""Length in m below which a bound needs no improvement."""
-
-_NEGLIGIBLE = 1e-17
-"""Magnitude in m below which a term is not kept by itself."""
 
 _ROUNDED_POSE = 4e-15
 """Rounding error of an entry of the inverse of a pose whose entries are at most 10."""
@@ -40,36 +34,6 @@ def tool_pose(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Trigonomet
     return pose
 
 
-def distance_bound(
-    difference: TrigonometricSum, mechanism: Mechanism, joints: Mapping[str, Operand], lengths: Sequence[int]
-) -> float:
-    """Return an upper bound of the length of the position (4, 4) of a difference of two poses, at all joint values.
-
-    A rotation changes no length: seen from a link, the position has fewer products of sines and cosines, hence a
-    smaller sum of coefficients. The link with the smallest one counts, for each part by itself: terms with equal powers
-    of the variables that are no angles are a part.
-
-    Args:
-        difference: the difference of two poses.
-        mechanism: the mechanism whose links are looked from.
-        joints: {joint: its value}.
-        lengths: places of the variables that are no angles.
-    """
-    rotation = slice(0, 3)
-    steps = [trigonometric.part(step, rotation, rotation) for step in _steps(mechanism, joints)]
-    total = 0.0
-    for position in trigonometric.part(difference, rotation, slice(3, 4)).split(lengths):
-        smallest = position.bound()
-        seen = position
-        for step in steps:
-            if smallest < _SMALL:
-                break
-            seen = trigonometric.transposed(step).matrix_product(seen).pruned(_NEGLIGIBLE)
-            smallest = min(smallest, seen.bound())
-        total += smallest
-    return total * (1 + 1e-14)
-
-
 def _steps(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Iterator[TrigonometricSum]:
     """Yield the poses whose product is T_base_tool."""
     tool = mechanism.frame(mechanism.tool)
@@ -80,8 +44,8 @@ def _steps(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Iterator[Trig
         if joint.type != "fixed":
             if joint.name not in joints:
                 raise TwinError(
-                    f"{mechanism.name}: the equations give no sum of joint angles as the value of joint {joint.name}, "
-                    "which is on the path to the tool; a bound over all joints needs one"
+                    f"{mechanism.name}: the other side gives no value of joint {joint.name}, on the path to the tool, "
+                    "as a sum of joint angles; a bound over all joints needs one"
                 )
             yield trigonometric.matrix(before, radius)
             yield _motion(mechanism, joint, joints[joint.name])

@@ -29,6 +29,15 @@ _LARGEST_EXPONENT = 15
 _SHARE = 2.0**-50
 """Relative rounding error of a product of complex numbers (at most 2.24 times 2^-53), with a margin."""
 
+_SMALL = 1e-9
+"""Length in m below which a bound needs no improvement."""
+
+_NEGLIGIBLE = 1e-5
+"""Share of a bound below which a term is not kept by itself in the square."""
+
+_TERMS = 400
+"""Maximum number of terms that are squared."""
+
 _SUM_SHARE = 2.0**-52
 """Relative rounding error of one addition of complex numbers, with a margin."""
 
@@ -207,6 +216,26 @@ def transposed(matrices: TrigonometricSum) -> TrigonometricSum:
     """Return the transposed matrices; the entries of the sum are real."""
     centre = np.swapaxes(matrices.centre, 1, 2)
     return TrigonometricSum(matrices.keys, centre, np.swapaxes(matrices.radius, 1, 2), matrices.degree)
+
+
+def length_bound(vectors: TrigonometricSum, lengths: Sequence[int]) -> float:
+    """Return an upper bound of the length of a column (3, 1) at all values of the variables.
+
+    The square of the length is a sum too. Rotations that change no length cancel in it, so that its bound is sharper
+    than that of the column. Terms with equal powers of the variables that are no angles (their places are `lengths`)
+    are bounded by themselves.
+    """
+    total = 0.0
+    for column in vectors.split(lengths):
+        smallest = column.bound()
+        if smallest > _SMALL:
+            size = np.sort(np.abs(column.centre).max(axis=(1, 2)))
+            limit = max(_NEGLIGIBLE * smallest, float(size[-min(_TERMS, size.size)]))
+            large = column.pruned(limit)
+            square = transposed(large).matrix_product(large)
+            smallest = min(smallest, float(np.sqrt(square.bound()) * (1 + _SHARE)))
+        total += smallest
+    return total * (1 + 100 * _SHARE)
 
 
 def part(matrices: TrigonometricSum, rows: slice, columns: slice) -> TrigonometricSum:

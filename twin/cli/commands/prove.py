@@ -17,6 +17,7 @@ EXAMPLES = """\
   twin prove sils --variant eq1=printed     a printed error is refuted, with a pose where it shows
   twin prove sils --workspace               the tool positions without singularities, with their volume
   twin prove pa10 --bounds                  how far equations and mechanism can be apart, at all joint values
+  twin prove pa10 --bounds --against my_pa10/
   twin prove my_robot/ --json"""
 
 
@@ -28,6 +29,7 @@ def arguments(command: Command) -> None:
     command.seed("random seed of the states")
     text = "bound the difference of forward equations and mechanism over all joint values, for a serial chain"
     command.flag("--bounds", text)
+    command.text("--against", "ROBOT", "another robot, whose mechanism --bounds compares with that of the first")
     text = "by how much each length of the equations may differ from its value, for --bounds"
     command.number("--tolerance-um", "UM", text, 0.0)
     text = "prove boxes of tool positions assembled, within limits and not singular, in the orientation of home"
@@ -50,8 +52,8 @@ def run(args: argparse.Namespace) -> int:
         raise TwinError("--bounds and --workspace are two results: give one of them")
     if args.bounds:
         return _bounds(robot, args)
-    if args.tolerance_um:
-        raise TwinError("--tolerance-um needs --bounds")
+    if args.tolerance_um or args.against:
+        raise TwinError("--tolerance-um and --against need --bounds")
     if args.workspace:
         return _workspace(robot, args)
     for option in ("edge_mm", "box_mm"):
@@ -84,10 +86,16 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
 
 def _bounds(robot: Robot, args: argparse.Namespace) -> int:
     """Print by how much equations and mechanism can differ at any joint values."""
-    from twin.api.chain_bounds import chain_bounds
+    from twin.api.chain_bounds import chain_bounds, mechanism_bounds
+    from twin.api.robot import load
     from twin.cli import show
     from twin.cli.chosen import asked
 
     folder = show.folder(args, robot.name, "prove-bounds")
-    result = chain_bounds(robot, asked(args.variant), args.tolerance_um * UM)
+    if args.against:
+        if args.variant or args.tolerance_um:
+            raise TwinError("--against compares two mechanisms: leave out --variant and --tolerance-um, of equations")
+        result = mechanism_bounds(robot, load(args.against))
+    else:
+        result = chain_bounds(robot, asked(args.variant), args.tolerance_um * UM)
     return show.store(result, args, folder)
