@@ -67,7 +67,7 @@ def main(faults):
     names = (NAME, BESIDE)
     with Machines({n: robots[n] for n in names}, {n: n for n in names}, start=start) as machines:
         link, parts = machines.links[NAME], machines.parts
-        link.reader._arrived = lambda s: arrived.append((time.monotonic(), s))
+        link.reader.heard = lambda s: arrived.append((time.monotonic(), s))
         for n in names:
             ready(n, machines.links[n])
         states, outbox = {n: MachineStates(n, parts[n].home) for n in names}, Outbox(parts)

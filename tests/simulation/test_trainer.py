@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -574,6 +575,30 @@ def test_a_reader_stops_at_a_wrong_state(second, message):
         sender.send(second)
         assert re.search(message, soon(lambda: reader.problem))
         assert not reader.answers
+        reader.close()
+
+
+def test_each_state_is_heard_once_and_in_order():
+    """As tests/benchmarks/machine_cue.py does, whose times are those of every state, not only of the newest."""
+    with Sender() as sender:
+        reader, heard = StateReader("127.0.0.1", sender.port, 7), []
+        reader.heard = lambda state: heard.append(state.tick)
+        sent = [replace(STATE, tick=STATE.tick + k, t=STATE.t + 1e-3 * k) for k in range(4)]
+        for state in sent:
+            sender.send(state)
+        soon(lambda: len(heard) == 4)
+        assert heard == [state.tick for state in sent]
+        reader.close()
+
+
+def test_the_benchmarks_use_what_the_reader_of_states_has():
+    """A benchmark that replaces an attribute which is not read measures nothing; it once did so."""
+    text = (Path(__file__).parents[1] / "benchmarks/machine_cue.py").read_text(encoding="utf-8")
+    used = set(re.findall(r"link\.reader\.(\w+)", text))
+    assert used == {"heard", "press"}
+    with Sender() as sender:
+        reader = StateReader("127.0.0.1", sender.port, 7)
+        assert not [name for name in used if not hasattr(reader, name)]
         reader.close()
 
 

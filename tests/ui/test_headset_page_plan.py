@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 
 import numpy as np
@@ -134,3 +135,41 @@ def clear(scene, passed):
         for link in links:
             least = min([least, *(distance_between(link, prop, poses[link.name], T) for prop, T in props)])
     return least
+
+
+CLEARANCE = {
+    "type": "clearance", "robot": "raven_left", "t": [0.0, 1.0, 2.0, 3.0], "distance": [0.02, 0.01, 0.006, 0.012],
+    "proven": 0.005, "found": 0.006, "bodies": ["a", "b"],
+}  # fmt: skip
+
+
+def rectangle(page, name):
+    """Return left, top, right, bottom of a part of the page in pixels."""
+    return page(
+        f"(() => {{ const b = document.querySelector('[data-id={name}]').getBoundingClientRect();"
+        " return [b.left, b.top, b.right, b.bottom]; })()"
+    )
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (900, 520)])
+def test_the_plot_of_the_clearance_covers_no_scoreboard(browser, size):
+    server = headset.Serving("raven_dome", None, "--task", "ring")
+    try:
+        with console(browser, server.url, size=size, draws=False) as page:
+            page.until("!document.querySelector('[data-id=score]').hidden", "the scoreboard")
+            page(
+                f"(() => {{ const {{ plot }} = {PLAN}; const place = plot.place.bind(plot);"
+                f" plot.show({json.dumps(CLEARANCE)}, 3); plot.place = (console) => place(console, true);"
+                " plot.place(twin.app.console); })()"
+            )
+            left, top, right, bottom = rectangle(page, "clearance")
+            assert right - left >= 110
+            assert bottom - top >= 60
+            assert left >= 0
+            assert top >= 0
+            assert right <= size[0]
+            assert bottom <= size[1]
+            l2, t2, r2, b2 = rectangle(page, "score")
+            assert right <= l2 or left >= r2 or bottom <= t2 or top >= b2, "the plot is on the scoreboard"
+    finally:
+        server.stop()

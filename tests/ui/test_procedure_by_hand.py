@@ -53,6 +53,16 @@ def test_jaws_stay_as_they_are_while_the_hand_moves_no_tool_and_until_the_grippe
     assert [p for _, p in found] == [1, 0, 0, 0, 0, 1, 0, 0, 0], "no energy without a hand"
 
 
+def test_the_pull_of_a_trigger_that_takes_control_closes_no_clip_and_the_next_one_does():
+    rows = [(0, 0), (OPEN, 0), (OPEN, 1), (OPEN, 1), (0, 1), (OPEN, 1), (0, 1)]
+    assert jaws(*rows) == [(1, 0), (1, 0), (1, 0), (1, 0), (1, 0), (1, 1), (0, 0)]
+
+
+def test_a_trigger_that_is_pulled_again_behind_the_clutch_keeps_the_jaws_open():
+    rows = [(OPEN, 1), (OPEN, 0), (0, 0), (OPEN, 0), (OPEN, 1), (0, 1), (OPEN, 1), (0, 1)]
+    assert [opening for opening, _ in jaws(*rows)] == [1, 1, 1, 1, 1, 1, 1, 0]
+
+
 # -- what the page is told -----------------------------------------------------------------------------------
 
 

@@ -17,8 +17,10 @@ class GripToTool(Block):
 
     The jaws are open at the start. While the robot does not follow the hand, the jaws do not move. Afterwards, the
     gripper controls the jaws again only after it has had the same state (open or closed) as the jaws: a gripper that is
-    closed at the start must be opened before it can close the jaws. The pedal is 1 while the gripper is open and
-    controls the jaws; only a tool with energy uses the pedal.
+    closed at the start must be opened before it can close the jaws. If a person opens the gripper to take control (of
+    a gamepad: pulls the trigger), the end of this pull is no command either: otherwise a clip applier would lose its
+    clip, and a hook would burn. The pedal is 1 while the gripper is open and controls the jaws; only a tool with energy
+    uses the pedal.
     """
 
     def __init__(self, hand: str, robot: str) -> None:
@@ -29,6 +31,8 @@ class GripToTool(Block):
         self._pedal = f"{robot}.pedal"
         self._open = True
         self._controlled = False  # whether the gripper controls the jaws
+        self._was_closed = False  # whether the gripper was closed since the robot last followed the hand
+        self._takes = False  # whether the gripper was opened before the robot followed, and is still open
         self.outputs = {self._opening: 1.0, self._pedal: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
@@ -43,8 +47,14 @@ class GripToTool(Block):
         wanted = self._gripped() > HALF
         if self._followed() <= 0.5:
             self._controlled = False
+            self._was_closed = self._was_closed or not wanted
+            self._takes = self._was_closed and wanted
+        elif self._takes:
+            self._takes = wanted
+            self._was_closed = False
         elif self._controlled or wanted is self._open:
             self._controlled = True
+            self._was_closed = False
             self._open = wanted
         self._opening_value[0] = float(self._open)
         self._pedal_value[0] = float(self._controlled and self._open)

@@ -11,6 +11,7 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from twin.core.errors import DeviceError
@@ -75,6 +76,7 @@ class StateReader:
     Attributes:
         newest: the newest state; None before the first one.
         problem: reason why no more states are read; "": states are read.
+        heard: function that the thread calls with each state; None: none.
     """
 
     def __init__(self, host: str, port: int, n: int) -> None:
@@ -85,6 +87,7 @@ class StateReader:
         """
         self.newest: State | None = None
         self.problem = ""
+        self.heard: Callable[[State], None] | None = None
         self._address = f"{host}:{port}"
         self._n = n
         self._silent = False
@@ -151,6 +154,8 @@ class StateReader:
             )
         self.newest = state
         self._silent = False
+        if self.heard is not None:
+            self.heard(state)
 
 
 class MachineLink:

@@ -255,7 +255,7 @@ export class Planning {
   }
 }
 
-/** Clearance over the planned motion, beside the small picture. */
+/** Clearance over the planned motion, beside the small picture, or above it and the scoreboard. */
 class Plot {
   private readonly canvas = document.createElement('canvas');
   private message: Extract<Message, { type: 'clearance' }> | null = null;
@@ -284,15 +284,22 @@ class Plot {
   place(console: Console, on: boolean): void {
     const { corner } = console.views;
     const [right] = console.views.free;
-    const left = corner.left + corner.width + 10;
+    const high = Math.min(corner.height, 130);
+    let left = corner.left + corner.width + 10;
+    let top = corner.top + corner.height - high;
+    // A scoreboard beside the small picture has the same place: then the plot is above both.
+    const board = document.querySelector('.score.across:not([hidden])')?.getBoundingClientRect();
+    if (board && board.right > left && board.left < right && board.bottom > top) {
+      left = corner.left;
+      top = Math.round(Math.min(board.top, corner.top)) - high - 10;
+    }
     const wide = Math.min(280, right - left - 12);
     this.canvas.hidden = !on || !this.message?.distance.length || wide < 110 || console.tools !== null;
     if (this.canvas.hidden) return;
-    const high = Math.min(corner.height, 130);
-    const now = `${left} ${corner.top} ${corner.height} ${wide} ${this.message?.distance.length} ${this.at.toFixed(2)} ${this.message?.proven}`;
+    const now = `${left} ${top} ${high} ${wide} ${this.message?.distance.length} ${this.at.toFixed(2)} ${this.message?.proven}`;
     if (now === this.shown) return;
     this.shown = now;
-    Object.assign(this.canvas.style, { left: `${left}px`, top: `${corner.top + corner.height - high}px`, width: `${wide}px`, height: `${high}px` });
+    Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${wide}px`, height: `${high}px` });
     this.draw(wide, high);
   }
 
