@@ -92,29 +92,15 @@ def judged(
         drawn: number of states that were drawn; those without roots may have been left out.
         sides: the states (k,) with each answer of each condition: with roots, zeros must be among them as often.
     """
-    known = inside.copy()
-    zero = np.ones(len(inside), bool)
-    largest = np.zeros(len(inside))
-    degree = 1
-    roots: frozenset[RootMark] = frozenset()
-    error = ""
-    nodes = []
-    for number in numbers:
-        nodes.append(number.node)
-        if number.form and len(number.form.terms) <= MOST_READ:
-            error = min(error or str(number.form), str(number.form), key=len)
-        known &= number.known
-        zero &= number.residue == 0
-        largest = np.maximum(largest, np.abs(number.real))
-        degree = max(degree, number.degree.zeros)
-        roots |= number.degree.roots
+    found = _together(numbers, inside)
+    known, zero, largest, roots = found.known, found.zero, found.largest, found.roots
     zeros = int((known & zero).sum())
     exact = int(known.sum())
     largest[~inside] = 0
     undefined = int(np.isnan(largest).sum())
     largest[np.isnan(largest)] = 0
     worst = int(largest.argmax())
-    log_odds = _log_odds(zeros, drawn, degree)
+    log_odds = _log_odds(zeros, drawn, found.degree)
     status: Status = "unproved"
     witness: dict[str, float] = {}
     reason = ""
@@ -144,8 +130,8 @@ def judged(
     else:
         reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
     kept: tuple[ProgramStep, ...] = ()
-    if status == "proved" and None not in nodes:
-        kept = tuple(node for node in nodes if node is not None)
+    if status == "proved" and None not in found.nodes:
+        kept = tuple(node for node in found.nodes if node is not None)
     luckless = status == "unproved" and bool(roots) and bool(inside.any()) and not undefined and zeros < ENOUGH
     # where many exact values are known and none is zero, luck is no reason
     luckless = luckless and (zeros > 0 or exact < _MANY)
@@ -154,8 +140,54 @@ def judged(
         different = different and _missed(known & zero, known, sides)
     else:
         different = different and zeros < exact
-    verdict = (name, sentence, status, zeros, exact, log_odds, float(largest[worst]), witness, reason, error, kept)
+    verdict = (
+        name,
+        sentence,
+        status,
+        zeros,
+        exact,
+        log_odds,
+        float(largest[worst]),
+        witness,
+        reason,
+        found.error,
+        kept,
+    )
     return JudgedClaim(*verdict, luckless=luckless, roots=roots, different=different)
+
+
+@dataclass(frozen=True)
+class _Together:
+    """The numbers of a claim: where all are known and zero, the largest of them, and what they have in common."""
+
+    known: Truths
+    zero: Truths
+    largest: Array
+    degree: int
+    roots: frozenset[RootMark]
+    error: str
+    nodes: list[ProgramStep | None]
+
+
+def _together(numbers: Iterable[ExactValue], inside: Truths) -> _Together:
+    """Return what the numbers of a claim are at all states."""
+    known = inside.copy()
+    zero = np.ones(len(inside), bool)
+    largest = np.zeros(len(inside))
+    degree = 1
+    roots: frozenset[RootMark] = frozenset()
+    error = ""
+    nodes = []
+    for number in numbers:
+        nodes.append(number.node)
+        if number.form and len(number.form.terms) <= MOST_READ:
+            error = min(error or str(number.form), str(number.form), key=len)
+        known &= number.known
+        zero &= number.residue == 0
+        largest = np.maximum(largest, np.abs(number.real))
+        degree = max(degree, number.degree.zeros)
+        roots |= number.degree.roots
+    return _Together(known, zero, largest, degree, roots, error, nodes)
 
 
 def _missed(zero: Truths, known: Truths, sides: Sequence[Truths]) -> bool:
