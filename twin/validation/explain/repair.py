@@ -434,27 +434,43 @@ class Search(Trials):
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
         """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""
-        left, groups = set(rows), []
-        cures = [frozenset(k for k, s in c.scores.items() if s <= 1 and k in left) for c in candidates if c.serves]
+        left = set(rows)
+        repaired: list[frozenset[Key]] = []
+        for c in candidates:
+            if c.serves:
+                repaired.append(frozenset(row for row, off in c.scores.items() if off <= 1 and row in left))
+        groups: list[list[Key]] = []
         while left:
-            best = max((c & left for c in cures), key=len, default=frozenset())
-            if not best:
+            largest: frozenset[Key] = frozenset()
+            for some in repaired:
+                if len(some & left) > len(largest):
+                    largest = some & left
+            if not largest:
                 break
-            groups.append([k for k in rows if k in best])
-            left -= best
+            groups.append([row for row in rows if row in largest])
+            left -= largest
         return groups
 
     def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
+        """Return the result for a group of rows: `exact_from` may have their repairs, `all_` the next best edit."""
         exact = self.exact(rows, exact_from)[:MOST_EXACT]
         every = self.functions.distinct(exact, rows)
         cures = self.choice.best(every)
         if every and not cures:
-            after = self.choice.states.after(every[0][0].edits)
-            if after is not None and (after.chance or after.worse):
+            state = self.choice.states.after(every[0][0].edits)
+            if state is not None and (state.chance or state.worse):
                 self.choice.mark(every[0][0])
-        mine = {id(c) for c in exact}
-        rest = [(c.over(rows, self.base), c) for c in all_ if id(c) not in mine and any(k in c.scores for k in rows)]
-        rest = [(s, c) for s, c in rest if s > 1 or c.broken]
-        nearest = min((x for x in rest if x[0] > 1), key=lambda x: x[0], default=(float("inf"), None))
-        after = min((c.over(rows, self.base) for c in exact), default=max(self.base[k] for k in rows))
-        return Found(rows, cures, nearest[1], after, nearest[0], self.tried, self.complete)
+        repairs = {id(c) for c in exact}
+        runner_up: Candidate | None = None
+        least = float("inf")
+        for c in all_:
+            if id(c) in repairs or not any(row in c.scores for row in rows):
+                continue
+            off = c.over(rows, self.base)
+            if off > 1 and (off < least or runner_up is None):
+                least = off
+                runner_up = c
+        after = max(self.base[row] for row in rows)
+        if exact:
+            after = min(c.over(rows, self.base) for c in exact)
+        return Found(rows, cures, runner_up, after, least, self.tried, self.complete)
