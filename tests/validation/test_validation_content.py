@@ -12,6 +12,7 @@ from twin.core.units import DEG, MM
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive
+from twin.model.mechanism import Coupling
 from twin.usd.read import read_stage
 from twin.validation.content import content, estimate
 from twin.validation.masses import solid
@@ -108,6 +109,18 @@ def _no_joint(m):
     return replace(m, joints=tuple(j for j in m.joints if j.name != "r13"))
 
 
+def _belt(m):
+    return replace(m, couplings=(Coupling("belt", ("q1", "q2"), (1.0, -1.0)),))
+
+
+def _light(m):
+    return replace(m, gravity=(0.0, 0.0, -9.81 * 1.0001))
+
+
+def _gripper(m):
+    return replace(m, tool="camera", frames=tuple(replace(f, name="camera") for f in m.frames if f.name == m.tool))
+
+
 @pytest.mark.parametrize(
     ("spoil", "where", "says"),
     [
@@ -125,6 +138,9 @@ def _no_joint(m):
         (_inside_out, "bar1", "a different mesh"),
         (_point, "", "point"),
         (_no_joint, "r13", "not on the stage"),
+        (_belt, "belt", "not in the CAD"),
+        (_light, "gravity", "m/s2 on the stage, but (0, 0, -9.8"),
+        (_gripper, "camera", "the tool is 'camera' on the stage"),
     ],
 )
 def test_what_differs_is_named(sils, spoil, where, says):
@@ -132,6 +148,21 @@ def test_what_differs_is_named(sils, spoil, where, says):
     assert found
     assert all(f.code == "stage.content" and f.severity == "disagreement" for f in found)
     assert any(f.where.startswith(where) and says in f.message for f in found)
+
+
+def test_a_coupling_with_another_ratio_or_sum_is_named(sils):
+    cad, stage = sils
+    belt = Coupling("belt", ("q2", "q1"), (1.0, -1.0), 0.1)
+    mechanism = replace(cad.mechanism, couplings=(belt,))
+    for joints, ratios, total, says in (
+        (("q1", "q2"), (-1.0, 1.0), 0.1, []),  # the stage stores the joints by name
+        (("q1", "q2"), (-1.0, 2.0), 0.1, ["ratios"]),
+        (("q1", "q3"), (-1.0, 1.0), 0.2, ["ratios", "sum 0.2"]),
+    ):
+        on_stage = replace(stage, couplings=(Coupling("belt", joints, ratios, total),))
+        found = content(mechanism, on_stage, cad.description)
+        assert [f.where for f in found] == ["belt"] * len(says)
+        assert all(text in f.message for text, f in zip(says, found, strict=True))
 
 
 def test_the_estimate_of_a_mass_shares_nothing_with_the_scales_and_agrees(sils, sils_cad):

@@ -21,7 +21,7 @@ from twin.core.units import DEG, MM, display_unit
 from twin.model.body import Body, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, reversed_joint
-from twin.model.mechanism import Mechanism
+from twin.model.mechanism import Coupling, Mechanism
 from twin.validation.masses import solid
 
 SINGLE = 1e-5
@@ -52,6 +52,7 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         ("point", mechanism.points, stage.points),
         ("actuator", mechanism.actuators, stage.actuators),
         ("transmission", mechanism.transmissions, stage.transmissions),
+        ("coupling", mechanism.couplings, stage.couplings),
     ):
         names_in_cad = {item.name for item in in_cad}
         names_on_stage = {item.name for item in on_stage}
@@ -63,6 +64,9 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
     for a, b in _common(mechanism.joints, stage.joints):
         findings += _joint(a, b)
     findings += _motors(mechanism, stage)
+    for a, b in _common(mechanism.couplings, stage.couplings):
+        findings += _coupling(a, b)
+    findings += _world(mechanism, stage)
     for a, b in _common(mechanism.frames, stage.frames):
         findings += _place(f"frame '{a.name}'", a.name, a.T_body_frame, b.T_body_frame)
     for a, b in _common(mechanism.points, stage.points):
@@ -176,6 +180,36 @@ def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
         same_axes = (a.joints, a.actuators) == (b.joints, b.actuators)
         if not same_axes or not np.array_equal(a.matrix, b.matrix):
             yield _CONTENT(a.name, f"the stage has a different matrix of transmission '{a.name}'")
+
+
+def _coupling(a: Coupling, b: Coupling) -> Iterator[Finding]:
+    """Compare a coupling with the stage, which stores its numbers in double precision, and joints in another order."""
+    in_cad = dict(zip(a.joints, a.ratios, strict=True))
+    on_stage = dict(zip(b.joints, b.ratios, strict=True))
+    if in_cad != on_stage:
+        text = f"coupling '{a.name}' has the ratios {on_stage} on the stage, but {in_cad} in the description"
+        yield _CONTENT(a.name, text)
+    if a.total != b.total:
+        text = f"coupling '{a.name}' has the sum {b.total:g} on the stage, but {a.total:g} in the description"
+        yield _CONTENT(a.name, text)
+
+
+def _world(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
+    """Compare base, tool and gravity with the stage; its physics scene has gravity in single precision."""
+    for what in ("base", "tool"):
+        in_cad = getattr(mechanism, what)
+        on_stage = getattr(stage, what)
+        if in_cad != on_stage:
+            yield _CONTENT(on_stage, f"the {what} is '{on_stage}' on the stage, but '{in_cad}' in the description")
+    right = np.array(mechanism.gravity)
+    found = np.array(stage.gravity)
+    if float(np.linalg.norm(found - right)) > SINGLE * float(np.linalg.norm(right)):
+        text = f"gravity in base is {_vector(found)} m/s2 on the stage, but {_vector(right)} m/s2 in the description"
+        yield _CONTENT("gravity", text)
+
+
+def _vector(v: Array) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in v) + ")"
 
 
 def _place(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Finding]:
