@@ -100,6 +100,7 @@ def judged(
     undefined = int(np.isnan(largest).sum())
     largest[np.isnan(largest)] = 0
     worst = int(largest.argmax())
+    missed = bool(roots) and _missed(known & zero, known, sides)
     log_odds = _log_odds(zeros, drawn, found.degree)
     status: Status = "unproved"
     witness: dict[str, float] = {}
@@ -110,14 +111,12 @@ def judged(
         status = "refuted"
         witness = {name: float(values[worst]) for name, values in state.items()}
     elif undefined:
-        reason = (
-            f"a value is not defined, or has no real form, at {undefined} of {int(inside.sum())} states within reach"
-        )
+        reason = f"a value is undefined, or has no real form, at {undefined} of {int(inside.sum())} states within reach"
     elif not roots and zeros < exact:
         reason = (
             f"{exact - zeros} of {exact} exact values are not zero: a difference below 1e-6, at some states at least"
         )
-    elif roots and _missed(known & zero, known, sides):
+    elif missed:
         reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
     elif zeros >= ENOUGH and log_odds < 0:
         status = "proved"
@@ -132,27 +131,12 @@ def judged(
     kept: tuple[ProgramStep, ...] = ()
     if status == "proved" and None not in found.nodes:
         kept = tuple(node for node in found.nodes if node is not None)
-    luckless = status == "unproved" and bool(roots) and bool(inside.any()) and not undefined and zeros < ENOUGH
+    open_claim = status == "unproved" and bool(inside.any()) and not undefined
     # where many exact values are known and none is zero, luck is no reason
-    luckless = luckless and (zeros > 0 or exact < _MANY)
-    different = status == "unproved" and bool(inside.any()) and not undefined
-    if roots:
-        different = different and _missed(known & zero, known, sides)
-    else:
-        different = different and zeros < exact
-    verdict = (
-        name,
-        sentence,
-        status,
-        zeros,
-        exact,
-        log_odds,
-        float(largest[worst]),
-        witness,
-        reason,
-        found.error,
-        kept,
-    )
+    luckless = open_claim and bool(roots) and zeros < ENOUGH and (zeros > 0 or exact < _MANY)
+    different = open_claim and (missed if roots else zeros < exact)
+    numbers_of = (zeros, exact, log_odds, float(largest[worst]), witness)
+    verdict = (name, sentence, status, *numbers_of, reason, found.error, kept)
     return JudgedClaim(*verdict, luckless=luckless, roots=roots, different=different)
 
 
