@@ -154,6 +154,8 @@ def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinem
     """Return a phase with its samples; `joints` is the path of the driven joints in this phase."""
     first = joints(timing.s, 1)
     second = joints(timing.s, 2)
+    assert timing.grid is not None
+    assert timing.rates is not None
     sd = timing.sd[:, None]
     sdd = timing.sdd[:, None]
     return Leg(
@@ -163,7 +165,7 @@ def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinem
         q=path.joints(timing.s, kinematics),
         qd=first * sd,
         qdd=first * sdd + second * sd**2,
-        curve=PhaseCurve(joints, path.motion),
+        curve=PhaseCurve(joints, path.motion, timing.grid, timing.rates),
     )
 
 

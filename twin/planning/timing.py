@@ -64,6 +64,8 @@ class Timing:
         solver: the solver: "passes" (our own) or "toppra" (the package); None if the timing was given.
         smoothing: length in s of the averaging window that keeps the jerk limit, a part of the duration.
         for_jerk: factor by which the motion was also slowed down, because no window alone kept the jerk limit.
+        grid: grid points of the path parameter, between which d2s/dt2 is constant; None if the timing was given.
+        rates: ds/dt at the grid points, before the averaging; None if the timing was given.
     """
 
     t: Array
@@ -77,6 +79,8 @@ class Timing:
     solver: Solver | None
     smoothing: float = 0.0
     for_jerk: float = 1.0
+    grid: Array | None = None
+    rates: Array | None = None
 
 
 _INSIDE = 5
@@ -168,7 +172,24 @@ def time_path(
     t, s, sd, sdd = samples
     overshoot = max(speed, acceleration) - 1
     for_jerk = slowest / slower
-    return Timing(t, s, sd, sdd, float(t[-1]), optimal, overshoot, knots, solver, window * dt, for_jerk)
+    smoothing = window * dt
+    # the rates with which the samples were computed: `paced` stretches the optimal motion to its number of samples
+    kept_rates = rates * (optimal / (float(t[-1]) - smoothing))
+    return Timing(
+        t=t,
+        s=s,
+        sd=sd,
+        sdd=sdd,
+        duration=float(t[-1]),
+        optimal=optimal,
+        overshoot=overshoot,
+        knots=knots,
+        solver=solver,
+        smoothing=smoothing,
+        for_jerk=for_jerk,
+        grid=grid,
+        rates=kept_rates,
+    )
 
 
 def _averaged(

@@ -250,10 +250,14 @@ class PhaseCurve:
     Attributes:
         joints: path of the driven joints (n,) over s from 0 to 1, with derivatives.
         motion: function of s (k,) that returns the motion of the moved frame, with derivatives with respect to s.
+        grid: (g,) grid points of s, between which d2s/dt2 is constant.
+        rates: (g,) ds/dt at the grid points, before an averaging that keeps the jerk limit.
     """
 
     joints: Path
     motion: Callable[[Array], Motion]
+    grid: Array
+    rates: Array
 
 
 @dataclass(frozen=True)

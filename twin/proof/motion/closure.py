@@ -1,0 +1,335 @@
+"""The loops of a mechanism along a path: a motion of the passive joints that is proved to exist, and to be the only one.
+
+On each piece, the passive coordinates are predicted by polynomials through solved states. Around the prediction, a box
+is sought that Krawczyk's operator maps into its own inside: with A, the pseudo-inverse of the loops' Jacobian in the
+middle of the piece, and J, that Jacobian over the whole box, the image is -A F(prediction) + (1 - A J) box. By Brouwer's
+theorem the box then has one motion of the passive joints with A F = 0, for every moment of the piece, and no second one.
+
+A mechanism with redundant loops (a planar linkage in space) has more gaps F than passive coordinates. A F = 0 then means
+that the gaps cannot be made smaller by the passive joints; what remains of F is bounded as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.proof.motion.linkage import Linkage, PlacedLinkage, rotation_of
+from twin.proof.motion.taylor import TaylorModel, constant, joined
+
+_ITERATIONS = 6
+"""Largest number of Newton steps at the states through which a prediction passes."""
+
+_SOLVED = 1e-13
+"""Step in m or rad below which a state is solved."""
+
+_BOXES = 4
+"""Number of boxes that are tried on a piece."""
+
+_FIRST_BOX = 1e-12
+"""Half of the smallest box that is tried, in m or rad."""
+
+Poses = Mapping[str, Array]
+"""{body: T_base_body (k, 4, 4)}."""
+
+@dataclass(frozen=True)
+class ClosedLinkage:
+    """The mechanism on N pieces, with closed loops.
+
+    Attributes:
+        placed: the bodies, for all states of the boxes.
+        coordinates: (N, m) all coordinates, with their boxes.
+        jacobian: (N, rows, passive) Jacobian of the loops over the boxes; None without loops.
+        full_jacobian: (N, rows, m) with the driven coordinates; None without loops.
+        inverse: (N, passive, rows) the matrices A; None without loops.
+        contraction: (N,) bounds of the norm of 1 - A J; 0 without loops. Below 1, the motion is the only one.
+        gap: (N,) bounds in m of what remains of the gaps.
+        prediction: (N, m) the predicted coordinates.
+        balls: {ball joint: its predicted rotation (N, 3, 3)}.
+        image: (N, passive) half widths of boxes that contain the motion, in m or rad.
+        box: (N, passive) half widths of larger boxes that contain no second motion.
+        closed: (N,) whether the motion is proved.
+    """
+
+    placed: PlacedLinkage
+    coordinates: TaylorModel
+    jacobian: TaylorModel | None
+    full_jacobian: TaylorModel | None
+    inverse: Array | None
+    contraction: Array
+    gap: Array
+    prediction: TaylorModel
+    balls: Mapping[str, TaylorModel]
+    image: Array
+    box: Array
+    closed: np.ndarray
+
+
+def nodes(order: int) -> Array:
+    """Return the places (order + 1,) in [-1, 1] of the states through which predictions pass."""
+    k = np.arange(order + 1)
+    return np.sort(np.cos((k + 0.5) * np.pi / (order + 1)))
+
+
+def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLinkage:
+    """Return the mechanism on N pieces, at driven coordinates q (N, n).
+
+    Args:
+        linkage: the mechanism.
+        q: the driven coordinates.
+        poses: body poses ((order + 1) N, 4, 4) near those at the nodes, piece by piece; nothing rests on them.
+    """
+    order = q.order
+    count = q.shape[0]
+    drawn, drawn_balls = linkage.drawn(poses)
+    places = nodes(order)
+    powers = places[:, None] ** np.arange(order + 1)
+    # the driven coordinates at the nodes, (N, order + 1, n)
+    driven = np.einsum("ik,kaj->aij", powers, q.c).reshape(count * len(places), -1)
+    values = drawn.copy()
+    values[:, linkage.driven] = driven
+    balls = drawn_balls
+    if linkage.closes:
+        values, balls = _solved(linkage, values, balls)
+    to_powers = np.linalg.inv(powers)
+    values = values.reshape(count, len(places), -1)
+    values = _continued(linkage, values)
+    c = np.einsum("ki,aij->kaj", to_powers, values)
+    c[:, :, linkage.driven] = q.c
+    r = np.zeros((count, len(linkage.places)))
+    r[:, linkage.driven] = q.r
+    prediction = TaylorModel(c, r)
+    rotations = {}
+    for name, R in balls.items():
+        rotations[name] = _ball(R.reshape(count, len(places), 3, 3), to_powers)
+    if not linkage.closes:
+        placed = linkage.place(prediction, rotations)
+        free = len(linkage.passive) == 0
+        zero = np.zeros(count)
+        none = np.zeros((count, len(linkage.passive)))
+        return ClosedLinkage(
+            placed=placed,
+            coordinates=prediction,
+            jacobian=None,
+            full_jacobian=None,
+            inverse=None,
+            contraction=zero,
+            gap=zero,
+            prediction=prediction,
+            balls=rotations,
+            image=none,
+            box=none,
+            closed=np.full(count, free),
+        )
+    return _enclosed(linkage, prediction, rotations)
+
+
+def _continued(linkage: Linkage, values: Array) -> Array:
+    """Return coordinates (N, nodes, m) whose angles do not jump by full turns from node to node."""
+    for i, place in enumerate(linkage.places):
+        if place.part == "turn" and not place.active:
+            values[:, :, i] = np.unwrap(values[:, :, i], axis=1)
+    return values
+
+
+def _ball(R: Array, to_powers: Array) -> TaylorModel:
+    """Return rotations (N, 3, 3) through rotations (N, nodes, 3, 3) at the nodes."""
+    quaternions = spatial.quat_from_matrix_wxyz(R.reshape(-1, 3, 3)).reshape(*R.shape[:2], 4)
+    # a quaternion and its negative are the same rotation: all on the side of that in the middle
+    middle = quaternions[:, R.shape[1] // 2, None]
+    signs = np.where((quaternions * middle).sum(axis=2, keepdims=True) < 0, -1.0, 1.0)
+    c = np.einsum("ki,aij->kaj", to_powers, quaternions * signs)
+    return rotation_of(TaylorModel(c, np.zeros((len(R), 4))))
+
+
+def _solved(linkage: Linkage, values: Array, balls: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
+    """Return coordinates (k, m) and rotations of balls (k, 3, 3) with closed loops, by Newton's method."""
+    rotations = dict(balls)
+    passive = linkage.passive
+    for _ in range(_ITERATIONS):
+        at = constant(values, 0)
+        models = {name: constant(R, 0) for name, R in rotations.items()}
+        placed = linkage.place(at, models)
+        gaps = linkage.gaps(placed, at).c[0]
+        jacobian = linkage.jacobian(placed).c[0][:, :, passive]
+        if not (np.isfinite(gaps).all() and np.isfinite(jacobian).all()):
+            break
+        steps = -(np.linalg.pinv(jacobian, rcond=1e-9) @ gaps[..., None])[..., 0]
+        turns: dict[str, Array] = {}
+        for column, i in enumerate(passive):
+            place = linkage.places[i]
+            if place.part in ("turn", "slide"):
+                values[:, i] += steps[:, column]
+            else:
+                turn = turns.setdefault(place.joint, np.zeros((len(values), 3)))
+                turn[:, "xyz".index(place.part)] = steps[:, column]
+        for name, turn in turns.items():
+            rotations[name] = rotations[name] @ spatial.exp_so3(turn)
+        if np.abs(steps).max(initial=0.0) < _SOLVED:
+            break
+    return values, rotations
+
+
+def _enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, TaylorModel]) -> ClosedLinkage:
+    """Return the mechanism with boxes around the predicted coordinates that contain the motion."""
+    passive = linkage.passive
+    count = prediction.shape[0]
+    placed = linkage.place(prediction, balls)
+    gaps = linkage.gaps(placed, prediction)
+    centre = linkage.jacobian(placed).c[0][:, :, passive]
+    known = np.isfinite(centre).all(axis=(1, 2))
+    inverse = np.linalg.pinv(np.where(known[:, None, None], centre, 0.0), rcond=1e-9)
+    move = gaps[..., None].before(inverse)[..., 0].sizes()
+    radius = 8.0 * move + _FIRST_BOX
+    box = np.zeros((count, len(linkage.places)))
+    closed = np.zeros(count, bool)
+    image = radius
+    contraction = np.full(count, np.inf)
+    full = linkage.jacobian(placed)
+    for _ in range(_BOXES):
+        box[:, passive] = np.where(np.isfinite(radius), radius, 1.0)
+        inside = prediction.widened(box)
+        placed_box = linkage.place(inside, balls)
+        full = linkage.jacobian(placed_box)
+        product = full[:, :, passive].before(inverse)
+        rest = (product - np.eye(len(passive))).sizes()
+        # move and rest are upper bounds; the factor counts the rounding of this product
+        image = (move + (rest @ radius[..., None])[..., 0]) * (1.0 + 1e-12)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = (rest @ radius[..., None])[..., 0] / radius
+        contraction = np.where(np.isfinite(scaled), scaled, np.inf).max(axis=1) * (1.0 + 1e-12)
+        closed = known & (image < radius).all(axis=1) & (contraction < 1)
+        if closed.all():
+            break
+        grown = np.where(np.isfinite(image), np.minimum(3.0 * image, 0.1), 0.1)
+        radius = np.where(closed[:, None], radius, np.maximum(grown, radius))
+    # the motion is in the image, which is inside the box
+    box[:, passive] = np.where(closed[:, None], np.minimum(image, radius), 0.0)
+    coordinates = prediction.widened(box)
+    placed = linkage.place(coordinates, balls)
+    full = linkage.jacobian(placed)
+    within = (full[:, :, passive].sizes() @ np.where(closed[:, None], image, 0.0)[..., None])[..., 0]
+    gap = np.where(closed, (gaps.sizes() + within).max(axis=1) * (1.0 + 1e-12), np.inf)
+    return ClosedLinkage(
+        placed=placed,
+        coordinates=coordinates,
+        jacobian=full[:, :, passive],
+        full_jacobian=full,
+        inverse=inverse,
+        contraction=contraction,
+        gap=gap,
+        prediction=prediction,
+        balls=balls,
+        image=box[:, passive],
+        box=radius,
+        closed=closed,
+    )
+
+
+def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Array) -> np.ndarray:
+    """Return (N - 1,) whether the motion on each piece goes on in that of the next.
+
+    At the border, the box that contains one motion must be in the box in which the other motion is the only one.
+
+    Args:
+        closed: the pieces, in the order of time.
+        linkage: the mechanism.
+        before, after: (N,) places of the borders in each piece, near 1 and -1.
+    """
+    order = closed.prediction.order
+    powers_after = before[:, None] ** np.arange(order + 1)
+    powers_before = after[:, None] ** np.arange(order + 1)
+    ends = np.einsum("ak,kai->ai", powers_after, closed.prediction.c)[:-1]
+    starts = np.einsum("ak,kai->ai", powers_before, closed.prediction.c)[1:]
+    away = np.abs(ends - starts)
+    for i, place in enumerate(linkage.places):
+        if place.part == "turn":
+            turns = np.round((ends[:, i] - starts[:, i]) / (2 * np.pi))
+            away[:, i] = np.abs(ends[:, i] - starts[:, i] - 2 * np.pi * turns)
+    away = away[:, linkage.passive]
+    for name, R in closed.balls.items():
+        R_end = np.einsum("ak,kaij->aij", powers_after, R.c)[:-1]
+        R_start = np.einsum("ak,kaij->aij", powers_before, R.c)[1:]
+        turn = np.linalg.norm(np.swapaxes(R_start, 1, 2) @ R_end - np.eye(3), axis=(1, 2))
+        turn = turn + R.r.max(axis=(1, 2))[:-1] + R.r.max(axis=(1, 2))[1:]
+        for column, i in enumerate(linkage.passive):
+            if linkage.places[i].joint == name:
+                away[:, column] = 1.1 * turn
+    first = away + 2.0 * closed.image[:-1] + 1e-15
+    second = away + 2.0 * closed.image[1:] + 1e-15
+    same = (first <= closed.box[1:]).all(axis=1) | (second <= closed.box[:-1]).all(axis=1)
+    return same & closed.closed[:-1] & closed.closed[1:]
+
+
+def rates(closed: ClosedLinkage, linkage: Linkage, driven: TaylorModel) -> TaylorModel:
+    """Return the rates (N, m) of all coordinates, for rates (N, n) of the driven ones; infinite where not closed.
+
+    The passive rates y solve A J y = -A J_driven driven. Around an approximate solution with the remainder e, they lie
+    within |A e| / (1 - contraction), in the norm in which 1 - A J contracts.
+    """
+    count = driven.shape[0]
+    order = driven.order
+    c = np.zeros((order + 1, count, len(linkage.places)))
+    r = np.zeros((count, len(linkage.places)))
+    c[:, :, linkage.driven] = driven.c
+    r[:, linkage.driven] = driven.r
+    if closed.full_jacobian is None or closed.inverse is None or closed.jacobian is None:
+        return TaylorModel(c, r)
+    right = (closed.full_jacobian[:, :, linkage.driven] @ driven[..., None]).before(closed.inverse)[..., 0]
+    product = closed.jacobian.before(closed.inverse)
+    # y = -right + (1 - A J) y, repeated: each step is more accurate by a factor, up to the order of the models
+    y = -right
+    for _ in range(order + 1):
+        y = TaylorModel(y.c, np.zeros(y.shape))
+        remainder = (product @ y[..., None])[..., 0] + right
+        y = TaylorModel((y - remainder).c, np.zeros(y.shape))
+    remainder = ((product @ y[..., None])[..., 0] + right).sizes()
+    rest = (product - np.eye(len(linkage.passive))).sizes()
+    # |error| <= remainder + rest |error|: a vector that this maps into itself is a bound
+    bound = remainder
+    for _ in range(8):
+        bound = remainder + (rest @ bound[..., None])[..., 0]
+    bound = 1.5 * bound + 1e-15
+    proven = (remainder + (rest @ bound[..., None])[..., 0]) * (1.0 + 1e-12) <= bound
+    bound = np.where(proven.all(axis=1)[:, None] & closed.closed[:, None], bound, np.inf)
+    c[:, :, linkage.passive] = y.c
+    r[:, linkage.passive] = bound
+    return TaylorModel(c, r)
+
+
+def determinant(closed: ClosedLinkage) -> tuple[TaylorModel, Array] | None:
+    """Return the logarithm of the determinant of the loops' Jacobian J: (Taylor models (N,), further error (N,)).
+
+    The determinant is the root of det(J^T J), for square J the absolute value of det J. With a triangular matrix U such
+    that J U^-1 is nearly orthogonal, det(J^T J) = det(1 + E) det(U)^2, and |log det(1 + E) - tr E| is at most
+    |E|^2 / (2 (1 - |E|)) for the Frobenius norm |E| < 1. None without loops.
+    """
+    if closed.jacobian is None:
+        return None
+    J = closed.jacobian
+    size = J.shape[-1]
+    middle = np.where(np.isfinite(J.c[0]), J.c[0], 0.0)
+    upper = np.linalg.qr(middle, mode="r")
+    diagonal = np.abs(np.diagonal(upper, axis1=1, axis2=2))
+    regular = diagonal.min(axis=1) > 1e-12
+    upper = np.where(regular[:, None, None], upper, np.eye(size))
+    inverse = np.triu(np.linalg.inv(upper))
+    scaled = J @ inverse
+    E = scaled.swapped() @ scaled - np.eye(size)
+    norm = np.sqrt((E.sizes() ** 2).sum(axis=(1, 2))) * (1.0 + 1e-12)
+    small = regular & closed.closed & (norm < 0.9)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.where(small, 0.25 * norm**2 / (1.0 - norm) * (1.0 + 1e-9) + 1e-13 * size, np.inf)
+    trace = stacked_trace(E) * 0.5
+    logs = -np.log(np.abs(np.diagonal(inverse, axis1=1, axis2=2))).sum(axis=1)
+    return trace + logs, error
+
+
+def stacked_trace(E: TaylorModel) -> TaylorModel:
+    """Return the traces (N,) of matrices (N, n, n)."""
+    diagonal = [E[:, i, i][..., None] for i in range(E.shape[-1])]
+    return joined(diagonal, axis=1).total(-1)

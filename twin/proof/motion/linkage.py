@@ -1,0 +1,318 @@
+"""The mechanism on pieces of a path: poses of all bodies and gaps of all loops as Taylor models.
+
+Bodies are placed along the spanning tree of the mechanism, joint by joint. A joint that is not in the tree closes a loop:
+its two frames may differ only in its free directions. The rotation of a ball joint is a predicted rotation, which moves
+along the piece, and three small turns about z, y and x after it; so every unknown is one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+from twin.proof.motion.taylor import TaylorModel, constant, cross, stacked
+
+ARM = 0.1
+"""Length in m by which gaps of directions, in rad, are multiplied."""
+
+
+
+@dataclass(frozen=True)
+class PlacedFrame:
+    """A frame in base: rotation (N, 3, 3) and origin (N, 3)."""
+
+    R: TaylorModel
+    p: TaylorModel
+
+    def then(self, T: Array) -> PlacedFrame:
+        """Return the frame at the constant pose T (4, 4) in this frame."""
+        shift = (self.R @ T[:3, 3:])[..., 0]
+        return PlacedFrame(self.R @ T[:3, :3], self.p + shift)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where one coordinate stands in the mechanism.
+
+    Attributes:
+        joint: name of its joint.
+        part: "turn" or "slide"; of a ball joint "z", "y", "x", its turns in this order.
+        active: whether it is driven.
+    """
+
+    joint: str
+    part: str
+    active: bool
+
+    @property
+    def slides(self) -> bool:
+        """Whether the coordinate is a length."""
+        return self.part == "slide"
+
+
+@dataclass(frozen=True)
+class Columns:
+    """How each of m coordinates moves the bodies after it: axis (N, m, 3) and a point on it (N, m, 3), in base."""
+
+    axes: TaylorModel
+    centres: TaylorModel
+
+
+@dataclass(frozen=True)
+class PlacedLinkage:
+    """All bodies on N pieces.
+
+    Attributes:
+        frames: {body: its frame in base}.
+        columns: the motion by each coordinate.
+    """
+
+    frames: Mapping[str, PlacedFrame]
+    columns: Columns
+
+
+class Linkage:
+    """The tree of a mechanism, its coordinates and its loops.
+
+    Attributes:
+        mechanism: the mechanism.
+        places: the coordinates, in the order of the tree.
+        driven, passive: indices of the driven coordinates, in the order of q, and of the others.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.places: list[Place] = []
+        for joint in mechanism.tree:
+            for part in _parts(joint):
+                self.places.append(Place(joint.name, part, joint.active))
+        self.passive = [i for i, place in enumerate(self.places) if not place.active]
+        names = [place.joint for place in self.places]
+        self.driven = [names.index(joint.name) for joint in mechanism.active]
+        self._moved = self._masks()
+
+    @property
+    def closes(self) -> bool:
+        """Whether there are loops or couplings to close."""
+        return bool(self.mechanism.loops or self.mechanism.couplings)
+
+    def _masks(self) -> dict[str, np.ndarray]:
+        """Return {body: mask (m,) of the coordinates that move it}."""
+        masks = {self.mechanism.base: np.zeros(len(self.places), bool)}
+        for joint in self.mechanism.tree:
+            mask = masks[joint.parent].copy()
+            for i, place in enumerate(self.places):
+                mask[i] |= place.joint == joint.name
+            masks[joint.child] = mask
+        return masks
+
+    def place(self, coordinates: TaylorModel, balls: Mapping[str, TaylorModel]) -> PlacedLinkage:
+        """Return all bodies at coordinates (N, m) in m or rad.
+
+        Args:
+            coordinates: the coordinates; those of ball joints are the small turns after the predicted rotation.
+            balls: {ball joint: its predicted rotation (N, 3, 3)}.
+        """
+        count = coordinates.shape[0]
+        order = coordinates.order
+        origin = PlacedFrame(
+            constant(np.broadcast_to(np.eye(3), (count, 3, 3)), order), constant(np.zeros((count, 3)), order)
+        )
+        frames = {self.mechanism.base: origin}
+        axes = []
+        centres = []
+        i = 0
+        for joint in self.mechanism.tree:
+            frame = frames[joint.parent].then(joint.T_parent_joint)
+            if joint.name in balls:
+                frame = PlacedFrame(frame.R @ balls[joint.name], frame.p)
+            for part in _parts(joint):
+                value = coordinates[:, i]
+                if part == "slide":
+                    axis = frame.R[..., 2]
+                    frame = PlacedFrame(frame.R, frame.p + axis * value[:, None])
+                else:
+                    k = {"turn": 2, "z": 2, "y": 1, "x": 0}[part]
+                    axis = frame.R[..., k]
+                    frame = PlacedFrame(_turned(frame.R, value, k), frame.p)
+                axes.append(axis)
+                centres.append(frame.p)
+                i += 1
+            frames[joint.child] = frame.then(spatial.inverse(joint.T_child_joint))
+        if not axes:
+            return PlacedLinkage(frames, Columns(origin.p[:, None, :], origin.p[:, None, :]))
+        return PlacedLinkage(frames, Columns(stacked(axes, -2), stacked(centres, -2)))
+
+    def relative(self, placed: PlacedLinkage, joint: Joint) -> tuple[PlacedFrame, PlacedFrame, TaylorModel, TaylorModel]:
+        """Return (frame on the parent, frame on the child, offset (N, 3), rotation (N, 3, 3)) of a joint.
+
+        Offset and rotation are those of the second frame in the first.
+        """
+        first = placed.frames[joint.parent].then(joint.T_parent_joint)
+        second = placed.frames[joint.child].then(joint.T_child_joint)
+        turned = first.R.swapped()
+        offset = (turned @ (second.p - first.p)[..., None])[..., 0]
+        return first, second, offset, turned @ second.R
+
+    def gaps(self, placed: PlacedLinkage, coordinates: TaylorModel) -> TaylorModel:
+        """Return the gaps (N, rows) of all loops and couplings, in m; angles in rad are multiplied by `ARM`."""
+        rows = []
+        for joint in self.mechanism.loops:
+            _, _, offset, R = self.relative(placed, joint)
+            rows += _gap_rows(joint, offset, R)
+        for coupling in self.mechanism.couplings:
+            total = constant(np.full(coordinates.shape[:1], -coupling.total), coordinates.order)
+            for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+                total = total + coordinates[:, self.index(name)] * ratio
+            rows.append(total * self._scale(coupling.joints[0]))
+        return stacked(rows)
+
+    def jacobian(self, placed: PlacedLinkage) -> TaylorModel:
+        """Return the derivatives (N, rows, m) of the gaps with respect to the coordinates."""
+        rows = []
+        axes = placed.columns.axes
+        slides = np.array([place.slides for place in self.places])
+        for joint in self.mechanism.loops:
+            first, second, _, R = self.relative(placed, joint)
+            moved = self._moved[joint.child].astype(float) - self._moved[joint.parent]
+            w = (axes @ first.R) * moved[:, None]
+            turns = w * (~slides)[:, None].astype(float)
+            lever = second.p[:, None, :] - placed.columns.centres
+            of_turns = (cross(axes, lever) @ first.R) * (moved * ~slides)[:, None]
+            offsets = of_turns + w * slides[:, None].astype(float)
+            rows += _rate_rows(joint, offsets, turns, R)
+        for coupling in self.mechanism.couplings:
+            row = np.zeros((axes.shape[0], len(self.places)))
+            for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+                row[:, self.index(name)] = ratio * self._scale(coupling.joints[0])
+            rows.append(constant(row, axes.order))
+        return stacked(rows, -2)
+
+    def twist(self, placed: PlacedLinkage, body: str, p: TaylorModel, rates: TaylorModel) -> tuple[TaylorModel, TaylorModel]:
+        """Return (velocity (N, 3) of a point of a body at p (N, 3), its angular velocity (N, 3)), both in base.
+
+        `rates` (N, m) are the rates of the coordinates.
+        """
+        slides = np.array([place.slides for place in self.places])
+        moved = self._moved[body]
+        axes = placed.columns.axes
+        lever = p[:, None, :] - placed.columns.centres
+        turning = axes * rates[..., None] * (moved & ~slides)[:, None].astype(float)
+        sliding = axes * rates[..., None] * (moved & slides)[:, None].astype(float)
+        velocity = (cross(turning, lever) + sliding).total(-2)
+        return velocity, turning.total(-2)
+
+    def index(self, joint: str) -> int:
+        """Return the index of the (last) coordinate of a joint of the tree."""
+        return max(i for i, place in enumerate(self.places) if place.joint == joint)
+
+    def _scale(self, joint: str) -> float:
+        return ARM if self.mechanism.joint(joint).is_angle else 1.0
+
+    def drawn(self, poses: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
+        """Return (coordinates (k, m), {ball joint: rotations (k, 3, 3)}) at body poses {body: (k, 4, 4)}."""
+        columns = []
+        balls = {}
+        for joint in self.mechanism.tree:
+            T = joint.relative(poses[joint.parent], poses[joint.child])
+            parts = _parts(joint)
+            if joint.type == "spherical":
+                balls[joint.name] = T[:, :3, :3]
+                columns += [np.zeros(len(T))] * 3
+                continue
+            for part in parts:
+                if part == "slide":
+                    columns.append(T[:, 2, 3])
+                else:
+                    columns.append(np.asarray(joint.angle(T), float))
+        return np.stack(columns, axis=1), balls
+
+
+def supported(mechanism: Mechanism) -> str:
+    """Return why a mechanism cannot be proved along a path; "" if it can."""
+    for joint in mechanism.tree:
+        if joint.type == "free":
+            return f"joint {joint.name} is free in all six directions: give the robot a base"
+        if joint.active and joint.type not in ("revolute", "prismatic"):
+            return f"joint {joint.name} is driven and {joint.type}: only revolute and prismatic driven joints are known"
+    spanning = {joint.name for joint in mechanism.tree}
+    for joint in mechanism.active:
+        if joint.name not in spanning:
+            return f"driven joint {joint.name} closes a loop: list it before the joint that should close the loop"
+    return ""
+
+
+def _parts(joint: Joint) -> tuple[str, ...]:
+    """Return the coordinates of a joint, in the order in which they move the child."""
+    kinds = {"revolute": ("turn",), "prismatic": ("slide",), "cylindrical": ("slide", "turn"), "fixed": ()}
+    kinds["spherical"] = ("z", "y", "x")
+    return kinds.get(joint.type, ())
+
+
+def _turned(R: TaylorModel, angle: TaylorModel, axis: int) -> TaylorModel:
+    """Return R (N, 3, 3) turned about its own axis 0, 1 or 2 by angles (N,)."""
+    sine, cosine = angle.sine_cosine()
+    i = (axis + 1) % 3
+    j = (axis + 2) % 3
+    columns = [R[..., 0], R[..., 1], R[..., 2]]
+    columns[i] = R[..., i] * cosine[:, None] + R[..., j] * sine[:, None]
+    columns[j] = R[..., j] * cosine[:, None] - R[..., i] * sine[:, None]
+    return stacked(columns)
+
+
+def _gap_rows(joint: Joint, offset: TaylorModel, R: TaylorModel) -> list[TaylorModel]:
+    """Return the gaps of a loop joint along and about its locked axes."""
+    rows = [offset[:, axis] for axis in range(3) if axis not in joint.free_axes]
+    if joint.type in ("fixed", "prismatic"):
+        for i, j in ((2, 1), (0, 2), (1, 0)):
+            rows.append((R[:, i, j] - R[:, j, i]) * (ARM / 2))
+    elif joint.type in ("revolute", "cylindrical"):
+        rows.append(R[:, 1, 2] * -ARM)
+        rows.append(R[:, 0, 2] * ARM)
+    return rows
+
+
+def _rate_rows(joint: Joint, offsets: TaylorModel, turns: TaylorModel, R: TaylorModel) -> list[TaylorModel]:
+    """Return the derivatives (N, m) of the gaps of a loop joint.
+
+    Args:
+        joint: the joint.
+        offsets: (N, m, 3) derivatives of the offset.
+        turns: (N, m, 3) rotation of the second frame by each coordinate, in the first frame.
+        R: (N, 3, 3) rotation of the second frame in the first.
+    """
+    rows = [offsets[..., axis] for axis in range(3) if axis not in joint.free_axes]
+    if joint.type == "spherical":
+        return rows
+    changes = []
+    for k in range(3):
+        changes.append(cross(turns, R[:, None, :, k]))  # (N, m, 3): derivative of column k
+    if joint.type in ("fixed", "prismatic"):
+        for i, j in ((2, 1), (0, 2), (1, 0)):
+            rows.append((changes[j][..., i] - changes[i][..., j]) * (ARM / 2))
+    else:
+        rows.append(changes[2][..., 1] * -ARM)
+        rows.append(changes[2][..., 0] * ARM)
+    return rows
+
+
+def rotation_of(quaternions: TaylorModel) -> TaylorModel:
+    """Return the rotations (N, 3, 3) of quaternions (N, 4), scalar first, of any length."""
+    w, x, y, z = (quaternions[:, i] for i in range(4))
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    share = (ww + xx + yy + zz).inverted()
+    entries = [
+        [ww + xx - yy - zz, (x * y - w * z) * 2.0, (x * z + w * y) * 2.0],
+        [(x * y + w * z) * 2.0, ww - xx + yy - zz, (y * z - w * x) * 2.0],
+        [(x * z - w * y) * 2.0, (y * z + w * x) * 2.0, ww - xx - yy + zz],
+    ]
+    rows = [stacked([entry * share for entry in row]) for row in entries]
+    return stacked(rows, -2)
+
+

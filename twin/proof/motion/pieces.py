@@ -1,0 +1,78 @@
+"""Pieces of a path: the intervals of s on which everything is enclosed, halved where the bounds are too wide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.core.spatial import Array
+
+FIRST = 15
+"""Pieces of a phase at the beginning; grid points of 240, 480 or 960 intervals are borders of pieces."""
+
+DEEPEST = 9
+"""How often a piece is halved at most."""
+
+OVERLAP = 1e-9
+"""Fraction by which a piece is longer than the interval that it stands for, so that rounded borders lie inside."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """N intervals of the phases of a path, in the order of time.
+
+    Attributes:
+        phase: (N,) index of the phase.
+        level: (N,) how often a first piece was halved.
+        place: (N,) index among the FIRST * 2**level pieces of this level.
+    """
+
+    phase: np.ndarray
+    level: np.ndarray
+    place: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of pieces."""
+        return len(self.phase)
+
+    @property
+    def counts(self) -> Array:
+        """(N,) number of pieces of the level in a phase."""
+        return FIRST * 2.0**self.level
+
+    @property
+    def middle(self) -> Array:
+        """(N,) middle in s."""
+        return (self.place + 0.5) / self.counts
+
+    @property
+    def half(self) -> Array:
+        """(N,) half of the length in s, longer by `OVERLAP`."""
+        return 0.5 / self.counts * (1.0 + OVERLAP)
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """(first s (N,), last s (N,))."""
+        return self.place / self.counts, (self.place + 1) / self.counts
+
+    def some(self, which: np.ndarray) -> Pieces:
+        """Return the pieces of an index or a mask."""
+        return Pieces(self.phase[which], self.level[which], self.place[which])
+
+    def halved(self, which: np.ndarray) -> tuple[Pieces, np.ndarray]:
+        """Return (the pieces, of which those of the mask `which` are halved, index (M,) of the old piece of each)."""
+        count = np.where(which, 2, 1)
+        old = np.repeat(np.arange(len(self)), count)
+        second = np.concatenate([[False], old[1:] == old[:-1]])
+        new = self.some(old)
+        halves = which[old]
+        level = np.where(halves, new.level + 1, new.level)
+        place = np.where(halves, 2 * new.place + second, new.place)
+        return replace(new, level=level, place=place), old
+
+
+def first_pieces(phases: int) -> Pieces:
+    """Return the first pieces of all phases."""
+    phase = np.repeat(np.arange(phases), FIRST)
+    return Pieces(phase, np.zeros(len(phase), int), np.tile(np.arange(FIRST), phases))

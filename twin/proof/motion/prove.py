@@ -1,0 +1,318 @@
+"""Prove limits, speeds, RCM, loops and singularities along a protocol, between the samples as well as at them.
+
+What is proved is a function of continuous time. The driven joints follow q(s(t)): q is the series of each phase that was
+timed, s(t) the motion whose (ds/dt)^2 is linear in s between the grid points of the timing. The bodies follow as the
+mechanism of the CAD carries them, with closed loops. Its numbers are taken as they are, as floating-point numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.model.mechanism import Mechanism
+from twin.proof.motion.closure import Poses, closed_linkage, connected, nodes
+from twin.proof.motion.linkage import Linkage, supported
+from twin.proof.motion.path import TimedPath
+from twin.proof.motion.pieces import DEEPEST, OVERLAP, Pieces, first_pieces
+from twin.proof.motion.quantities import Cells, Enclosure, cells_of, enclosures
+from twin.proof.motion.series import on_pieces
+from twin.proof.motion.taylor import joined
+
+ORDER = 5
+"""Degree of the Taylor models."""
+
+TIGHT = 1.1
+"""Ratio of an upper bound to a value that is certainly reached, above which pieces are halved."""
+
+ROUNDING = 1e-9
+"""Size in m, rad, m/s or rad/s below which no bound is made tighter."""
+
+SPEED_EXCESS = 1e-3
+"""Fraction by which a speed may exceed its limit: as for the samples of a plan."""
+
+TOUCHING = 1e-12
+"""Distance in m or rad by which a limit of a joint may be exceeded: rounding of a motion that ends at its limit."""
+
+_MOST_PIECES = 6000
+"""Largest number of pieces of a path."""
+
+SPEEDS = ("joint speed", "motor speed", "tool speed")
+"""Groups of values that depend on the timing."""
+
+MARGINS = ("joint limit", "motor limit", "passive limit", "gap")
+"""Groups of values that must not be below their limit."""
+
+States = Callable[[Array], Poses]
+"""Function of driven joint values (k, n) along the path that returns the poses of all bodies."""
+
+
+@dataclass(frozen=True)
+class MotionClaim:
+    """A claim about a value along the whole path.
+
+    Attributes:
+        name, group, unit: see `Enclosure`.
+        smallest: whether it is about the smallest value; otherwise about the largest.
+        low, high: the smallest (largest) value along the path is certainly between these.
+        limit: its limit; infinite without one.
+        status: "proved", "refuted" or "unproved".
+        phase: name of the phase with this value.
+        t: time in s of this value, rounded.
+        reason: why the claim is not proved.
+    """
+
+    name: str
+    group: str
+    unit: str
+    smallest: bool
+    low: float
+    high: float
+    limit: float
+    status: str
+    phase: str
+    t: float
+    reason: str = ""
+
+    @property
+    def bound(self) -> float:
+        """The proved bound: of the smallest value from below, of the largest one from above."""
+        return self.low if self.smallest else self.high
+
+
+@dataclass(frozen=True)
+class MotionCurve:
+    """A value over time: in the i-th of M cells, from t[i] to t[i + 1], it is certainly between low[i] and high[i]."""
+
+    t: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class MotionProof:
+    """Claims along one protocol.
+
+    Attributes:
+        protocol: its name.
+        claims: all claims.
+        curves: {(group, name) of a claim: its value over time}.
+        pieces: number of pieces on which the mechanism was enclosed.
+        cells: number of intervals of time.
+        duration: of the protocol in s.
+        determinant: logarithm of the determinant of the loops' Jacobian at the start; NaN without loops.
+    """
+
+    protocol: str
+    claims: tuple[MotionClaim, ...]
+    curves: dict[tuple[str, str], MotionCurve]
+    pieces: int
+    cells: int
+    duration: float
+    determinant: float
+
+    def count(self, status: str) -> int:
+        """Return the number of claims with a status."""
+        return sum(claim.status == status for claim in self.claims)
+
+
+@dataclass(frozen=True)
+class _Round:
+    """Everything on the pieces of one round."""
+
+    pieces: Pieces
+    cells: Cells
+    found: list[Enclosure]
+    closed: np.ndarray
+    goes_on: np.ndarray
+
+
+def prove_motion(
+    mechanism: Mechanism,
+    path: TimedPath,
+    states: States,
+    progress: Callable[[str, float], None] = lambda label, fraction: None,
+) -> MotionProof:
+    """Return the claims about the motion of a mechanism along a timed path.
+
+    Args:
+        mechanism: the mechanism of the CAD.
+        path: the timed path.
+        states: solver of the mechanism, for predictions; what it returns is proved, not trusted.
+        progress: called with a label and the finished fraction.
+
+    Raises:
+        TwinError: the path has a value that is not finite, or the mechanism has a joint that cannot be proved.
+    """
+    path.require_finite()
+    why = supported(mechanism)
+    if why:
+        raise TwinError(f"{mechanism.name}: the motion cannot be proved: {why}")
+    linkage = Linkage(mechanism)
+    pieces = first_pieces(len(path.phases))
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for level in range(DEEPEST + 1):
+            progress(f"{path.protocol}: {len(pieces)} pieces", level / (DEEPEST + 1))
+            judged = _judged(linkage, path, pieces, states)
+            wide = _to_halve(judged)
+            wide &= pieces.level < DEEPEST
+            if not wide.any() or len(pieces) + wide.sum() > _MOST_PIECES:
+                break
+            pieces, _ = pieces.halved(wide)
+    return _proof(path, judged)
+
+
+def _judged(linkage: Linkage, path: TimedPath, pieces: Pieces, states: States) -> _Round:
+    """Return the enclosures of all values on pieces."""
+    places = nodes(ORDER)
+    q = []
+    slopes = []
+    values = []
+    for k, phase in enumerate(path.phases):
+        own = pieces.some(pieces.phase == k)
+        on_phase, slope = on_pieces(phase.coefficients, own.middle, own.half, ORDER)
+        q.append(on_phase)
+        slopes.append(slope)
+        at_nodes = np.polynomial.polynomial.polyval(places, on_phase.c)  # (N, n, nodes)
+        values.append(np.moveaxis(at_nodes, -1, 1).reshape(-1, phase.coefficients.shape[1]))
+    driven = joined(q)
+    rate = joined(slopes)
+    closed = closed_linkage(linkage, driven, states(np.concatenate(values)))
+    cells = cells_of(pieces, path.phases, ORDER)
+    found = list(enclosures(linkage, path, cells, driven, rate, closed))
+    border = np.full(len(pieces), 1.0 / (1.0 + OVERLAP))
+    goes_on = np.ones(max(len(pieces) - 1, 0), bool)
+    if linkage.closes:
+        goes_on = connected(closed, linkage, border, -border)
+    return _Round(pieces, cells, found, closed.closed, goes_on)
+
+
+def _to_halve(judged: _Round) -> np.ndarray:
+    """Return (N,) which pieces are too long: the mechanism is not closed there, or a bound is not tight."""
+    wide = ~judged.closed
+    wide[:-1] |= ~judged.goes_on
+    wide[1:] |= ~judged.goes_on
+    for enclosure in judged.found:
+        if enclosure.group == "loop gap":
+            continue
+        loose = _loose(enclosure)
+        wide[np.unique(judged.cells.piece[loose])] = True
+    return wide
+
+
+def _loose(enclosure: Enclosure) -> np.ndarray:
+    """Return (M,) the cells whose bound alone makes the bound over the whole path too wide."""
+    low, high, limit = _as_largest(enclosure)
+    certain = float(low.max())  # certainly reached
+    if enclosure.group == "determinant":
+        tight = certain + np.log(TIGHT)
+    elif certain >= 0:
+        tight = max(certain * TIGHT, ROUNDING)
+    else:
+        # a margin: the bound -margin is tight if the margin is not much smaller than one that is reached
+        tight = min(certain / TIGHT, certain + 1.0)
+        tight = max(tight, certain + ROUNDING)
+    loose = high > tight
+    # a cell may decide whether the limit is kept
+    if np.isfinite(limit) and certain <= limit:
+        loose |= high > limit
+    return loose & np.isfinite(low)
+
+
+def _as_largest(enclosure: Enclosure) -> tuple[Array, Array, float]:
+    """Return (low, high, limit) of a value that must not exceed its limit."""
+    limit = enclosure.limit
+    if enclosure.group in SPEEDS:
+        limit = limit * (1.0 + SPEED_EXCESS)
+    if enclosure.group in MARGINS:
+        limit = limit - TOUCHING
+    if enclosure.smallest:
+        return -enclosure.high, -enclosure.low, -limit
+    return enclosure.low, enclosure.high, limit
+
+
+def _proof(path: TimedPath, judged: _Round) -> MotionProof:
+    """Return the claims of the last round."""
+    cells = judged.cells
+    times = np.zeros(len(cells.piece) + 1)
+    for k, phase in enumerate(path.phases):
+        own = np.flatnonzero(cells.phase == k)
+        times[own] = phase.times(cells.first[own])
+        times[own[-1] + 1] = phase.start + phase.duration
+    claims = []
+    curves = {}
+    start = np.nan
+    for enclosure in judged.found:
+        if enclosure.group == "determinant":
+            start = 0.5 * (enclosure.low[0] + enclosure.high[0])
+        claim = _claim(path, judged, enclosure, times, start)
+        claims.append(claim)
+        low = enclosure.low
+        high = enclosure.high
+        if enclosure.group == "determinant":
+            low = np.exp(low - start)
+            high = np.exp(high - start)
+        curves[enclosure.group, enclosure.name] = MotionCurve(times, low, high)
+    last = path.phases[-1]
+    duration = last.start + last.duration
+    return MotionProof(path.protocol, tuple(claims), curves, len(judged.pieces), len(cells.piece), duration, start)
+
+
+def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array, start: float) -> MotionClaim:
+    """Return the claim about the extreme of a value."""
+    low, high, limit = _as_largest(enclosure)
+    certain = float(low.max())
+    bound = float(high.max())
+    cell = int(np.argmax(high))
+    reason = ""
+    if not np.isfinite(bound):
+        status = "unproved"
+        reason = _open(path, judged, times)
+    elif certain > limit:
+        status = "refuted"
+        cell = int(np.argmax(low))
+    elif bound <= limit:
+        status = "proved"
+    else:
+        status = "unproved"
+        reason = "the bound is not tight enough to decide"
+    averaged = any(phase.smoothing > 0 for phase in path.phases)
+    if enclosure.group in SPEEDS and averaged:
+        status = "unproved"
+        reason = "the motion is averaged over time to keep a jerk limit"
+    if enclosure.group in ("loop gap", "determinant") and status == "proved" and not judged.goes_on.all():
+        status = "unproved"
+        reason = "it is not proved that the motion on one piece goes on in that of the next"
+    smallest, largest = certain, bound
+    if enclosure.smallest:
+        smallest, largest = -bound, -certain
+    if enclosure.group == "determinant":
+        smallest, largest = float(np.exp(smallest - start)), float(np.exp(largest - start))
+    return MotionClaim(
+        name=enclosure.name,
+        group=enclosure.group,
+        unit=enclosure.unit,
+        smallest=enclosure.smallest,
+        low=smallest,
+        high=largest,
+        limit=enclosure.limit if enclosure.group != "determinant" else 0.0,
+        status=status,
+        phase=path.phases[judged.cells.phase[cell]].name,
+        t=0.5 * float(times[cell] + times[cell + 1]),
+        reason=reason,
+    )
+
+
+def _open(path: TimedPath, judged: _Round, times: Array) -> str:
+    """Return why a value is unknown somewhere."""
+    if judged.closed.all():
+        return "the bound is infinite"
+    piece = int(np.flatnonzero(~judged.closed)[0])
+    cell = int(np.flatnonzero(judged.cells.piece == piece)[0])
+    name = path.phases[judged.pieces.phase[piece]].name
+    return f"in phase '{name}' near t = {times[cell]:.3f} s, no motion of the passive joints is proved to exist"
+

@@ -1,0 +1,339 @@
+"""What a path is judged by, enclosed on every cell: an interval of s within one piece and between two grid points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.joint import Joint
+from twin.proof.motion.closure import ClosedLinkage, determinant, rates
+from twin.proof.motion.linkage import Linkage, PlacedFrame
+from twin.proof.motion.path import TimedPath, TimedPhase
+from twin.proof.motion.pieces import Pieces
+from twin.proof.motion.taylor import TaylorModel, cross
+
+_UNIT = 2.0**-53
+
+_CELL_OVERLAP = 1e-12
+"""Fraction by which a cell is longer than the interval that it stands for."""
+
+_FUNCTION_ERROR = 1e-15
+"""Bound of the error of NumPy's inverse functions for angles within a turn, in rad."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """M intervals in which values are enclosed, in the order of time.
+
+    Attributes:
+        piece: (M,) index of the piece.
+        phase: (M,) index of the phase.
+        first, last: (M,) both ends in s.
+        middle, width: (M,) the cell in the variable of its piece.
+        square: (M,) models of (ds/dt)^2.
+    """
+
+    piece: np.ndarray
+    phase: np.ndarray
+    first: Array
+    last: Array
+    middle: Array
+    width: Array
+    square: TaylorModel
+
+    def of(self, model: TaylorModel) -> TaylorModel:
+        """Return functions (N, ...) on pieces as functions (M, ...) on cells."""
+        chosen = model[self.piece]
+        shape = (-1,) + (1,) * (len(chosen.shape) - 1)
+        return chosen.on_parts(self.middle.reshape(shape), self.width.reshape(shape))
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """A value in every cell.
+
+    Attributes:
+        name: identifier, "joint q1".
+        group: what kind of value it is, "joint limit".
+        unit: "m", "rad", "m/s", "rad/s" or "1".
+        low, high: (M,) bounds; infinite where nothing is known.
+        limit: what the value must not exceed or, if `smallest`, what it must reach.
+        smallest: whether the smallest value counts; otherwise the largest.
+        judged: whether the limit decides the verdict.
+    """
+
+    name: str
+    group: str
+    unit: str
+    low: Array
+    high: Array
+    limit: float
+    smallest: bool
+    judged: bool = True
+
+
+def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Cells:
+    """Return the cells of pieces."""
+    first_of_pieces, last_of_pieces = pieces.ends
+    piece = []
+    first = []
+    last = []
+    for i in range(len(pieces)):
+        a = first_of_pieces[i]
+        b = last_of_pieces[i]
+        grid = phases[pieces.phase[i]].grid
+        tolerance = 1e-9 * (b - a)  # a grid point at a border is no new cell
+        inside = grid[(grid > a + tolerance) & (grid < b - tolerance)]
+        edges = np.concatenate([[a], inside, [b]])
+        piece.append(np.full(len(edges) - 1, i))
+        first.append(edges[:-1])
+        last.append(edges[1:])
+    index = np.concatenate(piece)
+    start = np.concatenate(first)
+    end = np.concatenate(last)
+    half = 0.5 * (end - start) * (1.0 + _CELL_OVERLAP)
+    centre = 0.5 * (start + end)
+    scale = pieces.half[index]
+    phase = pieces.phase[index]
+    return Cells(
+        piece=index,
+        phase=phase,
+        first=start,
+        last=end,
+        middle=(centre - pieces.middle[index]) / scale,
+        width=half / scale,
+        square=_squares(phases, phase, centre, half, order),
+    )
+
+
+def _squares(
+    phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, half: Array, order: int
+) -> TaylorModel:
+    """Return models (M,) of (ds/dt)^2, linear in s, on cells."""
+    c = np.zeros((order + 1, len(centre)))
+    r = np.zeros(len(centre))
+    for k, timed in enumerate(phases):
+        own = phase == k
+        x = timed.rates**2
+        i = np.clip(np.searchsorted(timed.grid, centre[own], side="right") - 1, 0, len(x) - 2)
+        slope = (x[i + 1] - x[i]) / (timed.grid[i + 1] - timed.grid[i])
+        c[0, own] = x[i] + (centre[own] - timed.grid[i]) * slope
+        if order > 0:
+            c[1, own] = slope * half[own]
+        r[own] = 32 * _UNIT * (x[i] + x[i + 1])
+    return TaylorModel(c, r)
+
+
+def enclosures(
+    linkage: Linkage, path: TimedPath, cells: Cells, q: TaylorModel, slopes: TaylorModel, closed: ClosedLinkage
+) -> Iterator[Enclosure]:
+    """Yield every value of a path on its cells.
+
+    Args:
+        linkage: the mechanism.
+        path: the path.
+        cells: M cells of N pieces.
+        q, slopes: (N, n) driven coordinates, and their derivatives with respect to s.
+        closed: the mechanism on the pieces.
+    """
+    yield from _driven(linkage, path, cells, q, slopes)
+    known = closed.closed[cells.piece]
+    for enclosure in _of_mechanism(linkage, path, cells, slopes, closed):
+        low = np.where(known, enclosure.low, -np.inf)
+        high = np.where(known, enclosure.high, np.inf)
+        yield Enclosure(**{**vars(enclosure), "low": low, "high": high})
+
+
+# ------------------------------------------------------------------------------------------- driven joints
+
+
+def _driven(
+    linkage: Linkage, path: TimedPath, cells: Cells, q: TaylorModel, slopes: TaylorModel
+) -> Iterator[Enclosure]:
+    """Yield limits and speeds of driven joints and motors, and gaps between carriages."""
+    mechanism = linkage.mechanism
+    values = cells.of(q)
+    rate = cells.of(slopes)
+    for j, joint in enumerate(mechanism.active):
+        unit = "rad" if joint.is_angle else "m"
+        if joint.limits is not None and np.isfinite(joint.limits).any():
+            yield _margin(f"joint {joint.name}", "joint limit", unit, values[:, j].range(), joint.limits)
+        low, high = _speed(rate[:, j], cells)
+        limit = np.inf if joint.max_speed is None else joint.max_speed
+        yield Enclosure(f"joint {joint.name}", "joint speed", f"{unit}/s", low, high, limit, smallest=False)
+    # rows of the motors: exact to the rounding of the inverse of the motor matrix
+    rows = mechanism.motors(np.eye(len(mechanism.active))).T
+    actuators = {actuator.name: actuator for actuator in mechanism.actuators}
+    for row, name in zip(rows, mechanism.motor_names, strict=True):
+        if name not in actuators:
+            continue
+        actuator = actuators[name]
+        unit = "rad" if actuator.is_angle else "m"
+        if actuator.limits is not None:
+            motor = (values @ row[:, None])[:, 0]
+            yield _margin(f"motor {name}", "motor limit", unit, motor.range(), actuator.limits)
+        low, high = _speed((rate @ row[:, None])[:, 0], cells)
+        limit = np.inf if actuator.max_speed is None else actuator.max_speed
+        yield Enclosure(f"motor {name}", "motor speed", f"{unit}/s", low, high, limit, smallest=False)
+    for i, j, smallest, name in path.gaps:
+        low, high = _absolute((values[:, i] - values[:, j]).range())
+        yield Enclosure(f"gap {name}", "gap", "m", low, high, smallest, smallest=True)
+
+
+def _margin(name: str, group: str, unit: str, bounds: tuple[Array, Array], limits: tuple[float, float]) -> Enclosure:
+    """Return the distance of a value from the nearer limit."""
+    low, high = bounds
+    lower, upper = limits
+    smallest = np.minimum(low - lower, upper - high)
+    largest = np.minimum(high - lower, upper - low)
+    spread = 2 * _UNIT * (np.abs(smallest) + np.abs(low) + np.abs(high))
+    return Enclosure(name, group, unit, smallest - spread, largest + spread, 0.0, smallest=True)
+
+
+def _speed(slope: TaylorModel, cells: Cells) -> tuple[Array, Array]:
+    """Return bounds (M,) of |dq/dt| from models of dq/ds."""
+    return _root((slope * slope * cells.square).range())
+
+
+def _root(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return bounds of the root of a value that is not negative."""
+    low = np.sqrt(np.maximum(bounds[0], 0.0)) * (1.0 - 4 * _UNIT)
+    high = np.sqrt(np.maximum(bounds[1], 0.0)) * (1.0 + 4 * _UNIT)
+    return low, high
+
+
+def _absolute(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return bounds of the absolute value of a value with these bounds."""
+    low, high = bounds
+    smallest = np.maximum(np.maximum(low, -high), 0.0)
+    return smallest, np.maximum(np.abs(low), np.abs(high))
+
+
+# ------------------------------------------------------------------------------------------- the mechanism
+
+
+def _of_mechanism(
+    linkage: Linkage, path: TimedPath, cells: Cells, slopes: TaylorModel, closed: ClosedLinkage
+) -> Iterator[Enclosure]:
+    """Yield limits of passive joints, distances from the RCM, speeds of the moved frame, gaps and determinant of loops."""
+    mechanism = linkage.mechanism
+    for joint in mechanism.limited:
+        yield from _passive(linkage, cells, closed, joint)
+    tool = mechanism.frame(mechanism.tool)
+    moved = closed.placed.frames[tool.body].then(tool.T_body_frame).then(path.T_tool_frame)
+    yield from _rcm(path, cells, moved)
+    yield from _tip(linkage, path, cells, slopes, closed, moved)
+    if linkage.closes:
+        gap = closed.gap[cells.piece]
+        yield Enclosure("loops", "loop gap", "m", 0.0 * gap, gap, np.inf, smallest=False)
+    found = determinant(closed)
+    if found is not None:
+        logs, error = found
+        low, high = cells.of(logs).range()
+        error = error[cells.piece]
+        yield Enclosure("loops", "determinant", "1", low - error, high + error, -np.inf, smallest=True)
+
+
+def _passive(linkage: Linkage, cells: Cells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
+    """Yield the distances of a passive joint from its limits and its cone."""
+    name = f"passive joint {joint.name}"
+    tree_joint = next((j for j in linkage.mechanism.tree if j.name == joint.name), None)
+    _, _, offset, R = linkage.relative(closed.placed, joint)
+    if joint.cone is not None:
+        low, high = cells.of(R[:, 2, 2]).range()
+        largest = np.arccos(np.clip(low, -1.0, 1.0)) + _FUNCTION_ERROR
+        smallest = np.arccos(np.clip(high, -1.0, 1.0)) - _FUNCTION_ERROR
+        # the cosine of a rotation that is rounded may be 1 and a little more
+        yield Enclosure(name, "passive limit", "rad", joint.cone - largest, joint.cone - smallest, 0.0, smallest=True)
+    if joint.limits is None or len(joint.free_axes) != 1:
+        return
+    if joint.type == "prismatic":
+        yield _margin(name, "passive limit", "m", cells.of(offset[:, 2]).range(), joint.limits)
+        return
+    if tree_joint is not None:
+        coordinate = closed.coordinates[:, linkage.index(joint.name)]
+        yield _margin(name, "passive limit", "rad", cells.of(coordinate).range(), joint.limits)
+        return
+    yield _margin(name, "passive limit", "rad", _angle(joint, cells, R), joint.limits)
+
+
+def _angle(joint: Joint, cells: Cells, R: TaylorModel) -> tuple[Array, Array]:
+    """Return bounds (M,) of the angle about z of rotations R (N, 3, 3), within half a turn of the joint's limits."""
+    on_cells = cells.of(R)
+    middle = np.asarray(joint.angle(_as_poses(on_cells.c[0])), float)
+    # sine and cosine of the difference from the angle in the middle of the cell
+    sine_middle = np.sin(middle)
+    cosine_middle = np.cos(middle)
+    sine = (on_cells[:, 1, 0] - on_cells[:, 0, 1]) * 0.5
+    cosine = (on_cells[:, 0, 0] + on_cells[:, 1, 1]) * 0.5
+    across = sine * cosine_middle - cosine * sine_middle
+    along = cosine * cosine_middle + sine * sine_middle
+    low, high = across.range()
+    nearest, farthest = along.range()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lower = np.arctan(np.minimum(low / nearest, low / farthest)) - 8 * _FUNCTION_ERROR
+        upper = np.arctan(np.maximum(high / nearest, high / farthest)) + 8 * _FUNCTION_ERROR
+    known = nearest > 0
+    return np.where(known, middle + lower, -np.inf), np.where(known, middle + upper, np.inf)
+
+
+def _as_poses(R: Array) -> Array:
+    """Return poses (k, 4, 4) with rotations (k, 3, 3)."""
+    return spatial.pose(R, np.zeros((len(R), 3)))
+
+
+def _rcm(path: TimedPath, cells: Cells, moved: PlacedFrame) -> Iterator[Enclosure]:
+    """Yield the distance of the shaft from the RCM, separately where it is enforced and where it is monitored."""
+    axis = cells.of((moved.R @ path.shaft_axis[:, None])[..., 0])
+    tip = cells.of(moved.p)
+    for enforced in (True, False):
+        with_rcm = np.zeros(len(cells.phase), bool)
+        places = np.zeros((len(cells.phase), 3))
+        for k, phase in enumerate(path.phases):
+            if phase.rcm is None or phase.enforced != enforced:
+                continue
+            own = cells.phase == k
+            with_rcm |= own
+            places[own] = phase.rcm
+        if not with_rcm.any():
+            continue
+        distance = cross(tip - places, axis)
+        low, high = _root((distance * distance).total().range())
+        # the axis is a unit vector but for rounding
+        low = np.where(with_rcm, low * (1.0 - 1e-12), -np.inf)
+        high = np.where(with_rcm, high * (1.0 + 1e-12), -np.inf)
+        name = "enforced" if enforced else "monitored"
+        yield Enclosure(f"RCM, {name}", "RCM", "m", low, high, path.rcm_tolerance, smallest=False)
+
+
+def _tip(
+    linkage: Linkage,
+    path: TimedPath,
+    cells: Cells,
+    slopes: TaylorModel,
+    closed: ClosedLinkage,
+    moved: PlacedFrame,
+) -> Iterator[Enclosure]:
+    """Yield the speeds of the moved frame, as fractions of the limits of their phases."""
+    body = linkage.mechanism.frame(linkage.mechanism.tool).body
+    velocity, turning = linkage.twist(closed.placed, body, moved.p, rates(closed, linkage, slopes))
+    for name, vector, limits in (
+        ("tip", velocity, [phase.tip_speed for phase in path.phases]),
+        ("rotation", turning, [phase.rotation_speed for phase in path.phases]),
+    ):
+        scale = 1.0 / np.array(limits)[cells.phase]
+        on_cells = cells.of(vector)
+        low, high = _root(((on_cells * on_cells).total() * cells.square).range())
+        yield Enclosure(
+            name,
+            "tool speed",
+            "1",
+            low * scale * (1.0 - 1e-15),
+            high * scale * (1.0 + 1e-15),
+            1.0,
+            smallest=False,
+        )

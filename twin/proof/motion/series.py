@@ -1,0 +1,110 @@
+"""Chebyshev series of a path as Taylor models on pieces of the path.
+
+The Taylor coefficients of the Chebyshev polynomials T_j at the middle of a piece follow from the recurrence
+T_{j+1} = 2 x T_j - T_{j-1}, differentiated k times: t_{j+1}^k = 2 x t_j^k + 2 t_j^{k-1} - t_{j-1}^k with t^k the k-th
+derivative divided by k!. An error e made at index i reaches index j multiplied by U_{j-i}(x), at most j - i + 1, and the
+errors of order k - 1 enter those of order k. What the coefficients up to `_TERMS` leave out is bounded by Markov's
+inequality: on [-1, 1] no derivative of T_j is larger than at x = 1.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.proof.motion.taylor import TaylorModel, constant
+
+_UNIT = 2.0**-53
+_UP = 1.0 + 2.0**-40
+
+_TERMS = 16
+"""Number of Taylor coefficients of a series; those beyond the order of a model enlarge its bound."""
+
+
+def on_pieces(coefficients: Array, middle: Array, half: Array, order: int) -> tuple[TaylorModel, TaylorModel]:
+    """Return (the path (N, n), its derivative with respect to s (N, n)) on N pieces.
+
+    Args:
+        coefficients: (degree + 1, n) Chebyshev coefficients in 2 s - 1.
+        middle, half: (N,) middle and half of the length in s of each piece.
+        order: degree of the Taylor models.
+    """
+    x = 2.0 * middle - 1.0  # exact to one rounding, counted below
+    terms = min(_TERMS, len(coefficients) - 1)
+    values, errors = _coefficients(coefficients, x, terms)
+    # a rounding of x moves the middle; the pieces are enlarged by more than that
+    width = 2.0 * half
+    beyond = _markov(coefficients, terms + 1)
+    path = _model(values, errors, beyond, width, order)
+    # the derivative with respect to s is twice that with respect to x
+    counts = np.arange(1, terms + 1)[:, None, None]
+    slopes = 2.0 * counts * values[1:]
+    slope_errors = 2.0 * counts * errors[1:] + 4 * _UNIT * np.abs(slopes)
+    slope_beyond = 2.0 * (terms + 1) * beyond
+    if terms == 0:
+        return path, constant(np.zeros(path.shape), order)
+    return path, _model(slopes, slope_errors, slope_beyond, width, order)
+
+
+def _coefficients(coefficients: Array, x: Array, terms: int) -> tuple[Array, Array]:
+    """Return (Taylor coefficients (terms + 1, N, n) of the series at x (N,), bounds of their errors)."""
+    count = len(x)
+    before = np.zeros((terms + 1, count))  # t_{j-1}
+    now = np.zeros((terms + 1, count))  # t_j
+    now[0] = 1.0
+    # errors of t_j, and the sums of the errors made up to j
+    error = np.zeros((terms + 1, count))
+    made = np.zeros((terms + 1, count))
+    values = coefficients[0] * now[:, :, None]
+    bounds = np.zeros(values.shape)
+    sizes = np.abs(values)
+    for j in range(1, len(coefficients)):
+        lower = np.zeros_like(now)
+        lower[1:] = now[:-1]
+        lower_error = np.zeros_like(error)
+        lower_error[1:] = error[:-1]
+        factor = 1.0 if j == 1 else 2.0
+        after = factor * x * now + factor * lower - before
+        size = factor * np.abs(x) * np.abs(now) + factor * np.abs(lower) + np.abs(before)
+        # the rounding of x (one unit) counts like that of a product
+        made = made + 6 * _UNIT * size + factor * lower_error
+        error = (error + made) * _UP
+        before = now
+        now = after
+        term = coefficients[j] * now[:, :, None]
+        values = values + term
+        bounds = bounds + np.abs(coefficients[j]) * error[:, :, None]
+        sizes = sizes + np.abs(term)
+    rounding = (len(coefficients) + 2) * _UNIT * sizes
+    return values, (bounds + rounding) * _UP
+
+
+def _markov(coefficients: Array, k: int) -> Array:
+    """Return bounds (n,) over [-1, 1] of the k-th derivative of a series divided by k!."""
+    out = np.zeros(coefficients.shape[1])
+    for j in range(k, len(coefficients)):
+        log = -math.lgamma(k + 1)
+        for i in range(k):
+            log += math.log((j * j - i * i) / (2 * i + 1))
+        out = out + np.abs(coefficients[j]) * math.exp(log)
+    return out * (1.0 + 1e-9)  # logarithms and exponentials are rounded
+
+
+def _model(values: Array, errors: Array, beyond: Array, width: Array, order: int) -> TaylorModel:
+    """Return the Taylor models of functions with Taylor coefficients `values` (terms, N, n) at the middle of pieces."""
+    count, points, n = values.shape
+    c = np.zeros((order + 1, points, n))
+    r = np.zeros((points, n))
+    for k in range(count):
+        scale = (width**k)[:, None]
+        term = values[k] * scale
+        r = r + errors[k] * scale
+        if k <= order:
+            c[k] = term
+            r = r + (2 * k + 2) * _UNIT * np.abs(term)
+        else:
+            r = r + np.abs(term)
+    r = r + beyond * (width**count)[:, None]
+    return TaylorModel(c, r * _UP + 1e-290)
