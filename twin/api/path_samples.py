@@ -1,0 +1,116 @@
+"""The values that are proved along a path, at sampled times: of the plan, and of the reference model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.planning.trajectory import Trajectory
+    from twin.proof.motion.path import TimedPath
+    from twin.reference import ReferenceModel
+
+MOST = 1000
+"""Largest number of samples at which the reference model is solved."""
+
+
+@dataclass(frozen=True)
+class SampledPath:
+    """Values at times.
+
+    Attributes:
+        t: (k,) times in s.
+        values: {(group, name) of a claim: values (k,), NaN where there is none}.
+    """
+
+    t: Array
+    values: Mapping[tuple[str, str], Array]
+
+
+def sampled(model: ReferenceModel, trajectory: Trajectory, path: TimedPath, most: int = MOST) -> SampledPath:
+    """Return the values of a trajectory at its samples, or at at most `most` of them.
+
+    The bodies are those of the reference model at the planned joint values: this shares no code with the proof.
+    """
+    stride = max(1, -(-len(trajectory.t) // most))
+    rows = np.unique(np.append(np.arange(0, len(trajectory.t), stride), len(trajectory.t) - 1))
+    values = _planned(model, trajectory, path, rows)
+    values |= _of_model(model, trajectory, path, rows)
+    return SampledPath(trajectory.t[rows], values)
+
+
+def _planned(
+    model: ReferenceModel, trajectory: Trajectory, path: TimedPath, rows: np.ndarray
+) -> dict[tuple[str, str], Array]:
+    """Return the values that the samples of the plan contain."""
+    mechanism = model.mechanism
+    q = trajectory.q[rows]
+    qd = trajectory.qd[rows]
+    values = {}
+    for j, joint in enumerate(mechanism.active):
+        name = f"joint {joint.name}"
+        if joint.limits is not None:
+            low, high = joint.limits
+            values["joint limit", name] = np.minimum(q[:, j] - low, high - q[:, j])
+        values["joint speed", name] = np.abs(qd[:, j])
+    actuators = {actuator.name: actuator for actuator in mechanism.actuators}
+    m = mechanism.motors(q)
+    md = mechanism.motors(qd)
+    for i, motor in enumerate(mechanism.motor_names):
+        if motor not in actuators:
+            continue
+        name = f"motor {motor}"
+        limits = actuators[motor].limits
+        if limits is not None:
+            values["motor limit", name] = np.minimum(m[:, i] - limits[0], limits[1] - m[:, i])
+        values["motor speed", name] = np.abs(md[:, i])
+    for i, j, _, name in path.gaps:
+        values["gap", f"gap {name}"] = np.abs(q[:, i] - q[:, j])
+    limits = np.full((len(rows), 2), np.inf)
+    for span, phase in zip(trajectory.phases, path.phases, strict=True):
+        own = (rows >= span.start) & (rows <= span.stop)
+        limits[own] = (phase.tip_speed, phase.rotation_speed)
+    values["tool speed", "tip"] = np.linalg.norm(trajectory.tip_velocity[rows], axis=1) / limits[:, 0]
+    turning = np.linalg.norm(trajectory.angular_velocity[rows], axis=1)
+    values["tool speed", "rotation"] = turning / limits[:, 1]
+    return values
+
+
+def _of_model(
+    model: ReferenceModel, trajectory: Trajectory, path: TimedPath, rows: np.ndarray
+) -> dict[tuple[str, str], Array]:
+    """Return the values of the mechanism, driven by the joint values of the plan."""
+    mechanism = model.mechanism
+    run = model.run(trajectory.q[rows])
+    links = model.link_poses(run.x)
+    values = {}
+    for joint in mechanism.limited:
+        values["passive limit", f"passive joint {joint.name}"] = -joint.beyond(links[joint.parent], links[joint.child])
+    Ts = run.Ts_base_tool @ path.T_tool_frame
+    for enforced, name in ((True, "RCM, enforced"), (False, "RCM, monitored")):
+        distance = np.full(len(rows), np.nan)
+        for span, phase in zip(trajectory.phases, path.phases, strict=True):
+            if phase.rcm is None or phase.enforced != enforced:
+                continue
+            own = (rows > span.start) & (rows <= span.stop)
+            axis = Ts[own, :3, :3] @ path.shaft_axis
+            distance[own] = spatial.point_to_line(phase.rcm, Ts[own, :3, 3], axis)
+        values["RCM", name] = distance
+    tree = model.tree
+    if not tree.loops.names:
+        return values
+    poses, J = tree.update(run.x)
+    gaps, jacobian = tree.loops.evaluate(run.x, poses, J)
+    values["loop gap", "loops"] = np.abs(gaps).max(axis=1)
+    passive = jacobian[:, :, tree.passive]
+    if passive.shape[2]:
+        sizes = np.linalg.svd(passive, compute_uv=False)
+        logs = np.log(sizes).sum(axis=1)
+        values["determinant", "loops"] = np.exp(logs - logs[0])
+    return values
