@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -152,7 +152,7 @@ class ProvedMotion:
             relation = ">=" if claim.smallest else "<="
             rows.append(
                 (
-                    f"{claim.group}: {claim.name}",
+                    label(claim),
                     claim.status,
                     f"{relation} {shown(claim.bound, claim.unit)}",
                     "-" if sampled_value is None else shown(sampled_value, claim.unit),
@@ -171,7 +171,27 @@ class ProvedMotion:
                     clearance.phase,
                 )
             )
-        return TextTable(("value", "verdict", "at every moment", "sampled", "limit", "phase"), rows)
+        return TextTable((f"along {self.protocol}", "verdict", "at every moment", "sampled", "limit", "phase"), rows)
+
+
+_LABELS = {
+    "joint limit": "joint {}: distance from its limits",
+    "joint speed": "joint {}: speed",
+    "motor limit": "motor {}: distance from its limits",
+    "motor speed": "motor {}: speed",
+    "gap": "gap {}",
+    "passive limit": "passive joint {}: distance from its limits",
+    "RCM": "distance of the shaft from the RCM, {}",
+    "tool speed": "{} speed / its limit",
+    "loop gap": "gap of the {}",
+    "determinant": "determinant of the {} / that at the start",
+}
+"""{group of claims: text with a place for the name}."""
+
+
+def label(claim: MotionClaim) -> str:
+    """Return what a claim is about."""
+    return _LABELS[claim.group].format(claim.name)
 
 
 def shown(value: float, unit: str) -> str:
@@ -188,7 +208,9 @@ def _limit(claim: MotionClaim) -> str:
     return shown(claim.limit, claim.unit)
 
 
-def prove_motion(robot: Robot, name: str | Path, *, clearance: bool = True, progress: Progress = silent) -> ProvedMotion:
+def prove_motion(
+    robot: Robot, name: str | Path, *, clearance: bool = True, progress: Progress = silent
+) -> ProvedMotion:
     """Prove what a robot does along a protocol, at every moment.
 
     Args:
@@ -229,7 +251,9 @@ def prove_motion(robot: Robot, name: str | Path, *, clearance: bool = True, prog
     return ProvedMotion(proof, samples, clearances, digest, tuple(_findings(motion)))
 
 
-def timed_path(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array) -> TimedPath:
+def timed_path(
+    trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array
+) -> TimedPath:
     """Return the timed path of a planned trajectory, whose functions the samples are values of.
 
     Raises:
@@ -317,13 +341,15 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
     out = []
     unproved: dict[str, list[str]] = {}
     for claim in motion.proof.claims:
-        name = f"{claim.group} of {claim.name}"
+        name = label(claim)
         when = f"phase '{claim.phase}', t = {claim.t:.3f} s"
         if claim.status == "refuted":
             reached = claim.high if claim.smallest else claim.low
-            text = f"{motion.protocol}: {name} is certainly {_word(claim)} {shown(reached, claim.unit)}"
+            text = f"{motion.protocol}: {name}: certainly {_word(claim)} {shown(reached, claim.unit)}"
             limit = shown(claim.limit, claim.unit)
-            size = Quantity(reached) if claim.unit == "1" else si(reached, claim.unit)
+            size = Quantity(reached)
+            if claim.unit != "1":
+                size = si(reached, claim.unit)
             text += f", beyond its limit {limit}"
             out.append(disagreement("prove.limit", claim.name, text, size, when=when, word=""))
         elif claim.status == "unproved":
@@ -333,7 +359,7 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
             beyond = claim.low - value if claim.smallest else value - claim.high
             if beyond > _CONSISTENT * max(1.0, abs(value)):
                 text = (
-                    f"{motion.protocol}: a sample of {name} is {shown(value, claim.unit)}, beyond the proved bound "
+                    f"{motion.protocol}: {name}: a sample is {shown(value, claim.unit)}, beyond the proved bound "
                     f"{shown(claim.bound, claim.unit)}: the path that is proved is not the path that was sampled"
                 )
                 out.append(error("prove.inconsistent", claim.name, text, when=when))
@@ -348,8 +374,3 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
 def _word(claim: MotionClaim) -> str:
     """Return how a refuted claim compares with its value."""
     return "at most" if claim.smallest else "at least"
-
-
-def entries(motions: Sequence[ProvedMotion]) -> list[JsonObject]:
-    """Return the entries of the certificate."""
-    return [motion.entry() for motion in motions]

@@ -54,24 +54,22 @@ def _planned(
     qd = trajectory.qd[rows]
     values = {}
     for j, joint in enumerate(mechanism.active):
-        name = f"joint {joint.name}"
         if joint.limits is not None:
             low, high = joint.limits
-            values["joint limit", name] = np.minimum(q[:, j] - low, high - q[:, j])
-        values["joint speed", name] = np.abs(qd[:, j])
+            values["joint limit", joint.name] = np.minimum(q[:, j] - low, high - q[:, j])
+        values["joint speed", joint.name] = np.abs(qd[:, j])
     actuators = {actuator.name: actuator for actuator in mechanism.actuators}
     m = mechanism.motors(q)
     md = mechanism.motors(qd)
     for i, motor in enumerate(mechanism.motor_names):
         if motor not in actuators:
             continue
-        name = f"motor {motor}"
         limits = actuators[motor].limits
         if limits is not None:
-            values["motor limit", name] = np.minimum(m[:, i] - limits[0], limits[1] - m[:, i])
-        values["motor speed", name] = np.abs(md[:, i])
+            values["motor limit", motor] = np.minimum(m[:, i] - limits[0], limits[1] - m[:, i])
+        values["motor speed", motor] = np.abs(md[:, i])
     for i, j, _, name in path.gaps:
-        values["gap", f"gap {name}"] = np.abs(q[:, i] - q[:, j])
+        values["gap", name] = np.abs(q[:, i] - q[:, j])
     limits = np.full((len(rows), 2), np.inf)
     for span, phase in zip(trajectory.phases, path.phases, strict=True):
         own = (rows >= span.start) & (rows <= span.stop)
@@ -91,9 +89,9 @@ def _of_model(
     links = model.link_poses(run.x)
     values = {}
     for joint in mechanism.limited:
-        values["passive limit", f"passive joint {joint.name}"] = -joint.beyond(links[joint.parent], links[joint.child])
+        values["passive limit", joint.name] = -joint.beyond(links[joint.parent], links[joint.child])
     Ts = run.Ts_base_tool @ path.T_tool_frame
-    for enforced, name in ((True, "RCM, enforced"), (False, "RCM, monitored")):
+    for enforced, name in ((True, "enforced"), (False, "monitored")):
         distance = np.full(len(rows), np.nan)
         for span, phase in zip(trajectory.phases, path.phases, strict=True):
             if phase.rcm is None or phase.enforced != enforced:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
+    from twin.api.motion_proof import ProvedMotion
     from twin.proof.claims import JudgedClaim
     from twin.proof.prove import Proof
 
@@ -43,6 +44,7 @@ class Proved(Result):
         proof: the claims.
         files: {file of equations or mechanism: SHA-256 of its bytes}; empty for a robot without files.
         findings: a disagreement for each refuted claim, an error for each reason why claims are not proved.
+        motions: what is proved along protocols; empty if none was asked for.
     """
 
     robot: str
@@ -50,6 +52,7 @@ class Proved(Result):
     proof: Proof
     files: Mapping[str, str]
     findings: tuple[Finding, ...]
+    motions: tuple[ProvedMotion, ...] = ()
 
     kind = "prove"
 
@@ -68,6 +71,9 @@ class Proved(Result):
             text += f" and for all values of {', '.join(proof.drawn)}"
         if proof.fixed:
             text += f", for the published values of {', '.join(proof.fixed)}"
+        for motion in self.motions:
+            proved = motion.proof.count("proved")
+            text += f"; {proved} of {len(motion.proof.claims)} are proved at every moment of {motion.protocol}"
         return text
 
     def content(self) -> JsonObject:
@@ -85,13 +91,15 @@ class Proved(Result):
             "recognised_lengths": dict(proof.recognised),
             "uncovered_bodies": list(proof.uncovered),
             "claims": [_record(claim) for claim in proof.claims],
+            "motions": [motion.record() for motion in self.motions],
         }
 
     def certificate(self) -> JsonObject:
         """Return the certificate of the proved claims, which docs/check_certificate.py checks without twin."""
         from twin.proof.certificate import certificate
 
-        return certificate(self.proof, self.robot, self.variants, self.files)
+        entries = [motion.entry() for motion in self.motions]
+        return certificate(self.proof, self.robot, self.variants, self.files, entries)
 
     def write(self, folder: Path) -> None:
         """Write the certificate."""
@@ -111,6 +119,10 @@ class Proved(Result):
                 shown = str(Quantity(claim.largest * 1e3, "mm"))
             rows.append((claim.name, claim.status, f"{claim.zeros}/{claim.known}", odds, shown))
         yield TextTable(("claim", "verdict", "exact zeros", "odds of chance", "largest"), rows)
+        for motion in self.motions:
+            yield ""
+            yield f"{motion.protocol}, at every moment of {motion.proof.duration:.3f} s"
+            yield motion.table()
         yield ""
         yield from by_severity(self.findings)
         proof = self.proof
@@ -131,10 +143,18 @@ class Proved(Result):
             yield f"  the certificate leaves out {', '.join(missing)}: a half angle is in them"
         if proof.uncovered:
             yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
+        refuted = proof.count("refuted")
+        unproved = proof.count("unproved")
+        for motion in self.motions:
+            refuted += motion.proof.count("refuted")
+            unproved += motion.proof.count("unproved")
+        agreement = "PROVED: the equations agree with the mechanism at all poses"
+        if self.motions:
+            agreement += ", and the protocols keep their limits at every moment"
         words = {
-            "agree": "PROVED: the equations agree with the mechanism at all poses",
-            "disagree": f"REFUTED: {proof.count('refuted')} claims are wrong",
-            "unchecked": f"NOT PROVED: {proof.count('unproved')} claims are neither proved nor refuted",
+            "agree": agreement,
+            "disagree": f"REFUTED: {refuted} claims are wrong",
+            "unchecked": f"NOT PROVED: {unproved} claims are neither proved nor refuted",
         }
         yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
 
@@ -145,6 +165,9 @@ def prove(
     states: int = STATES,
     seed: int = 0,
     progress: Progress = silent,
+    *,
+    protocols: Sequence[str | Path] = (),
+    clearance: bool = True,
 ) -> Proved:
     """Prove that the equations of a robot agree with its mechanism at all poses, or find a pose where they do not.
 
@@ -154,10 +177,15 @@ def prove(
         states: number of random states.
         seed: of the random states.
         progress: see `Progress`.
+        protocols: names or paths of protocols, along which limits, speeds, RCM, loops and clearance are proved at every
+            moment.
+        clearance: whether distances between bodies are among these; their shapes need a minute the first time.
 
     Raises:
-        TwinError: the robot has no equations, or the number of states is out of range.
+        TwinError: the robot has no equations, the number of states is out of range, a protocol does not exist or cannot
+            be planned, or a phase of it is a table of samples.
     """
+    from twin.api.motion_proof import prove_motion
     from twin.formula import flow
     from twin.proof.prove import prove as prove_formula
 
@@ -188,7 +216,12 @@ def prove(
         if len(claims) > _SHOWN:
             text += f" and {len(claims) - _SHOWN} more"
         findings.append(kind("prove.open", claims[0], f"{text}; {reason}"))
-    return Proved(robot.name, chosen, proof, _hashes(robot), tuple(findings))
+    motions = []
+    for protocol in protocols:
+        motion = prove_motion(robot, protocol, clearance=clearance, progress=progress)
+        motions.append(motion)
+        findings += motion.findings
+    return Proved(robot.name, chosen, proof, _hashes(robot), tuple(findings), tuple(motions))
 
 
 def _hashes(robot: Robot) -> dict[str, str]:

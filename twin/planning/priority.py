@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.core.units import ROUNDING
+from twin.core.units import MM, ROUNDING
 from twin.planning.costs import Cost, length
 from twin.planning.obstacle_avoidance import around
 from twin.planning.path import Path
@@ -157,10 +157,13 @@ class Behind(Space):
             return False
         return all(self.whole.free_along(part) for part in self._parts(path))
 
-    def certify(self, path: Path) -> PathCertificate:
-        """Return a certificate of a free path: a proven lower bound of the distance between bodies of all arms."""
+    def certify(self, path: Path, within: float = 0.5 * MM) -> PathCertificate:
+        """Return a certificate of a free path: a proven lower bound of the distance between bodies of all arms.
+
+        `within` is the accepted difference in m between the smallest distance found and the bound.
+        """
         parts = self._parts(path)
-        certificates = [self.whole.certify(part) for part in parts]
+        certificates = [self.whole.certify(part, within) for part in parts]
         k = int(np.argmin([certificate.found for certificate in certificates]))
         nearest = certificates[k]
         proven = min(certificate.proven for certificate in certificates)

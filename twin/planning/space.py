@@ -8,6 +8,7 @@ from typing import Protocol as Interface
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.core.units import MM
 from twin.planning.path import Path
 
 
@@ -88,8 +89,11 @@ class Space(Interface):
         """Return whether a path that begins at a free point is free of collisions."""
         ...
 
-    def certify(self, path: Path) -> PathCertificate:
-        """Return a certificate of a free path: a proven lower bound of the distance between bodies."""
+    def certify(self, path: Path, within: float = 0.5 * MM) -> PathCertificate:
+        """Return a certificate of a free path: a proven lower bound of the distance between bodies.
+
+        `within` is the accepted difference in m between the smallest distance found and the bound.
+        """
         ...
 
     def why(self, q: Array) -> str:

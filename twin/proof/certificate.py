@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from twin.core.json_types import JsonObject
 from twin.proof import program
@@ -13,7 +13,13 @@ from twin.proof.prove import Proof
 SCHEMA = "twin/certificate/1"
 
 
-def certificate(proof: Proof, robot: str, variants: Mapping[str, str], files: Mapping[str, str]) -> JsonObject:
+def certificate(
+    proof: Proof,
+    robot: str,
+    variants: Mapping[str, str],
+    files: Mapping[str, str],
+    motions: Sequence[JsonObject] = (),
+) -> JsonObject:
     """Return the certificate of the claims that are proved, as plain data.
 
     Its rows are operations on exact numbers. A claim names the rows that are zero at all states: whoever repeats the
@@ -24,6 +30,7 @@ def certificate(proof: Proof, robot: str, variants: Mapping[str, str], files: Ma
         robot: name of the robot.
         variants: the chosen variant of each equation.
         files: {file of equations or mechanism: SHA-256 of its bytes}.
+        motions: what is proved along protocols, with the SHA-256 of each protocol's file.
     """
     proved = [claim for claim in proof.claims if claim.nodes]
     nodes = []
@@ -45,6 +52,8 @@ def certificate(proof: Proof, robot: str, variants: Mapping[str, str], files: Ma
         "rows": rows,
         "claims": claims,
     }
+    if motions:
+        data["motions"] = list(motions)
     return {**data, "sha256": digest(data)}
 
 

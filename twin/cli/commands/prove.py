@@ -18,12 +18,16 @@ EXAMPLES = """\
   twin prove sils --workspace               the tool positions without singularities, with their volume
   twin prove pa10 --bounds                  how far equations and mechanism can be apart, at all joint values
   twin prove pa10 --bounds --against my_pa10/
+  twin prove sils --protocol table2         limits, speeds, RCM and loops between the samples as well
+  twin prove sher --all-protocols --no-clearance
   twin prove my_robot/ --json"""
 
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin prove`."""
     command.robot()
+    command.protocols()
+    command.flag("--no-clearance", "do not bound distances between bodies along protocols")
     command.variants(VARIANT)
     command.number("--states", "N", "number of random states, 64 to 1000000", 4096, count)
     command.seed("random seed of the states")
@@ -45,11 +49,13 @@ def run(args: argparse.Namespace) -> int:
     from twin.api.proof import prove
     from twin.api.robot import load
     from twin.cli import show
-    from twin.cli.chosen import asked
+    from twin.cli.chosen import asked, protocols
 
     robot = load(args.robot)
     if args.bounds and args.workspace:
         raise TwinError("--bounds and --workspace are two results: give one of them")
+    if (args.protocol or args.all_protocols) and (args.bounds or args.workspace):
+        raise TwinError("--protocol and --all-protocols are for the claims: leave out --bounds and --workspace")
     if args.bounds:
         return _bounds(robot, args)
     if args.tolerance_um or args.against:
@@ -59,9 +65,20 @@ def run(args: argparse.Namespace) -> int:
     for option in ("edge_mm", "box_mm"):
         if getattr(args, option) is not None:
             raise TwinError(f"--{option.replace('_', '-')} needs --workspace")
+    along: tuple[str, ...] = ()
+    if args.protocol or args.all_protocols:
+        along = protocols(robot, args)
     folder = show.folder(args, robot.name, "prove")
     with show.progress(args.quiet or args.json) as progress:
-        result = prove(robot, asked(args.variant), args.states, args.seed, progress)
+        result = prove(
+            robot,
+            asked(args.variant),
+            args.states,
+            args.seed,
+            progress,
+            protocols=along,
+            clearance=not args.no_clearance,
+        )
     return show.store(result, args, folder)
 
 

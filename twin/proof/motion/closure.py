@@ -1,12 +1,13 @@
-"""The loops of a mechanism along a path: a motion of the passive joints that is proved to exist, and to be the only one.
+"""The loops of a mechanism along a path: a motion of the passive joints that certainly exists, and is the only one.
 
 On each piece, the passive coordinates are predicted by polynomials through solved states. Around the prediction, a box
 is sought that Krawczyk's operator maps into its own inside: with A, the pseudo-inverse of the loops' Jacobian in the
-middle of the piece, and J, that Jacobian over the whole box, the image is -A F(prediction) + (1 - A J) box. By Brouwer's
-theorem the box then has one motion of the passive joints with A F = 0, for every moment of the piece, and no second one.
+middle of the piece, and J, that Jacobian over the whole box, the image is -A F(prediction) + (1 - A J) box. By the
+theorem of Brouwer the box then has one motion of the passive joints with A F = 0, at every moment of the piece, and no
+second one.
 
-A mechanism with redundant loops (a planar linkage in space) has more gaps F than passive coordinates. A F = 0 then means
-that the gaps cannot be made smaller by the passive joints; what remains of F is bounded as well.
+A mechanism with redundant loops (a planar linkage in space) has more gaps F than passive coordinates. A F = 0 then
+means that the passive joints cannot close the loops better near this state; what remains of F is bounded as well.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ _FIRST_BOX = 1e-12
 
 Poses = Mapping[str, Array]
 """{body: T_base_body (k, 4, 4)}."""
+
 
 @dataclass(frozen=True)
 class ClosedLinkage:
@@ -95,7 +97,7 @@ def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLink
     balls = drawn_balls
     if linkage.closes:
         values, balls = _solved(linkage, values, balls)
-    to_powers = np.linalg.inv(powers)
+    to_powers = np.asarray(np.linalg.inv(powers), np.float64)
     values = values.reshape(count, len(places), -1)
     values = _continued(linkage, values)
     c = np.einsum("ki,aij->kaj", to_powers, values)
@@ -238,7 +240,8 @@ def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Arr
     Args:
         closed: the pieces, in the order of time.
         linkage: the mechanism.
-        before, after: (N,) places of the borders in each piece, near 1 and -1.
+        before: (N,) place of the border with the next piece in each piece, near 1.
+        after: (N,) place of the border with the piece before, near -1.
     """
     order = closed.prediction.order
     powers_after = before[:, None] ** np.arange(order + 1)
@@ -294,8 +297,9 @@ def rates(closed: ClosedLinkage, linkage: Linkage, driven: TaylorModel) -> Taylo
     for _ in range(8):
         bound = remainder + (rest @ bound[..., None])[..., 0]
     bound = 1.5 * bound + 1e-15
-    proven = (remainder + (rest @ bound[..., None])[..., 0]) * (1.0 + 1e-12) <= bound
-    bound = np.where(proven.all(axis=1)[:, None] & closed.closed[:, None], bound, np.inf)
+    mapped = (remainder + (rest @ bound[..., None])[..., 0]) * (1.0 + 1e-12)
+    proven = np.all(mapped <= bound, axis=1) & closed.closed
+    bound = np.where(proven[:, None], bound, np.inf)
     c[:, :, linkage.passive] = y.c
     r[:, linkage.passive] = bound
     return TaylorModel(c, r)
@@ -327,6 +331,18 @@ def determinant(closed: ClosedLinkage) -> tuple[TaylorModel, Array] | None:
     trace = stacked_trace(E) * 0.5
     logs = -np.log(np.abs(np.diagonal(inverse, axis1=1, axis2=2))).sum(axis=1)
     return trace + logs, error
+
+
+def start_determinant(closed: ClosedLinkage) -> float:
+    """Return the logarithm of the determinant of `determinant` at the beginning of the first piece, rounded."""
+    assert closed.jacobian is not None
+    order = closed.jacobian.order
+    signs = (-1.0) ** np.arange(order + 1)
+    J = np.einsum("k,kij->ij", signs, closed.jacobian.c[:, 0])
+    if not np.isfinite(J).all():
+        return 0.0
+    sizes = np.linalg.svd(J, compute_uv=False)
+    return float(np.log(np.maximum(sizes, 1e-300)).sum())
 
 
 def stacked_trace(E: TaylorModel) -> TaylorModel:

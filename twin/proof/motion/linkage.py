@@ -1,8 +1,8 @@
 """The mechanism on pieces of a path: poses of all bodies and gaps of all loops as Taylor models.
 
-Bodies are placed along the spanning tree of the mechanism, joint by joint. A joint that is not in the tree closes a loop:
-its two frames may differ only in its free directions. The rotation of a ball joint is a predicted rotation, which moves
-along the piece, and three small turns about z, y and x after it; so every unknown is one number.
+Bodies are placed along the spanning tree of the mechanism, joint by joint. A joint that is not in the tree closes a
+loop: its two frames may differ only in its free directions. The rotation of a ball joint is a predicted rotation, which
+moves along the piece, and three small turns about z, y and x after it; so every unknown is one number.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from twin.proof.motion.taylor import TaylorModel, constant, cross, stacked
 
 ARM = 0.1
 """Length in m by which gaps of directions, in rad, are multiplied."""
-
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,9 @@ class Linkage:
             return PlacedLinkage(frames, Columns(origin.p[:, None, :], origin.p[:, None, :]))
         return PlacedLinkage(frames, Columns(stacked(axes, -2), stacked(centres, -2)))
 
-    def relative(self, placed: PlacedLinkage, joint: Joint) -> tuple[PlacedFrame, PlacedFrame, TaylorModel, TaylorModel]:
+    def relative(
+        self, placed: PlacedLinkage, joint: Joint
+    ) -> tuple[PlacedFrame, PlacedFrame, TaylorModel, TaylorModel]:
         """Return (frame on the parent, frame on the child, offset (N, 3), rotation (N, 3, 3)) of a joint.
 
         Offset and rotation are those of the second frame in the first.
@@ -194,7 +195,9 @@ class Linkage:
             rows.append(constant(row, axes.order))
         return stacked(rows, -2)
 
-    def twist(self, placed: PlacedLinkage, body: str, p: TaylorModel, rates: TaylorModel) -> tuple[TaylorModel, TaylorModel]:
+    def twist(
+        self, placed: PlacedLinkage, body: str, p: TaylorModel, rates: TaylorModel
+    ) -> tuple[TaylorModel, TaylorModel]:
         """Return (velocity (N, 3) of a point of a body at p (N, 3), its angular velocity (N, 3)), both in base.
 
         `rates` (N, m) are the rates of the coordinates.
@@ -314,5 +317,3 @@ def rotation_of(quaternions: TaylorModel) -> TaylorModel:
     ]
     rows = [stacked([entry * share for entry in row]) for row in entries]
     return stacked(rows, -2)
-
-

@@ -1,7 +1,7 @@
 """What is proved about: the timed path of a protocol, as planning made it.
 
-Each phase is a series q(s), s from 0 to 1, of all driven joints, and a rate ds/dt whose square is linear in s between grid
-points. The samples of a plan at 1 kHz are values of these functions; a proof is about the functions themselves.
+Each phase is a series q(s), s from 0 to 1, of all driven joints, and a rate ds/dt whose square is linear in s between
+grid points. The samples of a plan at 1 kHz are values of these functions; a proof is about the functions themselves.
 """
 
 from __future__ import annotations

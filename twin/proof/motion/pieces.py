@@ -60,8 +60,8 @@ class Pieces:
         """Return the pieces of an index or a mask."""
         return Pieces(self.phase[which], self.level[which], self.place[which])
 
-    def halved(self, which: np.ndarray) -> tuple[Pieces, np.ndarray]:
-        """Return (the pieces, of which those of the mask `which` are halved, index (M,) of the old piece of each)."""
+    def halved(self, which: np.ndarray) -> Pieces:
+        """Return the pieces, of which those of the mask `which` (N,) are halved."""
         count = np.where(which, 2, 1)
         old = np.repeat(np.arange(len(self)), count)
         second = np.concatenate([[False], old[1:] == old[:-1]])
@@ -69,7 +69,7 @@ class Pieces:
         halves = which[old]
         level = np.where(halves, new.level + 1, new.level)
         place = np.where(halves, 2 * new.place + second, new.place)
-        return replace(new, level=level, place=place), old
+        return replace(new, level=level, place=place)
 
 
 def first_pieces(phases: int) -> Pieces:

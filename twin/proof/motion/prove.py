@@ -1,8 +1,8 @@
 """Prove limits, speeds, RCM, loops and singularities along a protocol, between the samples as well as at them.
 
-What is proved is a function of continuous time. The driven joints follow q(s(t)): q is the series of each phase that was
-timed, s(t) the motion whose (ds/dt)^2 is linear in s between the grid points of the timing. The bodies follow as the
-mechanism of the CAD carries them, with closed loops. Its numbers are taken as they are, as floating-point numbers.
+What is proved is a function of continuous time. The driven joints follow q(s(t)): q is the series of each phase that
+was timed, s(t) the motion whose (ds/dt)^2 is linear in s between the grid points of the timing. The bodies follow as
+the mechanism of the CAD carries them, with closed loops. Its numbers are taken as they are, as floating-point numbers.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ SPEED_EXCESS = 1e-3
 
 TOUCHING = 1e-12
 """Distance in m or rad by which a limit of a joint may be exceeded: rounding of a motion that ends at its limit."""
+
+_DEEPEST_OPEN = 3
+"""How often a piece is halved at most on which no motion of the passive joints is proved."""
 
 _MOST_PIECES = 6000
 """Largest number of pieces of a path."""
@@ -104,7 +107,6 @@ class MotionProof:
         pieces: number of pieces on which the mechanism was enclosed.
         cells: number of intervals of time.
         duration: of the protocol in s.
-        determinant: logarithm of the determinant of the loops' Jacobian at the start; NaN without loops.
     """
 
     protocol: str
@@ -113,7 +115,6 @@ class MotionProof:
     pieces: int
     cells: int
     duration: float
-    determinant: float
 
     def count(self, status: str) -> int:
         """Return the number of claims with a status."""
@@ -155,14 +156,15 @@ def prove_motion(
     linkage = Linkage(mechanism)
     pieces = first_pieces(len(path.phases))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        for level in range(DEEPEST + 1):
-            progress(f"{path.protocol}: {len(pieces)} pieces", level / (DEEPEST + 1))
-            judged = _judged(linkage, path, pieces, states)
-            wide = _to_halve(judged)
-            wide &= pieces.level < DEEPEST
+        progress(f"{path.protocol}: {len(pieces)} pieces", 0.0)
+        judged = _judged(linkage, path, pieces, states)
+        for level in range(DEEPEST):
+            wide = _to_halve(judged, pieces.level < DEEPEST, pieces.level < _DEEPEST_OPEN)
             if not wide.any() or len(pieces) + wide.sum() > _MOST_PIECES:
                 break
-            pieces, _ = pieces.halved(wide)
+            pieces = pieces.halved(wide)
+            progress(f"{path.protocol}: {len(pieces)} pieces", (level + 1) / (DEEPEST + 1))
+            judged = _judged(linkage, path, pieces, states)
     return _proof(path, judged)
 
 
@@ -191,17 +193,23 @@ def _judged(linkage: Linkage, path: TimedPath, pieces: Pieces, states: States) -
     return _Round(pieces, cells, found, closed.closed, goes_on)
 
 
-def _to_halve(judged: _Round) -> np.ndarray:
-    """Return (N,) which pieces are too long: the mechanism is not closed there, or a bound is not tight."""
-    wide = ~judged.closed
-    wide[:-1] |= ~judged.goes_on
-    wide[1:] |= ~judged.goes_on
+def _to_halve(judged: _Round, possible: np.ndarray, possible_open: np.ndarray) -> np.ndarray:
+    """Return (N,) which pieces are too long: the mechanism is not closed there, or a bound is not tight.
+
+    `possible` (N,) says which pieces may be halved, `possible_open` which of those on which no motion is proved.
+    """
+    still_open = ~judged.closed
+    still_open[:-1] |= ~judged.goes_on
+    still_open[1:] |= ~judged.goes_on
+    if (still_open & ~possible_open).any():
+        return np.zeros(len(still_open), bool)  # nothing will be proved of the whole path
+    wide = still_open
     for enclosure in judged.found:
         if enclosure.group == "loop gap":
             continue
         loose = _loose(enclosure)
         wide[np.unique(judged.cells.piece[loose])] = True
-    return wide
+    return wide & possible
 
 
 def _loose(enclosure: Enclosure) -> np.ndarray:
@@ -245,24 +253,20 @@ def _proof(path: TimedPath, judged: _Round) -> MotionProof:
         times[own[-1] + 1] = phase.start + phase.duration
     claims = []
     curves = {}
-    start = np.nan
     for enclosure in judged.found:
-        if enclosure.group == "determinant":
-            start = 0.5 * (enclosure.low[0] + enclosure.high[0])
-        claim = _claim(path, judged, enclosure, times, start)
-        claims.append(claim)
+        claims.append(_claim(path, judged, enclosure, times))
         low = enclosure.low
         high = enclosure.high
         if enclosure.group == "determinant":
-            low = np.exp(low - start)
-            high = np.exp(high - start)
+            low = np.exp(low)
+            high = np.exp(high)
         curves[enclosure.group, enclosure.name] = MotionCurve(times, low, high)
     last = path.phases[-1]
     duration = last.start + last.duration
-    return MotionProof(path.protocol, tuple(claims), curves, len(judged.pieces), len(cells.piece), duration, start)
+    return MotionProof(path.protocol, tuple(claims), curves, len(judged.pieces), len(cells.piece), duration)
 
 
-def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array, start: float) -> MotionClaim:
+def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) -> MotionClaim:
     """Return the claim about the extreme of a value."""
     low, high, limit = _as_largest(enclosure)
     certain = float(low.max())
@@ -291,7 +295,8 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array, 
     if enclosure.smallest:
         smallest, largest = -bound, -certain
     if enclosure.group == "determinant":
-        smallest, largest = float(np.exp(smallest - start)), float(np.exp(largest - start))
+        smallest = float(np.exp(smallest)) * (1.0 - 1e-12)
+        largest = float(np.exp(largest)) * (1.0 + 1e-12)
     return MotionClaim(
         name=enclosure.name,
         group=enclosure.group,
@@ -315,4 +320,3 @@ def _open(path: TimedPath, judged: _Round, times: Array) -> str:
     cell = int(np.flatnonzero(judged.cells.piece == piece)[0])
     name = path.phases[judged.pieces.phase[piece]].name
     return f"in phase '{name}' near t = {times[cell]:.3f} s, no motion of the passive joints is proved to exist"
-

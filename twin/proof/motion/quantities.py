@@ -10,7 +10,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.joint import Joint
-from twin.proof.motion.closure import ClosedLinkage, determinant, rates
+from twin.proof.motion.closure import ClosedLinkage, determinant, rates, start_determinant
 from twin.proof.motion.linkage import Linkage, PlacedFrame
 from twin.proof.motion.path import TimedPath, TimedPhase
 from twin.proof.motion.pieces import Pieces
@@ -54,16 +54,15 @@ class Cells:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """A value in every cell.
+    """A value in every cell; of a determinant, the logarithm of its ratio to the value at the start.
 
     Attributes:
-        name: identifier, "joint q1".
+        name: of the joint, motor, gap or frame; "enforced" or "monitored" for an RCM.
         group: what kind of value it is, "joint limit".
         unit: "m", "rad", "m/s", "rad/s" or "1".
         low, high: (M,) bounds; infinite where nothing is known.
         limit: what the value must not exceed or, if `smallest`, what it must reach.
         smallest: whether the smallest value counts; otherwise the largest.
-        judged: whether the limit decides the verdict.
     """
 
     name: str
@@ -73,7 +72,6 @@ class Enclosure:
     high: Array
     limit: float
     smallest: bool
-    judged: bool = True
 
 
 def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Cells:
@@ -110,9 +108,7 @@ def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Cell
     )
 
 
-def _squares(
-    phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, half: Array, order: int
-) -> TaylorModel:
+def _squares(phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, half: Array, order: int) -> TaylorModel:
     """Return models (M,) of (ds/dt)^2, linear in s, on cells."""
     c = np.zeros((order + 1, len(centre)))
     r = np.zeros(len(centre))
@@ -137,7 +133,8 @@ def enclosures(
         linkage: the mechanism.
         path: the path.
         cells: M cells of N pieces.
-        q, slopes: (N, n) driven coordinates, and their derivatives with respect to s.
+        q: (N, n) driven coordinates.
+        slopes: (N, n) their derivatives with respect to s.
         closed: the mechanism on the pieces.
     """
     yield from _driven(linkage, path, cells, q, slopes)
@@ -161,10 +158,10 @@ def _driven(
     for j, joint in enumerate(mechanism.active):
         unit = "rad" if joint.is_angle else "m"
         if joint.limits is not None and np.isfinite(joint.limits).any():
-            yield _margin(f"joint {joint.name}", "joint limit", unit, values[:, j].range(), joint.limits)
+            yield _margin(joint.name, "joint limit", unit, values[:, j].range(), joint.limits)
         low, high = _speed(rate[:, j], cells)
         limit = np.inf if joint.max_speed is None else joint.max_speed
-        yield Enclosure(f"joint {joint.name}", "joint speed", f"{unit}/s", low, high, limit, smallest=False)
+        yield Enclosure(joint.name, "joint speed", f"{unit}/s", low, high, limit, smallest=False)
     # rows of the motors: exact to the rounding of the inverse of the motor matrix
     rows = mechanism.motors(np.eye(len(mechanism.active))).T
     actuators = {actuator.name: actuator for actuator in mechanism.actuators}
@@ -175,13 +172,13 @@ def _driven(
         unit = "rad" if actuator.is_angle else "m"
         if actuator.limits is not None:
             motor = (values @ row[:, None])[:, 0]
-            yield _margin(f"motor {name}", "motor limit", unit, motor.range(), actuator.limits)
+            yield _margin(name, "motor limit", unit, motor.range(), actuator.limits)
         low, high = _speed((rate @ row[:, None])[:, 0], cells)
         limit = np.inf if actuator.max_speed is None else actuator.max_speed
-        yield Enclosure(f"motor {name}", "motor speed", f"{unit}/s", low, high, limit, smallest=False)
+        yield Enclosure(name, "motor speed", f"{unit}/s", low, high, limit, smallest=False)
     for i, j, smallest, name in path.gaps:
         low, high = _absolute((values[:, i] - values[:, j]).range())
-        yield Enclosure(f"gap {name}", "gap", "m", low, high, smallest, smallest=True)
+        yield Enclosure(name, "gap", "m", low, high, smallest, smallest=True)
 
 
 def _margin(name: str, group: str, unit: str, bounds: tuple[Array, Array], limits: tuple[float, float]) -> Enclosure:
@@ -219,7 +216,7 @@ def _absolute(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
 def _of_mechanism(
     linkage: Linkage, path: TimedPath, cells: Cells, slopes: TaylorModel, closed: ClosedLinkage
 ) -> Iterator[Enclosure]:
-    """Yield limits of passive joints, distances from the RCM, speeds of the moved frame, gaps and determinant of loops."""
+    """Yield limits of passive joints, distance from the RCM, speeds of the tool, gaps and determinant of the loops."""
     mechanism = linkage.mechanism
     for joint in mechanism.limited:
         yield from _passive(linkage, cells, closed, joint)
@@ -233,14 +230,14 @@ def _of_mechanism(
     found = determinant(closed)
     if found is not None:
         logs, error = found
-        low, high = cells.of(logs).range()
+        low, high = (cells.of(logs) - start_determinant(closed)).range()
         error = error[cells.piece]
         yield Enclosure("loops", "determinant", "1", low - error, high + error, -np.inf, smallest=True)
 
 
 def _passive(linkage: Linkage, cells: Cells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
     """Yield the distances of a passive joint from its limits and its cone."""
-    name = f"passive joint {joint.name}"
+    name = joint.name
     tree_joint = next((j for j in linkage.mechanism.tree if j.name == joint.name), None)
     _, _, offset, R = linkage.relative(closed.placed, joint)
     if joint.cone is not None:
@@ -307,7 +304,7 @@ def _rcm(path: TimedPath, cells: Cells, moved: PlacedFrame) -> Iterator[Enclosur
         low = np.where(with_rcm, low * (1.0 - 1e-12), -np.inf)
         high = np.where(with_rcm, high * (1.0 + 1e-12), -np.inf)
         name = "enforced" if enforced else "monitored"
-        yield Enclosure(f"RCM, {name}", "RCM", "m", low, high, path.rcm_tolerance, smallest=False)
+        yield Enclosure(name, "RCM", "m", low, high, path.rcm_tolerance, smallest=False)
 
 
 def _tip(

@@ -2,8 +2,8 @@
 
 The Taylor coefficients of the Chebyshev polynomials T_j at the middle of a piece follow from the recurrence
 T_{j+1} = 2 x T_j - T_{j-1}, differentiated k times: t_{j+1}^k = 2 x t_j^k + 2 t_j^{k-1} - t_{j-1}^k with t^k the k-th
-derivative divided by k!. An error e made at index i reaches index j multiplied by U_{j-i}(x), at most j - i + 1, and the
-errors of order k - 1 enter those of order k. What the coefficients up to `_TERMS` leave out is bounded by Markov's
+derivative divided by k!. An error made at index i reaches index j multiplied by U_{j-i}(x), at most j - i + 1, and
+the errors of order k - 1 enter those of order k. What the coefficients up to `_TERMS` leave out is bounded by Markov's
 inequality: on [-1, 1] no derivative of T_j is larger than at x = 1.
 """
 
@@ -28,7 +28,8 @@ def on_pieces(coefficients: Array, middle: Array, half: Array, order: int) -> tu
 
     Args:
         coefficients: (degree + 1, n) Chebyshev coefficients in 2 s - 1.
-        middle, half: (N,) middle and half of the length in s of each piece.
+        middle: (N,) middle in s of each piece.
+        half: (N,) half of its length in s.
         order: degree of the Taylor models.
     """
     x = 2.0 * middle - 1.0  # exact to one rounding, counted below

@@ -1,11 +1,12 @@
 """Taylor models: functions of one variable as a polynomial and a proven bound of everything that it leaves out.
 
-A model on a piece of the path encloses f(x) for x from -1 to 1: the sum of c[k] x^k, k from 0 to the order, differs from
-f(x) by at most r. Plain intervals forget that two values depend on the same x, so that a difference of two long levers
-is as wide as the levers; a polynomial keeps the dependence, and r shrinks with the (order + 1)-th power of the piece.
+A model on a piece of the path encloses f(x) for x from -1 to 1: the sum of c[k] x^k, k from 0 to the order, differs
+from f(x) by at most r. Plain intervals forget that two values depend on the same x, so that a difference of two long
+levers is as wide as the levers; a polynomial keeps the dependence, and r shrinks with the (order + 1)-th power of the
+piece.
 
 Rounding counts. A sum of floating-point products, added in any order, differs from the exact sum by at most
-gamma times the sum of the absolute products (Higham, Accuracy and Stability of Numerical Algorithms, 2002, section 3.1).
+gamma times the sum of the absolute products (Higham, Accuracy and Stability of Numerical Algorithms, 2002, 3.1).
 Every operation adds this bound to r; bounds themselves are enlarged by a fraction that exceeds their own rounding.
 """
 
@@ -15,10 +16,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
-from twin.core.spatial import Array, Index
+from twin.core.spatial import Array
 
 _UNIT = 2.0**-53
 """Largest relative rounding error of one operation."""
@@ -65,9 +67,11 @@ class TaylorModel:
         """Shape of the entries."""
         return self.r.shape
 
-    def __getitem__(self, index: Index | int | slice | tuple[object, ...]) -> TaylorModel:
-        """Return some of the functions; the index is that of the entries."""
-        entries = index if isinstance(index, tuple) else (index,)
+    def __getitem__(self, index: Any) -> TaylorModel:
+        """Return some of the functions; the index is one of NumPy, for the dimensions of the entries."""
+        entries = index
+        if not isinstance(index, tuple):
+            entries = (index,)
         return TaylorModel(self.c[(slice(None), *entries)], self.r[entries])
 
     def __neg__(self) -> TaylorModel:

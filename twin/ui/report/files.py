@@ -66,6 +66,7 @@ _PICTURES = (
     "hazards",
     "operate",
     "procedure",
+    "prove",
     "scene",
     "session",
     "stroke",
@@ -99,7 +100,8 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     figure = None
     if result.kind in _PICTURES and drawable():
         module = import_module(f"twin.ui.report.{result.kind}_figures")
-        figure = module.figure(result)
+        figure = module.figure(result)  # None if there is nothing to draw
+    if figure is not None:
         picture = folder / f"{name}.png"
         picture.write_bytes(png(figure))
         shown.append(picture.name)
