@@ -201,6 +201,17 @@ def prove(
             f"{robot.name}: nothing can be claimed, because the equations give no joint between placed bodies; "
             "give the passive joints in the formula"
         )
+    findings = _findings(proof)
+    motions = []
+    for protocol in protocols:
+        motion = prove_motion(robot, protocol, clearance=clearance, progress=progress)
+        motions.append(motion)
+        findings += motion.findings
+    return Proved(robot.name, chosen, proof, _hashes(robot), tuple(findings), tuple(motions))
+
+
+def _findings(proof: Proof) -> list[Finding]:
+    """Return a finding for each refuted claim, and for each reason why claims are not proved."""
     findings = []
     open_claims: dict[str, list[str]] = {}
     for claim in proof.claims:
@@ -216,12 +227,7 @@ def prove(
         if len(claims) > _SHOWN:
             text += f" and {len(claims) - _SHOWN} more"
         findings.append(kind("prove.open", claims[0], f"{text}; {reason}"))
-    motions = []
-    for protocol in protocols:
-        motion = prove_motion(robot, protocol, clearance=clearance, progress=progress)
-        motions.append(motion)
-        findings += motion.findings
-    return Proved(robot.name, chosen, proof, _hashes(robot), tuple(findings), tuple(motions))
+    return findings
 
 
 def _hashes(robot: Robot) -> dict[str, str]:

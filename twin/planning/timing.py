@@ -175,21 +175,8 @@ def time_path(
     smoothing = window * dt
     # the rates with which the samples were computed: `paced` stretches the optimal motion to its number of samples
     kept_rates = rates * (optimal / (float(t[-1]) - smoothing))
-    return Timing(
-        t=t,
-        s=s,
-        sd=sd,
-        sdd=sdd,
-        duration=float(t[-1]),
-        optimal=optimal,
-        overshoot=overshoot,
-        knots=knots,
-        solver=solver,
-        smoothing=smoothing,
-        for_jerk=for_jerk,
-        grid=grid,
-        rates=kept_rates,
-    )
+    end = float(t[-1])
+    return Timing(t, s, sd, sdd, end, optimal, overshoot, knots, solver, smoothing, for_jerk, grid, kept_rates)
 
 
 def _averaged(
