@@ -169,14 +169,11 @@ def time_path(
     samples, excess = paced(window, slower)
     if excess > 1:
         samples, window, slowest = _averaged(paced, slower, optimal / dt)
-    t, s, sd, sdd = samples
-    overshoot = max(speed, acceleration) - 1
-    for_jerk = slowest / slower
+    end = float(samples[0][-1])
     smoothing = window * dt
-    # the rates with which the samples were computed: `paced` stretches the optimal motion to its number of samples
-    kept_rates = rates * (optimal / (float(t[-1]) - smoothing))
-    end = float(t[-1])
-    return Timing(t, s, sd, sdd, end, optimal, overshoot, knots, solver, smoothing, for_jerk, grid, kept_rates)
+    overshoot = max(speed, acceleration) - 1
+    kept = rates * (optimal / (end - smoothing))  # `paced` stretches the optimal motion to its number of samples
+    return Timing(*samples, end, optimal, overshoot, knots, solver, smoothing, slowest / slower, grid, kept)
 
 
 def _averaged(
