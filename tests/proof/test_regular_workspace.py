@@ -136,6 +136,8 @@ def test_bad_boxes_and_robots_are_named(sils):
         proven_workspace(sils, edge=np.nan, corners=CORNERS)
     with pytest.raises(TwinError, match=r"no joint values at \[3000"):
         proven_workspace(sils, corners=(np.array([3.0, 3.0, 3.0]), np.array([3.1, 3.1, 3.1])))
+    with pytest.raises(TwinError, match=r"reaches no volume"):
+        proven_workspace(twin.load("hibou"))
     with pytest.raises(TwinError, match=r"coupling"):
         proven_workspace(twin.load("lapbot"))
 

@@ -130,6 +130,7 @@ class ProvenWorkspace(Result):
 
 _REASONS = {
     "no assembly": "no assembly was enclosed; near the edge of reach, or where a limb is nearly singular",
+    "other conditions": "a loop may not close, although the conditions that determine the joints hold",
     "limit": "a limit may be exceeded in a part of the box",
     "singular": "the tool might move while the joints are at rest",
 }
@@ -162,7 +163,13 @@ def proven_workspace(
     start = T[:3, 3]
     if corners is None:
         progress("the box of reached positions", 0.0)
-        low, high = sampled.box(robot, T)
+        try:
+            low, high = sampled.box(robot, T)
+        except sampled.UnreachedError as unreached:
+            raise TwinError(
+                f"{robot.name}: in the orientation of posture home, the tool reaches no volume: its positions are a "
+                "surface or a curve, or the orientation changes with them; nothing can be proved of boxes"
+            ) from unreached
     else:
         low, high = _checked(robot.name, corners)
         start = np.clip(start, low, high)

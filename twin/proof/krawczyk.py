@@ -107,7 +107,8 @@ def _fitting_radius(contraction: Array, shift: Array) -> Array:
     unknowns = shift.shape[1]
     usable = np.all(np.isfinite(contraction), axis=(1, 2)) & np.all(np.isfinite(shift), axis=1)
     matrices = np.eye(unknowns) - np.where(usable[:, None, None], contraction, 0.0)
-    usable &= np.linalg.slogdet(matrices)[0] > 0
+    with np.errstate(all="ignore"):
+        usable &= np.linalg.slogdet(matrices)[0] > 0
     matrices[~usable] = np.eye(unknowns)
     radius = np.linalg.solve(matrices, shift[..., None])[..., 0]
     usable &= (radius >= shift).all(axis=1)
@@ -137,7 +138,8 @@ def _inverses(matrices: Array) -> Array:
     """Return inverses (n, k, k), NaN where a matrix is not known or singular."""
     usable = np.all(np.isfinite(matrices), axis=(1, 2))
     safe = np.where(usable[:, None, None], matrices, np.eye(matrices.shape[-1]))
-    usable &= np.abs(np.linalg.slogdet(safe)[0]) == 1
+    with np.errstate(all="ignore"):
+        usable &= np.abs(np.linalg.slogdet(safe)[0]) == 1
     safe = np.where(usable[:, None, None], safe, np.eye(matrices.shape[-1]))
     return np.where(usable[:, None, None], np.linalg.inv(safe), np.nan)
 

@@ -21,6 +21,10 @@ BATCH = 2048
 """Number of boxes at once."""
 
 
+CLOSED = 1e-9
+"""Largest value, in m or as a sine, of a condition that follows from the others."""
+
+
 class Prediction(Protocol):
     """What the equations say of boxes of tool positions."""
 
@@ -176,7 +180,10 @@ class BoxJudge:
             limit = intervals.cosine(intervals.decimals(joint.cone or 0.0))
             kept &= cosine >= limit
             outside |= cosine < limit
-        worth = assembled & kept
+        rest = self._redundant(x, tool)
+        # conditions that do not follow from the others, as where a pose is impossible, are not small
+        closed = assembled & (rest <= CLOSED)
+        worth = closed & kept
         regular = np.zeros(len(low), bool)
         if worth.any():
             some = ToolBox(IntervalPose(tool.pose.R[worth], tool.pose.p[worth]))
@@ -184,10 +191,11 @@ class BoxJudge:
         proved = worth & regular
         judged.proved[numbers] = proved
         judged.outside[numbers] |= outside & assembled
-        judged.redundant = self._redundant(x, tool, proved)
+        judged.redundant = float(np.max(rest[proved], initial=0.0))
         for reason, where in (
             ("no assembly", ~assembled),
-            ("limit", assembled & ~kept),
+            ("other conditions", assembled & ~closed),
+            ("limit", closed & ~kept),
             ("singular", worth & ~regular),
         ):
             judged.reasons.setdefault(reason, np.zeros(len(judged.proved), bool))[numbers] |= where
@@ -223,16 +231,13 @@ class BoxJudge:
             return np.zeros(len(low), bool)
         return krawczyk.regular(Intervals(low, high))
 
-    def _redundant(self, x: Intervals, tool: ToolBox, proved: Certainty) -> float:
-        """Return the largest value of the conditions that are not among the independent ones, in proved boxes."""
-        largest = 0.0
-        if not proved.any():
-            return largest
-        some = ToolBox(IntervalPose(tool.pose.R[proved], tool.pose.p[proved]))
+    def _redundant(self, x: Intervals, tool: ToolBox) -> Array:
+        """Return the largest value (n,) of the conditions that are not among the independent ones."""
+        largest = np.zeros(len(x))
         for group in self.groups:
             if group.others:
-                rest = self.loops.residual(group.closures, x[proved], some)[:, np.array(group.others)]
-                largest = max(largest, float(rest.largest.max()))
+                rest = self.loops.residual(group.closures, x, tool)[:, np.array(group.others)]
+                largest = np.maximum(largest, rest.largest.max(axis=1))
         return largest
 
 
