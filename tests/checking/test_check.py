@@ -286,6 +286,10 @@ def test_a_missing_mesh_of_a_mjcf_is_told_once_and_the_mass_that_it_would_give_i
     text = '<mujoco><compiler meshdir="meshes"/><include file="lost.xml"/></mujoco>'
     (tmp_path / "whole.xml").write_text(text, encoding="utf-8")
     assert {(finding.file, finding.rule) for finding in findings(tmp_path)} == {("whole.xml", "mesh/missing")}
+    stated = LOST.replace("<asset>", '<compiler meshdir="meshes"/><asset>')
+    (tmp_path / "stated.xml").write_text(stated, encoding="utf-8")
+    (finding,) = [finding for finding in findings(tmp_path) if finding.file == "stated.xml"]
+    assert finding.message == "mesh 'meshes/lost.stl' does not exist"  # where MuJoCo searches it
 
 
 def test_what_a_mechanism_cannot_express_of_a_mjcf_is_no_fault_also_if_a_mesh_is_missing(tmp_path):

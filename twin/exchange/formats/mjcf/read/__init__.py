@@ -509,7 +509,8 @@ def _without_missing(spec, path: Path, findings: Findings) -> _Missing:
     lost: dict[str, str] = {}
     for mesh in list(spec.meshes):
         if mesh.file and not _place(spec, path, spec.meshdir, mesh.file).is_file():
-            lost[mesh.name or Path(mesh.file).stem] = mesh.file
+            searched = Path(mesh.file).name if spec.strippath else mesh.file
+            lost[mesh.name or Path(mesh.file).stem] = (Path(spec.meshdir) / searched).as_posix()
             spec.delete(mesh)
     weightless: set[str] = set()
     shapeless: set[str] = set()
