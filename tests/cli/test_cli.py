@@ -791,3 +791,24 @@ def test_names_of_files_that_the_locale_does_not_know(tmp_path, name):
     assert done.returncode in (1, 2), done.stderr
     assert "internal error" not in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_off_a_terminal_a_long_command_says_how_far_it_is(monkeypatch, capsys):
+    """A line each 15 s, from the first: no line for what is quick, or if --quiet is given."""
+    now = [100.0]
+    monkeypatch.setattr(show.time, "monotonic", lambda: now[0])
+    with show.progress(False) as progress:
+        for label, fraction in (
+            ("plan", 0.5),
+            ("plan", 1.0),
+            ("control of 5 models", 0.1),
+            ("control of 5 models", 0.3),
+        ):
+            progress(label, fraction)
+            now[0] += 8.0
+        progress("write", 0.0)
+    assert capsys.readouterr().err.splitlines() == ["control of 5 models: 10 %, 16 s so far", "write: 32 s so far"]
+    with show.progress(True) as progress:
+        now[0] += 100.0
+        progress("plan", 0.5)
+    assert capsys.readouterr() == ("", "")

@@ -18,10 +18,10 @@ from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.model.body import Body
 from twin.model.joint import Joint
-from twin.reference.dynamics import Dynamics
+from twin.reference.dynamics import Dynamics, inverse_of
 from twin.reference.holding import holding_efforts
 from twin.simulation.dynamics.arm import arm, without_fixed
-from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, Conditions, DesiredMotion, run
+from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, Conditions, DesiredMotion, run, side_by_side
 from twin.simulation.dynamics.effort_plants import ModelPlant, MujocoPlant
 
 MADE = {  # serial, with a coupling, with a loop, with motors on cables, with a lead screw
@@ -259,6 +259,37 @@ def test_any_of_them_follows_a_motion(make, name):
     if not whole.mechanism.loops:  # which the engine closes with springs
         ours = run(whole, motion, Conditions(plant="pinocchio"))
         assert ours.tip_error == pytest.approx(exact.tip_error, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["bars", "raven"])
+def test_efforts_of_states_side_by_side_are_those_of_each_state_alone(make, name):
+    """Loops are closed for all at once, continued from before; alone, each is solved from the rest poses."""
+    base = make(name)
+    light = Dynamics(base.mechanism, friction=0.02 * np.ones(base.n))
+    heavy = Dynamics(base.mechanism, friction=0.05 * np.ones(base.n), rotor=0.1)
+    models, rng, before = [light, heavy, light], np.random.default_rng(1), None
+    for _ in range(4):
+        q = base.model.home().q + 0.3 * sizes(base) * rng.uniform(-1, 1, (3, base.n))
+        qd, qdd = rng.normal(size=(2, 3, base.n))
+        before = light.follow(q, before)
+        found = inverse_of(models, before, qd, qdd)
+        for k, model in enumerate(models):
+            alone = model.inverse(model.near(q[k]), qd[k], qdd[k])
+            assert found[k] == pytest.approx(alone, rel=1e-8, abs=1e-9 * np.abs(alone).max())
+
+
+def test_runs_side_by_side_do_not_affect_each_other(make):
+    whole = arm(make("bars").mechanism)
+    whole = replace(whole, mjcf=mjcf_text(whole.mechanism), limit=np.full(len(whole.limit), np.inf))
+    motion = sweep(whole.dynamics(), 0.04)
+    cases = [Conditions(), Conditions().realistic(0.05), Conditions().realistic(0.05, 3)]
+    runs = side_by_side(whole, motion, cases)
+    assert [made.conditions for made in runs] == cases
+    for case, found in zip(cases, runs, strict=True):
+        alone = run(whole, motion, case)
+        assert found.effort == pytest.approx(alone.effort, rel=1e-8, abs=1e-9 * np.abs(alone.effort).max())
+        assert found.tip_error == pytest.approx(alone.tip_error, abs=1e-11)
+    assert not np.allclose(runs[0].effort, runs[1].effort)
 
 
 @pytest.mark.slow

@@ -51,7 +51,7 @@ def track(
     from twin.planning.protocol import Protocol
     from twin.reference import inertia as masses
     from twin.simulation.dynamics.arm import arm as arm_of
-    from twin.simulation.dynamics.computed_torque import Conditions, DesiredMotion, Run, run
+    from twin.simulation.dynamics.computed_torque import Conditions, DesiredMotion, side_by_side
     from twin.simulation.dynamics.computed_torque import curve as over
     from twin.simulation.dynamics.tracking_result import Tracking
 
@@ -85,9 +85,9 @@ def track(
     T_tool_frame = robot.mechanism.frame_in_tool(planned.frame)
     motion = DesiredMotion(planned.t, planned.q, planned.qd, planned.qdd, T_tool_frame, planned.shaft_axis, planned.rcm)
     exact = Conditions(plant=plant)
-    runs: dict[str, Run] = {}
-    for name, conditions in _cases(exact, mismatch).items():
-        runs[name] = run(arm, motion, conditions, partial(progress, f"control, {name}"))
+    cases = _cases(exact, mismatch)
+    made = side_by_side(arm, motion, list(cases.values()), partial(progress, f"control of {len(cases)} models"))
+    runs = dict(zip(cases, made, strict=True))
     curves = {}
     if curve:
         for name, conditions in {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}.items():

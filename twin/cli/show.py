@@ -7,6 +7,7 @@ import contextlib
 import math
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,6 +36,9 @@ __all__ = [
     "tool_note",
 ]
 
+_SILENCE = 15.0
+"""Time in s after which a command whose stderr is not a terminal says how far it is, again and again."""
+
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 
 
@@ -46,9 +50,15 @@ def tool_note(robot: Robot, quiet: bool) -> None:
 
 @contextlib.contextmanager
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Yield a function that shows the progress; it shows nothing if `quiet` is set or stderr is not a terminal."""
-    if quiet or not sys.stderr.isatty():
+    """Yield a function that shows the progress; it shows nothing if `quiet` is set.
+
+    If stderr is not a terminal, a command that takes long prints a line every `_SILENCE` seconds.
+    """
+    if quiet:
         yield lambda label, fraction: None
+        return
+    if not sys.stderr.isatty():
+        yield _lines()
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -64,6 +74,25 @@ def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
             bar.update(task, description=label, total=total, completed=fraction)
 
         yield update
+
+
+def _lines() -> Callable[[str, float], None]:
+    """Return a function that prints label, completed fraction and elapsed time to stderr every `_SILENCE` seconds."""
+    began = time.monotonic()
+    spoke = began
+
+    def update(label: str, fraction: float) -> None:
+        nonlocal spoke
+        now = time.monotonic()
+        if now - spoke < _SILENCE:
+            return
+        spoke = now
+        done = ""
+        if fraction:
+            done = f" {100 * fraction:.0f} %,"
+        print(f"{label}:{done} {now - began:.0f} s so far", file=sys.stderr, flush=True)
+
+    return update
 
 
 def finish(

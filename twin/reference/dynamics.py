@@ -16,6 +16,7 @@ Trans. Robotics and Automation 5 (1989) 294-302. docs/derivations.md has the der
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -135,6 +136,20 @@ class Dynamics:
             seed = before
         return self.model.solve(np.asarray(q, float), seed)
 
+    def follow(self, q: Array, before: Array | None = None) -> Array:
+        """Return configurations (k, nq) at q (k, n), continued from those before (k, nq), if given, or from home.
+
+        The rows are of separate motions, such as simulations of one robot under several conditions, side by side.
+
+        Raises:
+            AssemblyError: the loops cannot be closed.
+        """
+        if not self._tied:
+            return np.array([self.configuration(row) for row in q])
+        if before is None:
+            return np.array([self.model.solve(row).x for row in q])
+        return self.model.follow(before, q)
+
     def tools(self, q: ArrayLike) -> Array:
         """Return T_base_tool (k, 4, 4) for joint values q (k, n) along a motion."""
         q = given.along(self.mechanism, np.asarray(q, float))
@@ -200,6 +215,11 @@ class Dynamics:
         rotors = 0.5 * float(qd @ self.rotor @ qd)
         potential = float(pin.computePotentialEnergy(self._pin, self._data, x))
         return bodies + rotors, potential
+
+    def _inverse_at(self, x: Array, V: Array, change: Array, G: Array, qd: Array, qdd: Array) -> Array:
+        """Return the joint efforts (n,) for velocities V and accelerations `change` (nv,) of the tree, with gain G."""
+        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, change))
+        return G.T @ tree_efforts + self.rotor @ qdd + self.friction * qd
 
     # -- internals ---------------------------------------------------------------------------------------
 
@@ -290,3 +310,28 @@ class Dynamics:
         # the joint of this velocity index is the last one that begins at or before the index
         number = max(j for j in range(1, self._pin.njoints) if self._pin.joints[j].idx_v <= column)
         return f"joint '{self._pin.names[number]}'"
+
+
+def inverse_of(models: Sequence[Dynamics], X: Array, qd: Array, qdd: Array) -> Array:
+    """Return the joint efforts (k, n) of k models that differ in masses and friction only, each at its own state.
+
+    The loops are those of one mechanism: their gains are computed for all states at once; see `Dynamics.inverse`.
+
+    Args:
+        models: the k models.
+        X: configurations (k, nq).
+        qd: rates (k, n) of the active joints.
+        qdd: accelerations (k, n) of the active joints.
+    """
+    first = models[0]
+    for model in models:
+        if model._idle:
+            model._determined(X[0])  # raises
+    if first._tied:
+        V, change, G = first.model.motion(X, qd, qdd)
+    else:
+        G = np.broadcast_to(first._scatter, (len(models), *first._scatter.shape))
+        V = qd @ first._scatter.T
+        change = qdd @ first._scatter.T
+    efforts = [model._inverse_at(X[i], V[i], change[i], G[i], qd[i], qdd[i]) for i, model in enumerate(models)]
+    return np.array(efforts)

@@ -151,6 +151,23 @@ class ReferenceModel:
         states = self._along(q, self._move_driven, seed, progress)
         return self._closed(self.collect(states))
 
+    def follow(self, X: Array, q: Array) -> Array:
+        """Return configurations (k, nq) at active joint values q (k, n), each continued from a row of X (k, nq).
+
+        The rows are independent, and solved at once; a row that is far from its target is solved as by `solve`.
+
+        Raises:
+            AssemblyError: the loops of a row cannot be closed at its target.
+        """
+        start = self._unwound(X, q)
+        new, converged = self._move_driven(start, q)
+        steady = self.jumps(start, new) < _JUMP
+        closed = self._misfits(new, q) < GAP_TOLERANCE
+        reached = np.logical_and.reduce([converged, steady, closed])
+        for i in np.flatnonzero(~reached):
+            new[i] = self._drive(X[i], q[i])
+        return new
+
     def solve_many(self, q: Array, seed: Assembly | None = None) -> SolvedSamples:
         """Return the states at active joint values q (k, n); each row is solved separately, not as part of a motion.
 

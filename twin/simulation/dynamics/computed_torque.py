@@ -23,7 +23,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
-from twin.reference.dynamics import Dynamics, State
+from twin.reference.dynamics import Dynamics, inverse_of
 from twin.reference.loops import LENGTH_SCALE
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.dynamics.effort_plants import STEP, ModelPlant, MujocoPlant, Plant
@@ -229,58 +229,106 @@ def run(
 ) -> Run:
     """Simulate the robot under computed-torque control along a motion; return errors and efforts.
 
-    The robot starts with the joint values and rates of the first sample of the motion. `progress` is called with the
-    fraction done.
+    See `side_by_side`, for one set of conditions.
+    """
+    return side_by_side(arm, motion, [conditions], progress)[0]
+
+
+def side_by_side(
+    arm: Arm,
+    motion: DesiredMotion,
+    conditions: Sequence[Conditions],
+    progress: Callable[[float], None] = lambda part: None,
+) -> list[Run]:
+    """Simulate the robot under several conditions, tick by tick together; return a run for each of them.
+
+    The runs do not affect each other. In each tick, the loops of the controllers' models are closed for all runs at
+    once, which takes hardly longer than for one. The robot starts with the joint values and rates of the first sample
+    of the motion. `progress` is called with the fraction done.
 
     Raises:
         TwinError: the motion does not fit the robot or the control rate, or the robot diverges.
     """
-    c = conditions
-    tick = 1.0 / c.rate
-    _check_motion(arm, motion, c)
-    _check_control(c)
+    for c in conditions:
+        _check_motion(arm, motion, c)
+        _check_control(c)
     k, n = motion.q.shape
-    model = model_of(arm, c)
-    plant = plant_of(arm, c)
-    limit = arm.limit if c.saturation else np.full(n, np.inf)
     # One rad of an angle counts as much as LENGTH_SCALE of a length, for the encoder steps and the divergence.
     joint_scale = np.ones(n)
     for i, joint in enumerate(arm.mechanism.active):
         if not joint.is_angle:
             joint_scale[i] = LENGTH_SCALE
-    # Time in s by which the state of the equations is ahead of the tick; see the head of the file.
-    lead = 0.0
-    desired_qdd = motion.qdd
-    if c.middle:
-        lead = 0.5 * tick
-        next_qdd = np.vstack([motion.qdd[1:], motion.qdd[-1:]])
-        desired_qdd = 0.5 * (motion.qdd + next_qdd)
-    Kp = c.w**2
-    Kv = 2 * c.w
-
-    plant.reset(motion.q[0], motion.qd[0])
-    encoders = _Encoders(c, joint_scale, motion.q[0], motion.qd[0])
-    true_q = np.zeros((k, n))
-    efforts = np.zeros((k, n))
-    saturated = np.zeros((k, n), bool)
-    state: State | None = None
+    controls = [_Control(arm, motion, c, joint_scale) for c in conditions]
+    models = [control.model for control in controls]
+    X: Array | None = None
     for i in range(k):
         if i % _OFTEN == 0:
             progress(i / k)
-        true_q[i] = plant.q
-        _check_convergence(motion, i, true_q[i], joint_scale, c)
-        measured_q, rate = encoders.read(true_q[i], plant.qd)
+        wishes = [control.wish(i) for control in controls]
+        q, qd, qdd = (np.array(values) for values in zip(*wishes, strict=True))
+        X = models[0].follow(q, X)
+        for control, asked in zip(controls, inverse_of(models, X, qd, qdd), strict=True):
+            control.act(i, arm.mechanism.motor_efforts(asked))
+    desired_tips = models[0].tools(motion.q) @ motion.T_tool_tip
+    return [_run(motion, control, desired_tips) for control in controls]
+
+
+class _Control:
+    """One run: controller, encoders and plant, and what they have done so far."""
+
+    def __init__(self, arm: Arm, motion: DesiredMotion, conditions: Conditions, joint_scale: Array) -> None:
+        """Set the plant to the first sample of the motion; `joint_scale` (n,): see `side_by_side`."""
+        c = conditions
+        self.conditions = c
+        self.model = model_of(arm, c)
+        self._arm = arm
+        self._motion = motion
+        self._joint_scale = joint_scale
+        self._tick = 1.0 / c.rate
+        self._limit = arm.limit if c.saturation else np.full(len(joint_scale), np.inf)
+        # Time in s by which the state of the equations is ahead of the tick; see the head of the file.
+        self._lead = 0.0
+        self._desired_qdd = motion.qdd
+        if c.middle:
+            self._lead = 0.5 * self._tick
+            next_qdd = np.vstack([motion.qdd[1:], motion.qdd[-1:]])
+            self._desired_qdd = 0.5 * (motion.qdd + next_qdd)
+        self._plant = plant_of(arm, c)
+        self._plant.reset(motion.q[0], motion.qd[0])
+        self._encoders = _Encoders(c, joint_scale, motion.q[0], motion.qd[0])
+        self.q = np.zeros(motion.q.shape)
+        self.efforts = np.zeros(motion.q.shape)
+        self.saturated = np.zeros(motion.q.shape, bool)
+
+    def wish(self, i: int) -> tuple[Array, Array, Array]:
+        """Read the encoders in tick i; return the state (q, qd) of the equations and the acceleration to reach."""
+        motion = self._motion
+        c = self.conditions
+        self.q[i] = self._plant.q
+        _check_convergence(motion, i, self.q[i], self._joint_scale, c)
+        measured_q, rate = self._encoders.read(self.q[i], self._plant.qd)
         rate_error = motion.qd[i] - rate
         position_error = motion.q[i] - measured_q
-        wished_qdd = desired_qdd[i] + Kv * rate_error + Kp * position_error
-        state = model.near(measured_q + lead * rate, state)
-        asked = model.motor_efforts(state, rate + lead * desired_qdd[i], wished_qdd)
-        efforts[i] = np.clip(asked, -limit, limit)
-        saturated[i] = efforts[i] != asked
-        plant.advance(arm.joint_efforts(efforts[i]), tick)
+        desired = self._desired_qdd[i]
+        wished_qdd = desired + 2 * c.w * rate_error + c.w**2 * position_error
+        return measured_q + self._lead * rate, rate + self._lead * desired, wished_qdd
 
+    def act(self, i: int, asked: Array) -> None:
+        """Let the motors act with the efforts asked for (n,), within their limits, until the next tick."""
+        self.efforts[i] = np.clip(asked, -self._limit, self._limit)
+        self.saturated[i] = self.efforts[i] != asked
+        self._plant.advance(self._arm.joint_efforts(self.efforts[i]), self._tick)
+
+
+def _run(motion: DesiredMotion, control: _Control, desired_tips: Array) -> Run:
+    """Return the errors of a completed run; `desired_tips` (k, 4, 4) are the tip poses of the motion."""
+    k = len(motion.t)
+    c = control.conditions
+    model = control.model
+    true_q = control.q
+    efforts = control.efforts
+    saturated = control.saturated
     true_tips = model.tools(true_q) @ motion.T_tool_tip
-    desired_tips = model.tools(motion.q) @ motion.T_tool_tip
     tip_error = np.linalg.norm(true_tips[:, :3, 3] - desired_tips[:, :3, 3], axis=1)
     rcm_error = np.full(k, np.nan)
     if motion.rcm is not None:
@@ -324,12 +372,8 @@ def curve(
     progress: Callable[[float], None] = lambda part: None,
 ) -> list[Run]:
     """Return one run for each inertia error in `fractions`; the other conditions are unchanged."""
-    runs = []
-    for fraction in fractions:
-        changed = replace(conditions, inertia_error=float(fraction))
-        runs.append(run(arm, motion, changed))
-        progress(len(runs) / len(fractions))
-    return runs
+    changed = [replace(conditions, inertia_error=float(fraction)) for fraction in fractions]
+    return side_by_side(arm, motion, changed, progress)
 
 
 def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
