@@ -9,6 +9,7 @@
     evidence    what the sides state beyond their lines: base, zeros, tools, limits, inertias
     search      the fit with the fewest conventions and the fewest deviating links
     links       robots with loops: which joint has another place on which link
+    mimic       a linkage with loops against linear couplings that replace its loops
     frames      frames of both sides with the same name
     items       what a fit says about the two sides, as named conventions and differences
     range       the largest difference of the tools over the common range

@@ -14,6 +14,7 @@ from twin.comparison.items import ComparedItem, items, placed
 from twin.comparison.joined import joined
 from twin.comparison.links import JointPlace, differing_places, place_items
 from twin.comparison.matching import match
+from twin.comparison.mimic import MimicError, mimic_error
 from twin.comparison.poses import PoseFit, compare_rows
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.property_edits import with_property_edits
@@ -49,6 +50,7 @@ class SidePair:
         worst: the largest difference of the tools; None if there is none, or no tool.
         solution, problem: the fit; None for poses that are compared without joint lines.
         poses: the comparison of rows of poses, if one side is a table of poses, or equations of a robot with loops.
+        mimic: the error of couplings that replace loops, if the joints correspond only in part; else None.
     """
 
     first: RobotSide
@@ -61,6 +63,7 @@ class SidePair:
     problem: Problem | None = field(repr=False)
     solution: FitSolution | None = field(repr=False)
     poses: PoseFit | None = None
+    mimic: MimicError | None = None
 
     @property
     def conventions(self) -> tuple[ComparedItem, ...]:
@@ -96,6 +99,7 @@ class SidePair:
             "ties": [list(texts) for texts in self.ties],
             "worst": largest,
             "poses": None if self.poses is None else self.poses.as_dict(),
+            "mimic": None if self.mimic is None else self.mimic.as_dict(),
             "properties": verdicts,
             "property_rows": rows,
         }
@@ -223,7 +227,15 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
     """Compare the joint lines of two sides."""
     first, second = joined(first, second, tolerance), joined(second, first, tolerance)
     second = recut(second, first)
-    matching = match(first, second)
+    try:
+        matching = match(first, second)
+    except TwinError:
+        found_mimic = mimic_error(first, second) or mimic_error(second, first)
+        if found_mimic is None:
+            raise
+        agrees = found_mimic.within(tolerance, ANGLE_PER_LENGTH * tolerance)
+        verdict: Kinematics = "agree" if agrees else "disagree"
+        return SidePair(first, second, verdict, (), (), None, None, None, None, mimic=found_mimic)
     problem = Problem(first, second, matching, tolerance)
     found_solutions = conventions(problem)
     if not found_solutions and first.looped:

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from twin.comparison.items import ComparedItem, NumberEdit
+from twin.comparison.mimic import MimicError
 from twin.comparison.pair import SidePair
 from twin.comparison.poses import PoseFit
 from twin.comparison.properties import KINDS, PropertyRow
@@ -67,6 +68,8 @@ class Comparison(Result):
             text = "no conventions, and no small number of different links, explain how the two differ"
             yield error("compare.unexplained", where, text)
             return
+        if pair.mimic is not None:
+            yield from _mimic_findings(pair.mimic, where, agrees=pair.agrees)
         convention = disagreement if self.strict else warning
         for item in pair.conventions:
             yield convention("compare.convention", where, _sentence(item.text), suggestion=_suggestion(item))
@@ -130,6 +133,16 @@ class Comparison(Result):
         yield Line(f"\n{self.word}.", styles[self.verdict])
 
 
+def _mimic_findings(mimic: MimicError, where: str, *, agrees: bool) -> Iterator[Finding]:
+    if not agrees:
+        size = mm(mimic.worst.distance)
+        suggestion = "Close the loops in the format, or fit ratio and offset of the mimic joints to the stroke in use."
+        text = _sentence(mimic.text()).removesuffix(".")
+        yield disagreement("compare.mimic", mimic.leader, text, size, None, suggestion, when=where, word="")
+    if mimic.part_text():
+        yield info("compare.part", where, f"The joints correspond only in part: {mimic.part_text()}.")
+
+
 def _pair_text(pair: SidePair) -> Iterator[Part]:
     yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict(pair)}"
     for item in pair.conventions:
@@ -140,6 +153,9 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
         yield from _item_text(item)
     for texts in pair.ties:
         yield f"  or, equally well: {'; '.join(texts)}"
+    if pair.mimic is not None:
+        yield f"  {'✔' if pair.agrees else '✖'} {pair.mimic.text()}"
+        yield f"  the joints correspond only in part: {pair.mimic.part_text() or 'loops are open'}"
     if pair.poses is not None:
         yield from _poses_text(pair.poses)
     elif pair.worst is not None and pair.differences:
@@ -211,6 +227,8 @@ def _motion(T: Array) -> str:
 def _verdict(pair: SidePair) -> str:
     if pair.poses is not None and not pair.items:
         return "poses agree" if pair.agrees else "poses disagree"
+    if pair.mimic is not None:
+        return "mimic joints follow the loops" if pair.agrees else "mimic joints do not follow the loops"
     texts = {
         "agree": "joints and links agree",
         "agree after conventions": "joints and links agree after these conventions",

@@ -1,0 +1,415 @@
+"""A linkage with loops against a description that replaces its loops by linear couplings (mimic joints).
+
+A gripper's finger is often a four-bar linkage, which URDF cannot close: its files open the loops, and let joints follow
+the driven one linearly. The joints then correspond only in part, so that no joint-by-joint comparison exists. Here the
+hinges of both sides are matched by their places: hinges that only the linkage has are either held in the other side
+(its links are one link there), or missing (its loop is open there). The loops are closed along the stroke of the driven
+joint, by Newton steps on the joint lines, and the links are compared with those that the couplings place.
+
+This works for linkages whose hinges are all parallel, at state zero of all hinges of the coupled side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+
+from twin.comparison.properties import followed_of
+from twin.comparison.side import Axis, RobotSide
+from twin.core import spatial
+from twin.core.json_types import JsonObject
+from twin.core.quantity import deg, mm, moved
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+
+NEAR = 2e-3
+"""Distance in m up to which two hinges are taken for the same one, drawn inaccurately."""
+
+_PARALLEL = 1e-3
+"""Angle in rad up to which hinges are parallel."""
+
+_STATES = 81
+"""Number of states along the stroke."""
+
+_MOST_HINGES = 6
+"""Maximum number of hinges on the base whose assignments are tried."""
+
+_ROUNDS = 30
+"""Maximum number of Newton steps that close the loops at one state."""
+
+_CLOSED = 1e-9
+"""Gap in m up to which a loop is closed."""
+
+_STEP = 1e-7
+"""Step in rad for derivatives by differences."""
+
+
+@dataclass(frozen=True)
+class LinkError:
+    """The largest errors of a link of the coupled side over the stroke.
+
+    Attributes:
+        link: its name.
+        distance: of its hinges, of its frames and of its centre of mass, in m.
+        angle: of its direction, in rad.
+        at_distance, at_angle: coordinates of the leader at which they are largest, in rad.
+    """
+
+    link: str
+    distance: float
+    angle: float
+    at_distance: float
+    at_angle: float
+
+
+@dataclass(frozen=True)
+class MimicError:
+    """What the couplings of one side say about the loops of the other.
+
+    Attributes:
+        linkage, coupled: labels of the side with loops, and of the side with couplings.
+        leader: the driven joint of the coupled side; `stroke` is its common range in m or rad.
+        links: the errors of its links.
+        moved_hinges: (joint, distance in m) of hinges whose places differ, with their names in the coupled side.
+        held, missing: hinges of the linkage that the coupled side holds, and those at which it opens a loop.
+    """
+
+    linkage: str
+    coupled: str
+    leader: str
+    stroke: tuple[float, float]
+    links: tuple[LinkError, ...]
+    moved_hinges: tuple[tuple[str, float], ...]
+    held: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def worst(self) -> LinkError:
+        """The link with the largest distance."""
+        return max(self.links, key=lambda link: link.distance)
+
+    def within(self, distance: float, angle: float) -> bool:
+        """Return whether no link is further away than a distance in m, or turned more than an angle in rad."""
+        return all(link.distance <= distance and link.angle <= angle for link in self.links)
+
+    def text(self) -> str:
+        """Return the errors as one sentence."""
+        worst = self.worst
+        most_turned = max(self.links, key=lambda link: link.angle)
+        low, high = (moved(value, True) for value in self.stroke)
+        return (
+            f"the mimic joints of {self.coupled} place link '{worst.link}' up to {mm(worst.distance)} away from where "
+            f"the loops of {self.linkage} place it, at '{self.leader}' = {moved(worst.at_distance, True)}, and turn "
+            f"'{most_turned.link}' up to {deg(most_turned.angle)} too far or too little, at '{self.leader}' = "
+            f"{moved(most_turned.at_angle, True)} (stroke {low} .. {high})"
+        )
+
+    def part_text(self) -> str:
+        """Return which joints correspond only in part, and why."""
+        parts = []
+        for names, what in ((self.held, "holds"), (self.missing, "opens the loops at")):
+            if names:
+                parts.append(f"{self.coupled} {what} {', '.join(names)}")
+        for name, distance in self.moved_hinges:
+            parts.append(f"joint '{name}' is {mm(distance)} away from that of {self.linkage}")
+        return "; ".join(parts)
+
+    def as_dict(self) -> JsonObject:
+        """Return the errors as plain data, in mm and degrees."""
+        links = []
+        for link in self.links:
+            links.append(
+                {
+                    "link": link.link,
+                    "distance_mm": link.distance / MM,
+                    "angle_deg": link.angle / DEG,
+                    "at_distance_deg": link.at_distance / DEG,
+                    "at_angle_deg": link.at_angle / DEG,
+                }
+            )
+        return {
+            "linkage": self.linkage,
+            "coupled": self.coupled,
+            "leader": self.leader,
+            "stroke_deg": [value / DEG for value in self.stroke],
+            "links": links,
+            "moved_hinges_mm": {name: distance / MM for name, distance in self.moved_hinges},
+            "held": list(self.held),
+            "missing": list(self.missing),
+        }
+
+
+def mimic_error(linkage: RobotSide, coupled: RobotSide) -> MimicError | None:
+    """Return the error of the couplings of one side over the stroke; None if the sides are no such pair."""
+    leaders = _leaders(coupled)
+    if not linkage.looped or coupled.looped or not coupled.couplings or len(leaders) != 1:
+        return None
+    if any(axis.kind != "revolute" for axis in (*linkage.tree, *coupled.tree)):
+        return None
+    directions = [axis.direction for axis in (*linkage.tree,)]
+    if max(np.linalg.norm(np.cross(direction, directions[0])) for direction in directions) > _PARALLEL:
+        return None
+    return _Linkages(linkage, coupled, leaders[0]).error()
+
+
+def _leaders(side: RobotSide) -> list[int]:
+    followers = followed_of(side)
+    return [i for i in range(len(side.axes)) if i not in followers]
+
+
+class _Linkages:
+    def __init__(self, linkage: RobotSide, coupled: RobotSide, leader: int) -> None:
+        self.linkage = linkage
+        self.coupled = coupled
+        self.leader = leader
+        self.driver = -1
+        self.X = np.eye(4)
+        self.held: set[int] = set()
+
+    def error(self) -> MimicError | None:
+        """Return the error; None if the hinges of the coupled side are not those of the linkage."""
+        X = self._base()
+        if X is None:
+            return None
+        self.X = X
+        points = self._points()
+        partners: dict[int, int] = {}
+        for k, axis in enumerate(self.coupled.axes):
+            found = self._nearest(axis, points, list(partners.values()))
+            if found is None:
+                return None
+            partners[k] = found
+        groups = self._groups(partners)
+        if groups is None or partners[self.leader] >= len(self.linkage.tree):
+            return None
+        self.driver = partners[self.leader]
+        return self._measured(partners, groups)
+
+    # -- matching -------------------------------------------------------------------------------------
+
+    def _points(self) -> Array:
+        """Return the points (joints, 3) of the linkage's hinges in the base of the coupled side."""
+        points = np.array([axis.point for axis in self.linkage.axes])
+        return points @ self.X[:3, :3].T + self.X[:3, 3]
+
+    def _base(self) -> Array | None:
+        """Return the motion (4, 4) of the linkage's base that brings the hinges on the base together."""
+        own = [axis for axis in self.linkage.tree if axis.parent == 0]
+        target = [axis for axis in self.coupled.tree if axis.parent == 0]
+        if len(own) < 2 or len(own) != len(target) or len(own) > _MOST_HINGES:
+            return None
+        goal = np.array([axis.point for axis in target])
+        along = target[0].direction
+        best: Array | None = None
+        least = np.inf
+        for chosen in permutations(own):
+            points = np.array([axis.point for axis in chosen])
+            for direction in (own[0].direction, -own[0].direction):
+                if _off(_plane_fit(points, goal, direction, along), points, goal, along).max() > NEAR:
+                    continue
+                # two hinges that coincide are likelier than all that nearly do
+                for pair in combinations(range(len(points)), 2):
+                    X = _plane_fit(points[list(pair)], goal[list(pair)], direction, along)
+                    gap = float(_off(X, points, goal, along).sum())
+                    if gap < least - 1e-9:
+                        least = gap
+                        best = X
+        return best
+
+    def _nearest(self, axis: Axis, points: Array, used: Collection[int]) -> int | None:
+        """Return the hinge of the linkage nearest to a hinge of the coupled side, within `NEAR`."""
+        off = points - axis.point
+        distances = np.linalg.norm(off - np.outer(off @ axis.direction, axis.direction), axis=1)
+        for i in used:
+            distances[i] = np.inf
+        nearest = int(np.argmin(distances))
+        if distances[nearest] > NEAR:
+            return None
+        return nearest
+
+    def _groups(self, partners: dict[int, int]) -> dict[int, int] | None:
+        """Return {group of the coupled side: group of the linkage}; hinges of the linkage between them are held."""
+        groups = {0: 0}
+        matched = set(partners.values())
+        for k, axis in enumerate(self.coupled.axes):
+            partner = self.linkage.axes[partners[k]]
+            start = groups[axis.parent]
+            ends = (partner.parent, partner.child)
+            if start not in ends:
+                bridges = []
+                for i, other in enumerate(self.linkage.tree):
+                    if i in matched:
+                        continue
+                    if other.parent == start and other.child in ends:
+                        bridges.append((i, other.child))
+                if len(bridges) != 1:
+                    return None
+                self.held.add(bridges[0][0])
+                start = bridges[0][1]
+            groups[axis.child] = ends[1] if ends[0] == start else ends[0]
+        return groups
+
+    # -- motion ---------------------------------------------------------------------------------------
+
+    def _free(self) -> list[int]:
+        """Return the joints of the linkage's tree that close its loops."""
+        followers = followed_of(self.linkage)
+        return [
+            i
+            for i in range(len(self.linkage.tree))
+            if i != self.driver and i not in self.held and not (i in followers or self._leads(i))
+        ]
+
+    def _leads(self, i: int) -> bool:
+        """Return whether a joint moves with the driver by a coupling."""
+        return any(self.linkage.axes[i].name in coupling.ratios for coupling in self.linkage.couplings)
+
+    def _with_driver(self, value: float, free: Sequence[int], x: Array) -> Array:
+        """Return the displacements (joints of the tree,) of the linkage at a coordinate of the driver."""
+        tree = self.linkage.tree
+        q = np.array([axis.drawn for axis in self.linkage.axes])
+        q[self.driver] = value
+        q[list(free)] = x
+        for i, (ratios, offset) in followed_of(self.linkage).items():
+            if i == self.driver:  # the driver follows in the file: move its leader
+                leader = int(np.argmax(np.abs(ratios)))
+                q[leader] = (value - offset) / ratios[leader]
+        for i, (ratios, offset) in followed_of(self.linkage).items():
+            if i != self.driver:
+                q[i] = ratios @ q + offset
+        return (q - np.array([axis.drawn for axis in self.linkage.axes]))[: len(tree)]
+
+    def _gaps(self, values: Array) -> Array:
+        """Return the gaps of the loops (k, rows) for displacements (k, joints of the tree)."""
+        motions = self.linkage.poses(values)
+        rows = []
+        for axis in self.linkage.axes:
+            if not axis.closing:
+                continue
+            ends = []
+            for group in (axis.parent, axis.child):
+                ends.append(motions[:, group, :3, :3] @ axis.point + motions[:, group, :3, 3])
+            rows.append(ends[0] - ends[1])
+        return np.concatenate(rows, axis=1)
+
+    def _closed(self, value: float, free: Sequence[int], x: Array) -> Array | None:
+        """Return the values of the free joints that close the loops, near `x`; None if they do not close."""
+        for _ in range(_ROUNDS):
+            tried = [x, *(x + _STEP * row for row in np.eye(len(x)))]
+            r = self._gaps(np.array([self._with_driver(value, free, one) for one in tried]))
+            if np.abs(r[0]).max() < _CLOSED:
+                return x
+            J = (r[1:] - r[0]).T / _STEP
+            x = x - np.linalg.lstsq(J, r[0], rcond=1e-9)[0]
+        return None
+
+    def _measured(self, partners: dict[int, int], groups: dict[int, int]) -> MimicError | None:
+        axis = self.coupled.axes[self.leader]
+        driver = self.linkage.axes[self.driver]
+        sign = float(np.sign(axis.direction @ (self.X[:3, :3] @ driver.direction)))
+        low, high = axis.limits or (-np.pi, np.pi)
+        if driver.limits is not None:
+            ends = sorted(sign * limit for limit in driver.limits)
+            low, high = max(low, ends[0]), min(high, ends[1])
+        if not low < high:
+            return None
+        free = self._free()
+        stroke = np.linspace(low, high, _STATES)
+        start = int(np.argmin(np.abs(stroke)))
+        x = np.array([self.linkage.axes[i].drawn for i in free])
+        x0 = self._closed(0.0, free, x)
+        if x0 is None:
+            return None
+        solved: dict[int, Array] = {}
+        for order in (range(start, _STATES), range(start - 1, -1, -1)):
+            x = x0
+            for k in order:
+                found = self._closed(float(sign * stroke[k]), free, x)
+                if found is None:
+                    return None
+                x = solved[k] = found
+        loops = np.array([self._with_driver(float(sign * stroke[k]), free, solved[k]) for k in range(_STATES)])
+        at_zero = self._with_driver(0.0, free, x0)
+        motions = self.linkage.poses(np.vstack([at_zero, loops]))
+        # the linkage's motions since the state zero of the driver, in the base of the coupled side
+        since = self.X @ motions[1:] @ spatial.inverse(motions[0]) @ spatial.inverse(self.X)
+        coupled = self._coupled(stroke)
+        links = []
+        for group, partner in groups.items():
+            if group:
+                links.append(self._link(group, since[:, partner], coupled[:, group], stroke))
+        moved_hinges = self._moved(partners)
+        names = [one.name for one in self.linkage.axes]
+        known = {*partners.values(), *self.held}
+        return MimicError(
+            self.linkage.label,
+            self.coupled.label,
+            axis.name,
+            (float(low), float(high)),
+            tuple(links),
+            moved_hinges,
+            tuple(names[i] for i in sorted(self.held)),
+            tuple(name for i, name in enumerate(names) if i not in known),
+        )
+
+    def _coupled(self, stroke: Array) -> Array:
+        """Return the motions (k, groups, 4, 4) of the coupled side along its stroke."""
+        q = np.zeros((len(stroke), len(self.coupled.axes)))
+        q[:, self.leader] = stroke
+        for i, (ratios, offset) in followed_of(self.coupled).items():
+            q[:, i] = q @ ratios + offset
+        return self.coupled.poses(q - np.array([axis.drawn for axis in self.coupled.axes]))
+
+    def _link(self, group: int, linkage: Array, coupled: Array, stroke: Array) -> LinkError:
+        """Return the largest error of a link at its hinges and the frames on it."""
+        side = self.coupled
+        points = [axis.point for axis in side.axes if group in (axis.parent, axis.child)]
+        points += [T[:3, 3] for of_group, T in side.frames.values() if of_group == group]
+        inertia = side.groups[group].inertia
+        if inertia is not None:
+            points.append(inertia.p_body_com)
+        placed = []
+        for motions in (linkage, coupled):
+            placed.append(np.array(points) @ np.swapaxes(motions[:, :3, :3], 1, 2) + motions[:, None, :3, 3])
+        distances = np.linalg.norm(placed[0] - placed[1], axis=2).max(axis=1)
+        angles = spatial.rotation_angle(np.swapaxes(linkage[:, :3, :3], 1, 2) @ coupled[:, :3, :3])
+        k = int(np.argmax(distances))
+        n = int(np.argmax(angles))
+        name = side.groups[group].bodies[0]
+        return LinkError(name, float(distances[k]), float(angles[n]), float(stroke[k]), float(stroke[n]))
+
+    def _moved(self, partners: dict[int, int]) -> tuple[tuple[str, float], ...]:
+        """Return the hinges whose places differ by more than a hundredth of a millimetre."""
+        points = self._points()
+        found = []
+        for k, i in partners.items():
+            axis = self.coupled.axes[k]
+            off = points[i] - axis.point
+            distance = float(np.linalg.norm(off - axis.direction * (off @ axis.direction)))
+            if distance > 1e-5:
+                found.append((axis.name, distance))
+        return tuple(found)
+
+
+def _off(X: Array, points: Array, goal: Array, along: Array) -> Array:
+    """Return the distances (n,) of moved points from others; along the hinges, nothing is compared."""
+    off = points @ X[:3, :3].T + X[:3, 3] - goal
+    return np.linalg.norm(off - np.outer(off @ along, along), axis=1)
+
+
+def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> Array:
+    """Return the motion (4, 4) that turns `direction` onto `target` and best brings points (n, 3) onto others."""
+    across = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    across_target = np.eye(3)[int(np.argmin(np.abs(target)))]
+    R0 = spatial.frame_from_axes(target, across_target) @ spatial.frame_from_axes(direction, across).T
+    own = (points - points.mean(axis=0)) @ R0.T
+    other = goal - goal.mean(axis=0)
+    other = other - np.outer(other @ target, target)
+    own = own - np.outer(own @ target, target)
+    a = float(np.sum(own * other))
+    b = float(np.sum(np.cross(own, other) @ target))
+    R = spatial.exp_so3(np.arctan2(b, a) * target) @ R0
+    return spatial.pose(R, goal.mean(axis=0) - R @ points.mean(axis=0))
