@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import twin
+from twin.cli import main
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs/check_certificate.py"
@@ -126,8 +127,44 @@ def test_rows_that_are_not_there_are_refused(tmp_path, checker, certificate, zer
     assert checked(checker, tmp_path / "c.json", certificate) == 2
 
 
+def audited(path, data, capsys, *more):
+    """Return (exit code, output) of `twin audit`."""
+    path.write_text(data if isinstance(data, str) else json.dumps(data))
+    code = main(["audit", str(path), "--quiet", "--json", *more])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_the_audit_agrees_with_decimals_of_60_digits(tmp_path, certificate, capsys):
+    code, report = audited(tmp_path / "c.json", certificate, capsys, "--robot", "sils")
+    assert code == 0
+    assert len(report["checks"]) == 15
+    assert all(check["worst"] < 1e-40 for check in report["checks"])
+
+
+def test_the_audit_refuses_what_was_cut_or_changed_or_is_of_other_files(tmp_path, certificate, capsys):
+    text = json.dumps(certificate)
+    path = tmp_path / "c.json"
+    assert audited(path, text[: len(text) // 2], capsys)[0] == 2
+    assert audited(path, text.replace("27/200", "27/201"), capsys)[0] == 2
+    certificate["files"]["sils.py"] = "0" * 64
+    certificate["sha256"] = digest(certificate)
+    code, report = audited(path, certificate, capsys, "--robot", "sils")
+    assert code == 2
+    assert "sils.py is not the file that was proved" in str(report["findings"])
+
+
+def test_the_audit_finds_a_wrong_number_with_a_new_hash(tmp_path, certificate, capsys):
+    (row,) = [row for row in certificate["rows"] if row[0] == "number" and row[1].startswith("27/200")][:1]
+    row[1] = row[1].replace("27/200", "27000000000001/200000000000000")
+    certificate["sha256"] = digest(certificate)
+    code, report = audited(tmp_path / "c.json", certificate, capsys)
+    assert code == 1
+    assert "does not hold" in str(report["findings"])
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name in twin.names() if name not in ("sils", "sher")])
 def test_certificates_of_all_robots_hold(tmp_path, checker, name):
     found = twin.prove(name)
     assert checked(checker, tmp_path / "c.json", found.certificate()) == 0
+    assert twin.audit(tmp_path / "c.json").exit_code == 0

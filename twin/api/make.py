@@ -131,7 +131,8 @@ def audit(
     """Compare exported files of a moving robot with each other; the readers share no code with the writers.
 
     Args:
-        path: a folder, an exported scene, or a file of a format that `twin.exchange.formats.audited` returns.
+        path: a folder, an exported scene, a file of a format that `twin.exchange.formats.audited` returns, or the
+            certificate of a proof.
         robot: if given, each clip is also compared with this robot's poses in the protocol of the same name, files
             without motion with its poses at joint states drawn from its whole range, and links, joints and masses with
             its mechanism.
@@ -143,12 +144,15 @@ def audit(
     """
     from twin.exchange.audit import SCENE
     from twin.exchange.audit import audit as audit_
+    from twin.exchange.audit.certificate import is_certificate
 
     def states() -> DrawnStates:
         progress("draw joint states", 0.0)
         return _states(expected)
 
     path = Path(path)
+    if is_certificate(path):
+        return _audited_certificate(path, robot)
     if robot is None:
         return audit_(path, progress=progress, xacro=xacro)
     if (path / SCENE).is_file():
@@ -160,6 +164,17 @@ def audit(
     expected = robot.weighed().mechanism
     truth = _truth(robot, path, progress, xacro)
     return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress, xacro=xacro)
+
+
+def _audited_certificate(path: Path, robot: Robot | str | Path | None) -> AuditReport:
+    """Check the certificate of a proof; with a robot, its files must be those that were proved."""
+    from twin.exchange.audit.certificate import audit_certificate
+
+    if robot is None:
+        return audit_certificate(path)
+    if not isinstance(robot, Robot):
+        robot = load(robot)
+    return audit_certificate(path, robot.hashes())
 
 
 def _states(mechanism: Mechanism) -> DrawnStates:

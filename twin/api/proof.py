@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -207,7 +206,7 @@ def prove(
         motion = prove_motion(robot, protocol, clearance=clearance, progress=progress)
         motions.append(motion)
         findings += motion.findings
-    return Proved(robot.name, chosen, proof, _hashes(robot), tuple(findings), tuple(motions))
+    return Proved(robot.name, chosen, proof, robot.hashes(), tuple(findings), tuple(motions))
 
 
 def _findings(proof: Proof) -> list[Finding]:
@@ -228,14 +227,6 @@ def _findings(proof: Proof) -> list[Finding]:
             text += f" and {len(claims) - _SHOWN} more"
         findings.append(kind("prove.open", claims[0], f"{text}; {reason}"))
     return findings
-
-
-def _hashes(robot: Robot) -> dict[str, str]:
-    """Return the SHA-256 of the files of equations and mechanism."""
-    if robot.files is None:
-        return {}
-    files = [robot.files.formula, robot.files.description, *sorted(robot.files.cad.glob("*.step"))]
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()}
 
 
 def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -363,6 +364,13 @@ class Robot:
         if method == "points":
             return point_solver(self._kinematics).solve(task, seed, self.mechanism.limits)
         return solve(self._kinematics, task, seed, self.mechanism.limits)
+
+    def hashes(self) -> dict[str, str]:
+        """Return {file of equations or mechanism: SHA-256 of its bytes}; empty for a robot without files."""
+        if self.files is None:
+            return {}
+        files = [self.files.formula, self.files.description, *sorted(self.files.cad.glob("*.step"))]
+        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()}
 
     def reference(self) -> ReferenceModel:
         """Return the independent reference model: Pinocchio and loop closures, built from the mechanism alone."""

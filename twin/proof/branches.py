@@ -42,7 +42,7 @@ class Branch:
 
     Attributes:
         margin: positive where it is true, as an expression of state and parameters.
-        undefined: answers at which the equations have no value, because the expression that is chosen is no number.
+        undefined: answers at which the equations have no value, because the expression that is chosen is not a number.
     """
 
     margin: ca.SX
@@ -91,7 +91,7 @@ class Branches:
     def judged(self, state: Array) -> tuple[Truths, Truths]:
         """Return which states (n, k) have values, and which are within reach by the margins of the equations.
 
-        A margin that is no number says that a state is out of reach only if conditions choose what is no number.
+        A margin that is not a number says that a state is out of reach only if conditions choose what is not a number.
         """
         finite, reach = self.values(state)
         margins = reach.full()
@@ -237,7 +237,7 @@ def _walked(function: ca.Function, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX]
 
 
 def _is_nan(value: ca.SX) -> bool:
-    """Return whether an expression is the constant that is no number."""
+    """Return whether an expression is the constant that is not a number."""
     return value.is_constant() and bool(np.isnan(float(value)))
 
 

@@ -11,7 +11,8 @@ EXAMPLES = """\
   twin audit twin-out/sils/export/
   twin audit twin-out/sils/export/ --robot sils    against the mechanism
   twin audit model.glb              a file from any source
-  twin audit robot.usdz --json"""
+  twin audit robot.usdz --json
+  twin audit twin-out/sils/prove/certificate.json --robot sils    a proof, and the files that it is about"""
 
 
 def arguments(command: Command) -> None:
