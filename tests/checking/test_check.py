@@ -187,6 +187,7 @@ _JOINT = '<parent link="a"/><child link="b"/><limit lower="-1" upper="1" effort=
 
 REFUSED = {
     "a URDF without links": ({"a.urdf": '<robot name="a"/>'}, "file/malformed"),
+    "a URDF without links and name, which others include": ({"a.urdf": "<robot/>"}, None),
     "a URDF with macros only": (
         {"a.urdf": _XACRO.format('<xacro:macro name="a"><link name="a"/></xacro:macro>')},
         None,

@@ -176,7 +176,8 @@ def _text(job: JudgeJob) -> JudgedFile:
     links = _parts(root, "link")
     joints = _parts(root, "joint")
     if not links and not joints:
-        if description.kind == "urdf" and expanded is None:  # macros for others to include are no robot
+        named = root.get("name")  # without a name, it is for others to include
+        if description.kind == "urdf" and expanded is None and named:
             finding = CheckFinding("file/malformed", description.name, "", "the file has no <link>: it is empty")
             return JudgedFile(description, "judged", (finding,))
         return JudgedFile(description, "no robot")
