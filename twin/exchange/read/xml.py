@@ -48,7 +48,7 @@ class Xml:
             raise SourceError(f"{path}: the file is not XML: {error}") from error
         if data is None:
             self._no_xacro()
-        if self.root.tag == "gazebo" and root == "sdf":
+        if self.root.tag == "gazebo":  # of SDF; no other format has such a root
             text = "the root element is <gazebo>, as before SDF 1.3, which is not read: convert the file (gz sdf -p)"
             raise UnsupportedError(f"{path}: {text}")
         if self.root.tag != root:
