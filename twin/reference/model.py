@@ -301,12 +301,13 @@ class ReferenceModel:
         qd and qdd (k, n) are rates and accelerations of the active joints.
         """
         A, _ = self._jacobians(states)
-        gain = self.gains(states, A)
+        give = self._give(A)
+        gain = self._gains(A, give)
         V = np.einsum("kij,kj->ki", gain, qd)
         change = np.einsum("kij,kj->ki", gain, qdd)
         if self.tree.loops.names:
             drift, _ = self.tree.drift(states, V)
-            change[:, self.tree.passive] -= np.einsum("kij,kj->ki", self._give(A), drift)
+            change[:, self.tree.passive] -= np.einsum("kij,kj->ki", give, drift)
         return V, change, gain
 
     def rates(self, states: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
@@ -639,11 +640,15 @@ class ReferenceModel:
         """Return the rates (k, nv, n) of tree joints per rate of each active joint; passive rates by least squares."""
         if A is None:
             A, _ = self._jacobians(states)
+        return self._gains(A, self._give(A))
+
+    def _gains(self, A: Array, give: Array) -> Array:
+        """Return the rates of `gains` for loop Jacobians A (k, m, nv) and their pseudoinverses (k, np, m)."""
         active = self.tree.active
         passive = self.tree.passive
         gain = np.zeros((len(A), self.tree.model.nv, len(active)))
         gain[:, active] = np.eye(len(active))
-        gain[:, passive] = -self._give(A) @ A[:, :, active]
+        gain[:, passive] = -give @ A[:, :, active]
         return gain
 
     def _give(self, A: Array) -> Array:
