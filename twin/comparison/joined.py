@@ -75,8 +75,9 @@ def _with_wholes(side: RobotSide, other: RobotSide, kind: str, found: Sequence[_
     wanted = Counter(axis.kind for axis in other.axes)
     missing = wanted[kind] - own[kind]
     if kind == "revolute":
-        # of hinges, those in the tree may differ for other reasons
-        missing = sum(_closes(axis, kind) for axis in other.axes) - sum(_closes(axis, kind) for axis in side.axes)
+        # the other side may close the same loops at other joints, or have more hinges in its tree for other reasons
+        closing = sum(_closes(axis, kind) for axis in other.axes) - sum(_closes(axis, kind) for axis in side.axes)
+        missing = max(missing, closing)
     names = {plain(axis.name) for axis in other.axes if axis.kind == kind}
     # those whose name the other side knows first
     ordered = sorted(found, key=lambda parts: plain(parts.whole.name) not in names)
