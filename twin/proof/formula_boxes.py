@@ -56,16 +56,27 @@ class FormulaBoxes:
         margins += ca.vertsplit(found.get("reach", ca.SX(0, 1)))
         self._values = ca.Function("values", [pose, parameters], [values])
         self._margins = IntervalFunction(ca.Function("margins", [pose, parameters], [ca.vertcat(*margins)]))
+        self._aspects = formula_side.aspects(formula, variants) if formula.aspects else None
         self._parameters = np.array([float(parameter.value) for parameter in formula.parameters])
 
     def values(self, p: Array) -> Array:
         """Return joint values (n, k) in m and rad at tool positions (n, 3) in m; NaN where there are none."""
+        return self._at(self._values, p)
+
+    def preferred(self, p: Array) -> Certainty:
+        """Return where the assembly is the preferred one of the equations at tool positions (n, 3) in m."""
+        if self._aspects is None:
+            return np.ones(len(p), bool)
+        return np.all(self._at(self._aspects, p) > 0, axis=1)
+
+    def _at(self, function: ca.Function, p: Array) -> Array:
+        """Return the results (n, k) of a function of pose and parameters at tool positions (n, 3)."""
         poses = np.zeros((4, 4, len(p)))
         poses[:3, :3] = self.R[..., None]
         poses[:3, 3] = p.T
         poses[3, 3] = 1.0
         parameters = np.tile(self._parameters[:, None], (1, len(p)))
-        return np.array(self._values(poses.reshape(16, -1), parameters)).T
+        return np.array(function(poses.reshape(16, -1), parameters)).T
 
     def outside(self, low: Array, high: Array) -> Certainty:
         """Return where a margin of reach or of a limit is negative at all positions of boxes with corners (n, 3)."""

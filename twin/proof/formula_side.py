@@ -67,6 +67,23 @@ def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool) 
     return _function(state, parameters, outputs)
 
 
+def aspects(formula: Formula, variants: Mapping[str, str]) -> ca.Function:
+    """Return the signs that distinguish assemblies, times the preferred ones, as a function of pose and parameters.
+
+    The pose (16,) is given row by row. A value is positive in the preferred assembly.
+    """
+    parameters = _parameters(formula)
+    state = [ca.SX.sym(f"T{i}{j}") for i in range(4) for j in range(4)]
+    T = symbolic.unflat(ca.vertcat(*state), 4, 4)
+    symbols: Mapping[str, Value] = {**parameters, **flow.from_pose(formula, T)}
+    for stage in ("inverse", "forward", "helper"):
+        symbols = flow.run(formula, variants, symbols, stage)
+    found = flow.gather(formula, symbols, tuple(aspect.symbol for aspect in formula.aspects), "aspect")
+    preferred = ca.DM([aspect.preferred for aspect in formula.aspects])
+    numbers = ca.vertcat(*parameters.values()) if parameters else ca.SX(0, 1)
+    return ca.Function("aspects", [ca.vertcat(*state), numbers], [found * preferred])
+
+
 def _of_helpers(formula: Formula, variants: Mapping[str, str], symbols: Mapping[str, Value]) -> dict[str, ca.SX]:
     """Return passive joints, reach and points, as far as the helpers can be computed from these symbols."""
     try:

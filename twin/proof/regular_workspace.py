@@ -21,6 +21,9 @@ BATCH = 2048
 """Number of boxes at once."""
 
 
+_CORNERS = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0], indexing="ij"), -1).reshape(-1, 3)
+"""Corners of a box, as shares of its edges."""
+
 CLOSED = 1e-9
 """Largest value, in m or as a sine, of a condition that follows from the others."""
 
@@ -30,6 +33,10 @@ class Prediction(Protocol):
 
     def values(self, p: Array) -> Array:
         """Return joint values (n, k) in m and rad at tool positions (n, 3) in m; NaN where there are none."""
+        ...
+
+    def preferred(self, p: Array) -> Certainty:
+        """Return where the assembly is the preferred one of the equations at tool positions (n, 3) in m."""
         ...
 
     def outside(self, low: Array, high: Array) -> Certainty:
@@ -188,7 +195,11 @@ class BoxJudge:
         if worth.any():
             some = ToolBox(IntervalPose(tool.pose.R[worth], tool.pose.p[worth]))
             regular[worth] = self._regular(x[worth], some)
-        proved = worth & regular
+        # in a regular box the assembly stays the same: its middle and its corners tell which one it is
+        branch = np.ones(len(low), bool)
+        for share in (0.5, *_CORNERS):
+            branch &= self.equations.preferred(low + share * (high - low))
+        proved = worth & regular & branch
         judged.proved[numbers] = proved
         judged.outside[numbers] |= outside & assembled
         judged.redundant = float(np.max(rest[proved], initial=0.0))
@@ -197,6 +208,7 @@ class BoxJudge:
             ("other conditions", assembled & ~closed),
             ("limit", closed & ~kept),
             ("singular", worth & ~regular),
+            ("other assembly", worth & regular & ~branch),
         ):
             judged.reasons.setdefault(reason, np.zeros(len(judged.proved), bool))[numbers] |= where
 
