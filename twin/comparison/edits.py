@@ -16,7 +16,7 @@ import numpy as np
 from twin.comparison import rereading
 from twin.comparison.dh_edits import CellStatement
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
-from twin.comparison.frames import gaps
+from twin.comparison.frames import gaps, leaf_gaps
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
 from twin.comparison.rereading import EditGoal
@@ -82,8 +82,8 @@ class _Case:
         problem = self.with_side(side)
         lines = problem.residuals(self.u.signs, values_of(self.u)[None], self.u.deviating)[0]
         parts = [lines]
-        for gap in gaps(problem, self.u):
-            if gap.leaf and gap.joint not in self.moved_tools:
+        for gap in leaf_gaps(problem, self.u):
+            if gap.joint not in self.moved_tools:
                 parts.append((gap.T - np.eye(4))[:3].ravel())
         return np.concatenate(parts)
 
@@ -92,8 +92,8 @@ class _Case:
         problem = self.with_side(side)
         if not problem.holds(problem.gap(self.u)):
             return False
-        for gap in gaps(problem, self.u):
-            if gap.leaf and gap.joint not in self.moved_tools and gap.differs(problem):
+        for gap in leaf_gaps(problem, self.u):
+            if gap.joint not in self.moved_tools and gap.differs(problem):
                 return False
         return True
 
@@ -112,7 +112,7 @@ def with_edits(
     known = [statements(problem.first), statements(problem.second)]
     if problem.first.looped:
         return list(items)
-    moved_tools = [gap.joint for gap in gaps(problem, solution.unknowns) if gap.leaf and gap.differs(problem)]
+    moved_tools = [gap.joint for gap in leaf_gaps(problem, solution.unknowns) if gap.differs(problem)]
     common = _common_edits(problem, matching, items, known)
     out = []
     for item in items:

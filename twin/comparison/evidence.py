@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from twin.comparison.fit import Problem, Unknowns, values_of
-from twin.comparison.frames import FrameGap, gaps
+from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.side import ONE_COORDINATE
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -76,7 +76,7 @@ class StatedEvidence:
 
         Where a file puts the frame of a link is of no consequence, also on the last one.
         """
-        leaves = [gap for gap in gaps(self.problem, self.problem.start) if gap.leaf]
+        leaves = leaf_gaps(self.problem, self.problem.start)
         tools = (self.problem.first.tool, self.problem.second.tool)
         with_tool = {gap.joint for gap in leaves if gap.name in tools}
         return tuple(gap for gap in leaves if gap.joint not in with_tool or gap.name in tools)

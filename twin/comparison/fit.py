@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from twin.comparison.matching import Matching
-from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, RobotSide
+from twin.comparison.side import ONE_COORDINATE, TURNING, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -101,7 +101,8 @@ class Problem:
         self.tolerance = tolerance
         self.axes = [first.axes[i] for i in matching.pairs]
         self.count = len(self.axes)
-        self.order = _parents_first(self.axes)
+        joints = tuple((axis.parent, axis.child, axis.closing) for axis in self.axes)
+        self.order, self.below = _tree(joints)
         self.points = np.array([axis.point for axis in self.axes])
         self.directions = np.array([axis.direction for axis in self.axes])
         self.target_points = np.array([axis.point for axis in second.axes])
@@ -114,23 +115,33 @@ class Problem:
         target_drawn = np.array([axis.drawn for axis in second.axes])
         self.drawn = drawn
         self.target_drawn = target_drawn
-        self.below = self._joints_below()
 
     @cached_property
     def frames(self) -> Array:
         """(joints, 3, 3) frames of the joints of the first side, z along the axis; only deviations need them."""
-        return np.array([spatial.frame_from_axes(axis.direction, _across(axis.direction)) for axis in self.axes])
+        z = self.directions / np.linalg.norm(self.directions, axis=1, keepdims=True)
+        x = np.eye(3)[np.abs(z).argmin(axis=1)]
+        x = x - z * (z * x).sum(axis=1, keepdims=True)
+        x = x / np.linalg.norm(x, axis=1, keepdims=True)
+        return np.stack([x, _cross(z, x), z], axis=-1)
 
-    def _joints_below(self) -> list[list[int]]:
-        """Return for each joint the joints that start at its child, without those that close a loop."""
-        below: list[list[int]] = []
-        for axis in self.axes:
-            children = []
-            for k in self.order:
-                if self.axes[k].parent == axis.child and not axis.closing:
-                    children.append(k)
-            below.append(children)
-        return below
+    @cached_property
+    def _turning(self) -> Array:
+        """(joints,) 1 for each joint that turns about its line, else 0."""
+        return np.array([kind in TURNING for kind in self.kinds], float)
+
+    @cached_property
+    def _sliding(self) -> Array:
+        """(joints,) 1 for each joint that slides along its line, else 0."""
+        return np.array([kind == "prismatic" for kind in self.kinds], float)
+
+    @cached_property
+    def _row_joints(self) -> tuple[list[int], list[int], list[int]]:
+        """(joints with a direction, joints with a line that has a place, joints with a centre)."""
+        directed = [i for i, kind in enumerate(self.kinds) if kind not in ("free", "spherical")]
+        placed = [i for i, kind in enumerate(self.kinds) if kind in TURNING]
+        centred = [i for i, kind in enumerate(self.kinds) if kind == "spherical"]
+        return directed, placed, centred
 
     @property
     def angle_tolerance(self) -> float:
@@ -162,22 +173,21 @@ class Problem:
         `groups` (k, groups, 4, 4) the groups of bodies.
         """
         count = len(values)
-        moved = self.displacements(signs, values[:, 6 : 6 + self.count])
+        base, steps, deviations = self._steps(signs, values, deviating)
         groups = np.zeros((count, len(self.first.groups), 4, 4))
-        groups[:] = spatial.pose(spatial.exp_so3(values[:, :3]), values[:, 3:6])[:, None]
-        steps = self._joint_motions(moved)
+        groups[:] = base[:, None]
         parents = np.zeros((count, self.count, 4, 4))
         children = np.zeros((count, self.count, 4, 4))
-        deviations = self._deviations(deviating, values)
+        places = {joint: k for k, joint in enumerate(deviating)}
         for i in self.order:
             axis = self.axes[i]
             parent = groups[:, axis.parent]
             step = steps[:, i]
-            if i in deviations:
-                parent = parent @ deviations[i]
+            if i in places:
+                parent = parent @ deviations[:, places[i]]
             turned = self.turned_axis(i)
-            if turned in deviations:
-                turn = deviations[turned]
+            if turned in places:
+                turn = deviations[:, places[turned]]
                 parent = parent @ turn
                 step = step @ spatial.inverse(turn)
             parents[:, i] = parent
@@ -187,6 +197,38 @@ class Problem:
             children[:, i] = parent @ step
             groups[:, axis.child] = children[:, i]
         return parents, children, groups
+
+    def _steps(self, signs: Array, values: Array, deviating: Sequence[int]) -> tuple[Array, Array, Array]:
+        """Return (base, joints, deviations) for `values` (k, unknowns).
+
+        `base` (k, 4, 4) is the base transform, `joints` (k, joints, 4, 4) the motions about or along the lines,
+        `deviations` (k, deviating, 4, 4) those of the deviating joints on their parent links. All their rotations are
+        computed by one call: a call takes longer than a rotation.
+        """
+        moved = self.displacements(signs, values[:, 6 : 6 + self.count])
+        joints = [joint % self.count for joint in deviating]
+        in_frame = values[:, 6 + self.count :].reshape(len(values), len(joints), 2, 3)
+        placed = in_frame
+        if joints:
+            placed = in_frame @ np.swapaxes(self.frames[joints], 1, 2)
+        vectors = [values[:, None, :3], self._turns(moved), placed[:, :, 0]]
+        R = spatial.exp_so3(np.concatenate(vectors, axis=1))
+        joint_motions = self._about_lines(R[:, 1 : 1 + self.count], moved)
+        R_deviations = R[:, 1 + self.count :]
+        points = self.points[joints]
+        shifts = points - np.squeeze(R_deviations @ points[..., None], -1) + placed[:, :, 1]
+        base = spatial.pose(R[:, 0], values[:, 3:6])
+        return base, joint_motions, spatial.pose(R_deviations, shifts)
+
+    def _turns(self, moved: Array) -> Array:
+        """Return the rotation vectors (..., joints, 3) of the displacements (..., joints)."""
+        return (moved * self._turning)[..., None] * self.directions
+
+    def _about_lines(self, R: Array, moved: Array) -> Array:
+        """Return the motions (..., joints, 4, 4) of the displacements, whose rotations are R (..., joints, 3, 3)."""
+        p = self.points - np.squeeze(R @ self.points[..., None], -1)
+        p = p + (moved * self._sliding)[..., None] * self.directions
+        return spatial.pose(R, p)
 
     def turned_axis(self, joint: int) -> int:
         """Return the number in `Unknowns.deviating` of a joint whose axis alone is turned."""
@@ -201,51 +243,21 @@ class Problem:
                 free[start + 3 : start + 6] = False
         return free
 
-    def _joint_motions(self, moved: Array) -> Array:
-        turning, sliding = self._turning_and_sliding
-        R = spatial.exp_so3((moved * turning)[..., None] * self.directions)
-        p = self.points - np.squeeze(R @ self.points[..., None], -1)
-        p = p + (moved * sliding)[..., None] * self.directions
-        return spatial.pose(R, p)
-
-    @cached_property
-    def _turning_and_sliding(self) -> tuple[np.ndarray, np.ndarray]:
-        """Two (joints,) bool: which joints turn, and which slide, with their coordinate."""
-        turning = np.array([kind in TURNING for kind in self.kinds])
-        sliding = np.array([kind == "prismatic" for kind in self.kinds])
-        return turning, sliding
-
-    def _deviations(self, deviating: Sequence[int], values: Array) -> dict[int, Array]:
-        """Return for each of `deviating` its motions (k, 4, 4) on the parent link of the joint.
-
-        The last six columns of `values` (k, unknowns) for each of them: rotation vector and shift in the joint's frame.
-        """
-        if not deviating:
-            return {}
-        joints = [joint % self.count for joint in deviating]
-        own = values[:, 6 + self.count :].reshape(len(values), len(deviating), 2, 3)
-        # rotation vectors and shifts as rows, in the frame of the lines
-        rows = own @ np.swapaxes(self.frames[joints], -1, -2)
-        R = spatial.exp_so3(rows[:, :, 0])
-        points = self.points[joints]
-        shifts = points - np.squeeze(R @ points[..., None], -1) + rows[:, :, 1]
-        motions = spatial.pose(R, shifts)
-        return {joint: motions[:, k] for k, joint in enumerate(deviating)}
-
     def residuals(self, signs: Array, values: Array, deviating: Sequence[int]) -> Array:
         """Return the residuals (k, rows) in m and rad for `values` (k, unknowns)."""
         parents, children, _ = self.motions(signs, values, deviating)
-        rows = []
+        R = parents[:, :, :3, :3]
+        points = np.squeeze(R @ self.points[..., None], -1) + parents[:, :, :3, 3]
+        directions = signs[:, None] * np.squeeze(R @ self.directions[..., None], -1)
+        to_lines = points - self.target_points
+        directed, placed, centred = self._row_joints
+        tables = [
+            (directions - self.target_directions)[:, directed],
+            _cross(to_lines[:, placed], self.target_directions[placed]),
+            to_lines[:, centred],
+        ]
+        rows = [table.reshape(len(values), -1) for table in tables]
         for i, axis in enumerate(self.axes):
-            point, direction = self._line(parents[:, i], i, signs)
-            to_line = point - self.target_points[i]
-            target = self.target_directions[i]
-            if axis.kind != "free" and axis.kind != "spherical":
-                rows.append(direction - target)
-            if axis.kind in TURNING:
-                rows.append(_cross(to_line, target))
-            if axis.kind == "spherical":
-                rows.append(to_line)
             if axis.closing:
                 rows += self._closing_rows(i, parents[:, i], children[:, i], signs)
         return np.concatenate(rows, axis=1)
@@ -403,7 +415,7 @@ class Problem:
                 groups[axis.child] = parent
                 continue
             displacements[i] = self._displacement(i, parent, signs, deviating, neutral[i])
-            step = self._joint_motions(displacements[None])[0, i]
+            step = self._about_lines(spatial.exp_so3(self._turns(displacements)), displacements)[i]
             groups[axis.child] = parent @ step
         base = np.concatenate([spatial.log_so3(X[:3, :3]), X[:3, 3]])
         return Unknowns(signs, base, self.zeros(signs, displacements), deviating, deviations)
@@ -519,10 +531,11 @@ class Problem:
 
 def _cross(a: Array, b: Array) -> Array:
     """Return the cross products (..., 3); np.cross takes most of its time for a choice of axes."""
-    x = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    y = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    z = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return np.stack([x, y, z], axis=-1)
+    out = np.zeros(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
 
 
 def _least_step(J: Array, r: Array, damping: float) -> Array:
@@ -533,21 +546,30 @@ def _least_step(J: Array, r: Array, damping: float) -> Array:
     return -Vt[kept].T @ (gains * (U[:, kept].T @ r))
 
 
-def _parents_first(axes: Sequence[Axis]) -> list[int]:
-    """Return the indices of the joints, those of the tree first and parents first."""
+@lru_cache(maxsize=64)
+def _tree(joints: tuple[tuple[int, int, bool], ...]) -> tuple[list[int], list[list[int]]]:
+    """Return (order, below) of joints (parent, child, closes a loop).
+
+    `order` has the joints of the tree first, parents first; `below` for each joint those that start at its child,
+    without those that close a loop. Edits make many problems with the same joints.
+    """
     reached = {0}
     order: list[int] = []
-    pending = [i for i, axis in enumerate(axes) if not axis.closing]
+    closing = [i for i, joint in enumerate(joints) if joint[2]]
+    pending = [i for i, joint in enumerate(joints) if not joint[2]]
     while pending:
-        ready = [i for i in pending if axes[i].parent in reached]
+        ready = [i for i in pending if joints[i][0] in reached]
         if not ready:
             break
         for i in ready:
             order.append(i)
-            reached.add(axes[i].child)
+            reached.add(joints[i][1])
             pending.remove(i)
-    closing = [i for i, axis in enumerate(axes) if axis.closing]
-    return order + closing
+    order += closing
+    below: list[list[int]] = []
+    for _, child, closes in joints:
+        below.append([k for k in order if joints[k][0] == child and not closes])
+    return order, below
 
 
 def _across(direction: Array) -> Array:

@@ -39,8 +39,16 @@ class FrameGap:
         return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
-def gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
-    """Return the gaps of all frames and bodies with the same name in both sides, and of the two tools."""
+def leaf_gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
+    """Return those of `gaps` that are on leaf links."""
+    return gaps(problem, u, inner=False)
+
+
+def gaps(problem: Problem, u: Unknowns, *, inner: bool = True) -> list[FrameGap]:
+    """Return the gaps of all frames and bodies with the same name in both sides, and of the two tools.
+
+    Without `inner`, only of those on leaf links.
+    """
     _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
     carrier = carriers(problem)
     carrier[0] = BASE
@@ -54,14 +62,14 @@ def gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
         joint = carrier.get(group)
         if partner is None or joint is None or group_of_joint[joint] != partner[0]:
             continue
-        if name in guessed:
+        if name in guessed or not (inner or _on_leaf(problem, joint)):
             continue
         found.append(_gap(problem, motions, name, joint, (group, T), partner))
     # a tool whose name both sides have is among the frames; others are compared also if their link has such frames
     named = problem.second.tool in problem.first.frames or problem.first.tool in problem.second.frames
     if not guessed and not (named and any(gap.leaf for gap in found)):
         tool = _tools(problem, motions, carrier)
-        if tool is not None:
+        if tool is not None and (inner or tool.leaf):
             found.append(tool)
     return found
 
@@ -89,5 +97,8 @@ def _gap(
     group, T_first = first
     T_moved = motions[0, group] @ T_first
     T = spatial.inverse(second[1]) @ T_moved
-    leaf = joint != BASE and not problem.below[joint]
-    return FrameGap(name, joint, leaf, T, second[1])
+    return FrameGap(name, joint, _on_leaf(problem, joint), T, second[1])
+
+
+def _on_leaf(problem: Problem, joint: int) -> bool:
+    return joint != BASE and not problem.below[joint]

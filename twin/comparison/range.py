@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
-from twin.comparison.frames import FrameGap, gaps
+from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.properties import followed_of, mapped_limits
 from twin.comparison.side import ONE_COORDINATE
 from twin.core import spatial
@@ -94,7 +94,7 @@ def common_range(problem: Problem, solution: FitSolution) -> Array:
 
 def worst(problem: Problem, solution: FitSolution) -> Worst | None:
     """Return the largest difference of the tool frames without the deviations of the solution; None without a tool."""
-    tools = [gap for gap in gaps(problem, solution.unknowns) if gap.leaf]
+    tools = leaf_gaps(problem, solution.unknowns)
     if not tools:
         return None
     u = solution.unknowns

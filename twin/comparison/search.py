@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.comparison.evidence import CONVENTION, LIMIT, Evidence, StatedEvidence, turning_columns
 from twin.comparison.fit import FitSolution, Problem, Unknowns, size_of, values_of, with_values
-from twin.comparison.frames import gaps
+from twin.comparison.frames import gaps, leaf_gaps
 from twin.comparison.invariants import Local, local
 from twin.comparison.side import ONE_COORDINATE
 from twin.core import spatial
@@ -199,13 +199,16 @@ class _Search:
         J = self._derivatives(choice, known)
         sizes = [self.stated.rows(evidence) for evidence in known]
         fixed = J[: len(J) - sum(sizes)]
+        if len(fixed) > fixed.shape[1]:
+            # the same right-hand side, without the large one
+            fixed = np.linalg.qr(fixed, mode="r")
         _, strengths, Vt = np.linalg.svd(fixed, full_matrices=True)
         rank = 0
         if len(strengths):
             rank = int(np.sum(strengths > 1e-6 * max(float(strengths[0]), 1e-12)))
         directions = _separated(Vt[rank:]).T
         along = []
-        start = len(fixed)
+        start = len(J) - sum(sizes)
         for size in sizes:
             along.append(J[start : start + size] @ directions)
             start += size
@@ -508,7 +511,7 @@ def _sparse(problem: Problem, solution: FitSolution) -> FitSolution:
     first = 6 + problem.count
     free = np.zeros(len(x), bool)
     free[first:] = True
-    tools = [gap.T for gap in gaps(problem, u) if gap.leaf]
+    tools = [gap.T for gap in leaf_gaps(problem, u)]
     groups: list[list[int]] = []
     for k in range(len(u.deviating)):
         start = first + 6 * k
@@ -532,7 +535,7 @@ def _sparse(problem: Problem, solution: FitSolution) -> FitSolution:
 
 def _tools_stay(problem: Problem, u: Unknowns, before: Sequence[Array]) -> bool:
     """Return whether the frames of leaf links that were equal are still equal."""
-    leaves = [gap for gap in gaps(problem, u) if gap.leaf]
+    leaves = leaf_gaps(problem, u)
     for gap, T in zip(leaves, before, strict=True):
         was = replace(gap, T=T)
         if gap.differs(problem) and not was.differs(problem):

@@ -193,9 +193,10 @@ def places(known: Sequence[NumberStatement | CellStatement]) -> list[PlaceStatem
 
 def _product(angles: Array, sequence: str) -> Array:
     """Return the product (3, 3) of rotations about axes: lower case about moving axes, upper case about fixed axes."""
+    axes = np.eye(3)[["xyz".index(letter) for letter in sequence.lower()]]
+    steps = spatial.exp_so3(np.asarray(angles, float)[:, None] * axes)
     R = np.eye(3)
-    for angle, letter in zip(angles, sequence, strict=True):
-        step = spatial.exp_so3(angle * np.eye(3)["xyz".index(letter.lower())])
+    for step, letter in zip(steps, sequence, strict=True):
         R = R @ step if letter.islower() else step @ R
     return R
 
