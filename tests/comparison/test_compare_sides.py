@@ -279,6 +279,27 @@ def test_joints_of_poses_are_those_of_the_robot(tmp_path: Path) -> None:
         twin.compare(file, measured(tmp_path / "other.csv"))
 
 
+def test_the_column_of_a_follower_has_the_values_of_its_coupling(tmp_path: Path) -> None:
+    arm = urdf(tmp_path / "arm.urdf")
+    free = '<joint name="q3" type="continuous">'
+    coupled = arm.read_text().replace(free, free + '<mimic joint="q2" multiplier="-1.5" offset="0.1"/>')
+    arm.write_text(coupled)
+    lines = [GOOD]
+    for q1, q2, q4 in np.random.default_rng(4).uniform(-60, 60, (12, 3)):
+        q3 = -1.5 * q2 + float(np.degrees(0.1))
+        x, y, z = 1e3 * forward(np.radians([q1, q2, q3, q4]))[:3, 3]
+        lines.append(",".join(f"{cell:.12g}" for cell in (q1, q2, q3, q4, x, y, z)))
+    file = tmp_path / "poses.csv"
+    file.write_text("\n".join(lines) + "\n")
+    assert twin.compare(file, arm).verdict == "agree"
+    cells = lines[5].split(",")
+    cells[2] = f"{float(cells[2]) + 5:.12g}"
+    lines[5] = ",".join(cells)
+    file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(TwinError, match=r"poses\.csv:6: q3 = .*, but its coupling in arm\.urdf gives"):
+        twin.compare(file, arm)
+
+
 def test_units_of_poses_are_an_option_or_a_comment(tmp_path: Path) -> None:
     arm = urdf(tmp_path / "arm.urdf")
     file = measured(tmp_path / "poses.csv")

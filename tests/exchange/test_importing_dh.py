@@ -299,6 +299,7 @@ BAD = {
     "error_not_a_number.csv": ":4: a [mm] = '3OO' is not a number",
     "error_not_toml.toml": "the file is not TOML: Expected ']]' at the end of an array declaration (at line 1",
     "error_pi_in_degrees.csv": ":3: mixed units: the heading 'alpha [deg]' is in deg, but alpha = 'pi/2' in rad",
+    "error_rad_in_degrees.csv": ":3: mixed units: alpha = '1.5708' is a quarter or half turn in rad, but the table is",
     "error_two_coordinates.csv": ":5: theta and d are both variables (q3, d3): a joint has one",
     "error_two_names_of_a_column.csv": ":2: the headings 'link length [mm]' and 'a [mm]' mean the same",
     "error_unknown_convention.csv": ":2: there is no convention 'usual'; use one of standard, modified, khalil, hayati",

@@ -20,6 +20,7 @@ from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.property_edits import with_property_edits
 from twin.comparison.range import Worst, worst
 from twin.comparison.recut import recut
+from twin.comparison.rereading import remembering
 from twin.comparison.search import conventions, deviations
 from twin.comparison.side import RobotSide
 from twin.core import spatial
@@ -236,7 +237,7 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
         agrees = found_mimic.within(tolerance, ANGLE_PER_LENGTH * tolerance)
         verdict: Kinematics = "agree" if agrees else "disagree"
         return SidePair(first, second, verdict, (), (), None, None, None, None, mimic=found_mimic)
-    problem = Problem(first, second, matching, tolerance)
+    problem = Problem(remembering(first), remembering(second), matching, tolerance)
     found_solutions = conventions(problem)
     if not found_solutions and first.looped:
         explanations = differing_places(problem)

@@ -63,6 +63,9 @@ _STEP = 1e-6
 _MOVED = 0.01
 """Displacement in m or rad with which it is tried whether a joint moves the tool."""
 
+_FOLLOWS = 1e-3
+"""Largest distance in m or rad of a joint from the value that its coupling gives it."""
+
 _FRAMES = 12
 """Number of unknowns of base and tool frame."""
 
@@ -145,6 +148,7 @@ def compare_rows(rows: PoseRows, label: str, side: RobotSide, tolerance: float) 
     Raises:
         TwinError: the joints cannot be matched, or no row is in the range of the robot's joints.
     """
+    rows = _without_followers(rows, label, side)
     q = _matched(rows, label, side)
     _require_range(rows, q, label, side)
     if side.tool_poses is not None:
@@ -183,6 +187,9 @@ def _matched(rows: PoseRows, label: str, side: RobotSide) -> Array:
         stated = f"{label} has values of {len(rows.joints)} joints ({', '.join(rows.joints)})"
         needed = f"the tool of {side.label} is moved by {len(wanted)} ({', '.join(wanted)})"
         way_out = "Name the joints alike, or compare fewer with --only"
+        passive = _passive(extra, side)
+        if passive:
+            way_out = f"Remove the columns of joints without a motor: {', '.join(passive)}"
         raise TwinError(f"the joints cannot be matched: {stated}, but {needed}. {way_out}")
     angles = {axis.name: axis.is_angle for axis in side.axes}
     q = np.full((len(rows.q), len(order)), np.nan)
@@ -198,6 +205,44 @@ def _matched(rows: PoseRows, label: str, side: RobotSide) -> Array:
             raise TwinError(f"{stated}, but {known_kind}. {way_out}")
         q[:, i] = rows.q[:, column]
     return q
+
+
+def _without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
+    """Return the rows without the columns of joints that others move by a coupling, if they have the values of it.
+
+    Raises:
+        TwinError: a value is not that of the coupling.
+    """
+    if side.looped:
+        return rows
+    column = {plain(name): k for k, name in enumerate(rows.joints)}
+    values = np.full((len(rows.q), len(side.axes)), np.nan)
+    for i, axis in enumerate(side.axes):
+        if plain(axis.name) in column:
+            values[:, i] = rows.q[:, column[plain(axis.name)]]
+    kept = list(range(len(rows.joints)))
+    for i, (ratios, offset) in followed_of(side).items():
+        name = side.axes[i].name
+        moving = np.flatnonzero(ratios)
+        if name in side.order or plain(name) not in column or np.isnan(values[:, moving]).any():
+            continue
+        followed = values[:, moving] @ ratios[moving] + offset
+        gaps = np.abs(values[:, i] - followed)
+        row = int(np.argmax(gaps))
+        if gaps[row] > _FOLLOWS:
+            stated = f"{name} = {values[row, i]:.6g}, but its coupling in {side.label} gives {followed[row]:.6g}"
+            line = f":{rows.lines[row]}" if rows.lines else ""
+            way_out = "Correct the value or the coupling, or remove the column"
+            raise TwinError(f"{label}{line}: {stated} in rad or m (up to {_FOLLOWS:g} apart is allowed). {way_out}")
+        kept.remove(column[plain(name)])
+    joints = tuple(rows.joints[k] for k in kept)
+    return replace(rows, joints=joints, angles=tuple(rows.angles[k] for k in kept), q=rows.q[:, kept])
+
+
+def _passive(names: Sequence[str], side: RobotSide) -> list[str]:
+    """Return which of the names are joints of the side without a motor."""
+    undriven = {plain(axis.name) for axis in side.axes} - {plain(name) for name in side.order}
+    return [name for name in names if plain(name) in undriven]
 
 
 def _moves_tool(side: RobotSide, name: str) -> bool:

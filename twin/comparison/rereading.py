@@ -6,6 +6,7 @@ this shows what the number does, whatever the format is. The text of an edit was
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -28,6 +29,9 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _MOST_READ = 150
 """Maximum number of numbers of one text that are tried for one item."""
+
+_REMEMBERED = 2000
+"""Maximum number of changed texts of one file whose sides are kept."""
 
 _STEP = 1e-3
 """Relative change of a number that shows what it does; files in single precision round finer ones away."""
@@ -99,6 +103,30 @@ class EditGoal:
     inaccuracy: float
 
 
+def remembering(side: RobotSide) -> RobotSide:
+    """Return the side with a `reread` that reads each text once: the edits of many items try the same ones."""
+    reread = side.reread
+    if reread is None:
+        return side
+    known: dict[bytes, RobotSide | TwinError] = {}
+
+    def read_once(text: bytes) -> RobotSide:
+        key = hashlib.sha256(text).digest()
+        found = known.get(key)
+        if found is None:
+            try:
+                found = reread(text)
+            except TwinError as error:
+                found = error
+            if len(known) < _REMEMBERED:
+                known[key] = found
+        if isinstance(found, TwinError):
+            raise found
+        return found
+
+    return replace(side, reread=read_once)
+
+
 def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumber]:
     """Return the numbers of the text of a side inside elements or prims with these names (as in `plain`).
 
@@ -121,6 +149,24 @@ def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumb
         if states_it and not set(number.names).isdisjoint(names):
             chosen.append(number)
     return chosen
+
+
+def why_not_edited(side: RobotSide) -> str:
+    """Return why no number of a side can be named as an edit, and the way out; "" if its numbers can be read again."""
+    if text_of(side) is not None:
+        return ""
+    suffix = ""
+    if side.path is not None:
+        suffix = side.path.suffix.lower()
+    if suffix in (".step", ".stp"):
+        return "its numbers are the shapes of a drawing. Change the place in the CAD program, and export it again"
+    if suffix in (".usd", ".usdc", ".usdz"):
+        return "it is a USD stage in binary form. Write it as text (.usda, by usdcat), and compare that"
+    if side.looped:
+        return "each number would need its loops to be closed again. Change the place that is named, and compare again"
+    if side.path is None:
+        return "it was not read from one file. Change the place that is named, in its CAD or its formula"
+    return "its file has no numbers as text. Compare the file from which it was made"
 
 
 def text_of(side: RobotSide) -> bytes | None:

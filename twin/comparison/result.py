@@ -13,6 +13,7 @@ from twin.comparison.mimic import MimicError
 from twin.comparison.pair import SidePair
 from twin.comparison.poses import PoseFit
 from twin.comparison.properties import KINDS, PropertyRow
+from twin.comparison.rereading import why_not_edited
 from twin.comparison.side import RobotSide
 from twin.core import spatial
 from twin.core.findings import Finding, disagreement, error, info, warning
@@ -151,6 +152,7 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     for item in pair.differences:
         yield f"  ✖ {item.text}"
         yield from _item_text(item)
+    yield from _unedited_text(pair)
     for texts in pair.ties:
         yield f"  or, equally well: {'; '.join(texts)}"
     if pair.mimic is not None:
@@ -175,6 +177,16 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
         for row in stated:
             for text in _edit_texts(row.edits, "; and " if row.together else "; or "):
                 yield f"      {row.kind} of '{row.where}': {text}"
+
+
+def _unedited_text(pair: SidePair) -> Iterator[str]:
+    """Yield for each side whose numbers cannot be edits the reason, if an item has no edit of it."""
+    for side in (pair.first, pair.second):
+        without = [item for item in pair.items if item.kind not in ("name", "order")]
+        without = [item for item in without if all(edit.side != side.label for edit in item.edits)]
+        reason = why_not_edited(side)
+        if without and reason:
+            yield f"  no edits of {side.label}: {reason}."
 
 
 def _one_sided_text(rows: Sequence[PropertyRow]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from twin.comparison.evidence import CONVENTION, LIMIT, Evidence, StatedEvidence, turning_columns
-from twin.comparison.fit import FitSolution, Problem, Unknowns, size_of, values_of, with_values
+from twin.comparison.fit import FitSolution, Problem, Unknowns, open_directions, size_of, values_of, with_values
 from twin.comparison.frames import gaps, leaf_gaps
 from twin.comparison.invariants import Local, local
 from twin.comparison.side import ONE_COORDINATE
@@ -35,6 +35,15 @@ _FITS = 160
 
 _NODES = 400
 """Maximum number of choices of evidence that are fitted."""
+
+_NODES_WITH_MANY = 60
+"""The same where many joints deviate: conventions then mean little, and the values of each fit are many."""
+
+_SHRINKS = 12
+"""Maximum number of steps to the smallest deviations."""
+
+_SMALL_TURN = 0.5
+"""Largest change of a value in rad or m in one of these steps."""
 
 _DEVIATION = 2.6
 """Cost of a deviating joint where conventions are an explanation as well: one convention and limits are likelier."""
@@ -86,7 +95,7 @@ class _Choice:
 class _Search:
     """The search over some sets of deviating joints; `run` returns all solutions with the lowest cost."""
 
-    def __init__(self, problem: Problem, known: Local, most: float) -> None:
+    def __init__(self, problem: Problem, known: Local, most: float, most_nodes: int = _NODES) -> None:
         self.problem = problem
         self.known = known
         self.most = most
@@ -97,6 +106,7 @@ class _Search:
         self.seen: set[tuple[object, ...]] = set()
         self.fits = 0
         self.nodes = 0
+        self.most_nodes = most_nodes
 
     def _push(self, bound: float, node: _Signs | _Choice) -> None:
         if bound > self.most + _SAME:
@@ -117,7 +127,7 @@ class _Search:
             if isinstance(node, _Signs):
                 self._signs(node)
                 continue
-            if not node.final and self.nodes < _NODES and self._branches(node, min(self.most, lowest) - bound):
+            if not node.final and self.nodes < self.most_nodes and self._branches(node, min(self.most, lowest) - bound):
                 continue
             # what was open, and no evidence fixed, may differ
             cost = _cost(self.stated, node.solution.unknowns)
@@ -199,14 +209,7 @@ class _Search:
         J = self._derivatives(choice, known)
         sizes = [self.stated.rows(evidence) for evidence in known]
         fixed = J[: len(J) - sum(sizes)]
-        if len(fixed) > fixed.shape[1]:
-            # the same right-hand side, without the large one
-            fixed = np.linalg.qr(fixed, mode="r")
-        _, strengths, Vt = np.linalg.svd(fixed, full_matrices=True)
-        rank = 0
-        if len(strengths):
-            rank = int(np.sum(strengths > 1e-6 * max(float(strengths[0]), 1e-12)))
-        directions = _separated(Vt[rank:]).T
+        directions = _separated(open_directions(fixed).T).T
         along = []
         start = len(J) - sum(sizes)
         for size in sizes:
@@ -477,7 +480,7 @@ def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSo
     for solution in solutions:
         if not any(_same(problem, _undeviated(solution), _undeviated(other)) for other in different):
             different.append(solution)
-    return _ordered(problem, [_sparse(problem, solution) for solution in different])
+    return _ordered(problem, [_sparse(problem, smallest_deviations(problem, solution)) for solution in different])
 
 
 def _undeviated(solution: FitSolution) -> Unknowns:
@@ -487,11 +490,22 @@ def _undeviated(solution: FitSolution) -> Unknowns:
 
 
 def _short_turn(u: Unknowns) -> Unknowns:
-    """Return unknowns with the turn of the base below half a turn."""
+    """Return unknowns with the turns of base and deviations below half a turn."""
     base = u.base.copy()
-    if np.linalg.norm(base[:3]) > np.pi:
-        base[:3] = spatial.log_so3(spatial.exp_so3(base[:3]))
-    return replace(u, base=base)
+    base[:3] = _short_vector(base[:3])
+    if u.deviations is None:
+        return replace(u, base=base)
+    deviations = u.deviations.copy()
+    for k, values in enumerate(u.deviations):
+        deviations[k, :3] = _short_vector(values[:3])
+    return replace(u, base=base, deviations=deviations)
+
+
+def _short_vector(turn: Array) -> Array:
+    """Return a rotation vector (3,) in rad with the same rotation, at most half a turn."""
+    if np.linalg.norm(turn) <= np.pi:
+        return turn
+    return spatial.log_so3(spatial.exp_so3(turn))
 
 
 def _same(problem: Problem, u: Unknowns, other: Unknowns) -> bool:
@@ -502,6 +516,44 @@ def _same(problem: Problem, u: Unknowns, other: Unknowns) -> bool:
     turning = turning_columns(problem)
     difference[turning] = np.arctan2(np.sin(difference[turning]), np.cos(difference[turning]))
     return bool(np.abs(difference).max() <= _NEAR * problem.tolerance)
+
+
+def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
+    """Return the solution with the smallest deviations: lines and frames that agree may leave them open in part.
+
+    Conventions, and all evidence of tools and inertias that agrees, stay as found.
+    """
+    best = replace(solution, unknowns=_short_turn(solution.unknowns))
+    u = best.unknowns
+    free = problem.free(u.deviating)
+    free[: 6 + problem.count] = False
+    columns = np.flatnonzero(free)
+    stated = StatedEvidence(problem)
+    kept = [evidence for evidence in stated.known(u.signs) if evidence.kind in ("tool", "inertia")]
+    differing = stated.violated(kept, u)
+    kept = [evidence for evidence in kept if evidence not in differing]
+
+    def more(values: Array) -> Array:
+        return stated.residuals(kept, u.signs, values, u.deviating)
+
+    for _ in range(_SHRINKS):
+        x = values_of(best.unknowns)
+        moved = np.repeat(x[None], len(columns) + 1, axis=0)
+        moved[np.arange(len(columns)), columns] += _STEP
+        rows = np.concatenate([problem.residuals(u.signs, moved, u.deviating), more(moved)], axis=1)
+        undetermined = open_directions((rows[:-1] - rows[-1]).T / _STEP)
+        excess = undetermined @ (undetermined.T @ x[columns])
+        if np.abs(excess).max() < problem.tolerance:
+            break
+        tried = x.copy()
+        # only a small turn keeps the directions
+        tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
+        found = problem.refine(with_values(u, tried), free, more)
+        smaller = np.linalg.norm(values_of(found.unknowns)[columns]) < np.linalg.norm(x[columns])
+        if not smaller or not problem.holds(found.gap) or stated.violated(kept, found.unknowns):
+            break
+        best = found
+    return best
 
 
 def _sparse(problem: Problem, solution: FitSolution) -> FitSolution:
@@ -570,9 +622,20 @@ def _greedy(problem: Problem, known: Local) -> list[FitSolution]:
             return []
         chosen = best.unknowns.deviating
         if problem.holds(best.gap):
-            found = _Search(problem, known, _FLIPS).run([chosen])
+            needed = _needed(problem, signs, chosen)
+            found = _Search(problem, known, _FLIPS, _NODES_WITH_MANY).run([needed])
             return _explained(problem, found)
     return []
+
+
+def _needed(problem: Problem, signs: Array, chosen: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the deviating joints without those that a later choice has made needless."""
+    needed = list(chosen)
+    for joint in chosen:
+        fewer = tuple(other for other in needed if other != joint)
+        if fewer and problem.holds(problem.solve(signs, fewer).gap):
+            needed.remove(joint)
+    return tuple(needed)
 
 
 def _sign_sets(problem: Problem, most: int) -> Iterator[Array]:

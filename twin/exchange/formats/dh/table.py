@@ -530,11 +530,19 @@ class _Reader:
             self.fail(row.line, f"mixed units: {column} = '{text}', but the table is in {unit}")
         if found.of_pi and unit == "deg":
             self.fail(row.line, f"mixed units: {column} = '{text}' is a multiple of pi, but the table is in degrees")
+        if what == "angle" and unit == "deg" and not found.unit and _is_quarter_in_rad(found.value):
+            why = f"{column} = '{text}' is a quarter or half turn in rad, but the table is in degrees"
+            self.fail(row.line, f"mixed units: {why}. Write it in degrees, or give its unit: {text} deg")
         return CellQuantity(found.value * _SIZE[unit], found.value, unit)
 
     def _parsed(self, column: str, text: str) -> _Number | None:
         """Return the number of a cell; only where the coordinate can be, its name stands for 0."""
         return _parsed(text, column in self.moving)
+
+
+def _is_quarter_in_rad(value: float) -> bool:
+    """Return whether a number is a quarter or half turn in rad, written with three digits or more."""
+    return any(abs(abs(value) - turn) < 3e-4 for turn in (0.5 * math.pi, math.pi))
 
 
 @dataclass(frozen=True)
