@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import twin
+from made import chains
 from made.lanes import thinned
 from twin.comparison.pair import compare_pair
 from twin.comparison.poses import compare_rows
@@ -243,6 +244,16 @@ def test_no_limits_are_no_agreement_with_limits(tmp_path: Path) -> None:
     endless_hinge = hinge(tmp_path / "endless.xml", 'limited="false"')
     assert limits_of(bounded_hinge, endless_hinge) == ("disagree", [(one_turn, "no limits")])
     assert limits_of(endless_hinge, endless) == ("agree", [])
+
+
+def test_a_stage_without_limits_states_that_there_are_none(tmp_path: Path) -> None:
+    stage = chains.write(chains.ROBOTS["scara"], tmp_path / "stage", "usda")
+    lines = [line for line in stage.read_text().splitlines() if "Limit" not in line]
+    stage.write_text("\n".join(lines) + "\n")
+    bounded = chains.write(chains.ROBOTS["scara"], tmp_path / "bounded", "urdf")
+    verdict, rows = limits_of(bounded, stage)
+    assert verdict == "disagree"
+    assert {second for _, second in rows} == {"no limits"}
 
 
 def test_limits_of_only_one_side_are_named_as_not_compared(tmp_path: Path) -> None:

@@ -355,7 +355,15 @@ def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
 
     if robot.files is None:
         mechanism = robot.mechanism
-        side = from_mechanism(mechanism, label, path=robot.source.stage, only=only, guessed_tool=bool(robot.tool_note))
+        side = from_mechanism(
+            mechanism,
+            label,
+            path=robot.source.stage,
+            only=only,
+            guessed_tool=bool(robot.tool_note),
+            # in the schema of USD, a joint without limits is not limited: a stage cannot leave them open
+            unlimited=[joint.name for joint in mechanism.tree],
+        )
     else:
         mechanism = robot.weighed().mechanism
         side = from_mechanism(mechanism, label, path=robot.files.description, only=only)
