@@ -160,6 +160,6 @@ def test_four_fifths_of_the_workspace_of_sils_are_proved(sils):
     found = proven_workspace(sils)
     assert found.share >= 0.8
     assert found.proof.volume <= found.sampled + 2 * found.sampled_error
-    for p in _positions(found.proof, 300):
+    for p in _positions(found.proof, 24):
         grid = sampled.PoseGrid(p, 1e-3, (1, 1, 1), found.proof.orientation)
         assert sampled.workspace(sils, grid).reached.all()
