@@ -120,44 +120,64 @@ def _changed(text, kind, start, end, new):
 
 
 class Oracle:
-    """The numbers of the right equations at random states, computed with double precision."""
+    """The right equations at random states, computed with double precision.
+
+    An inverse may choose another solution than the right one: its joints must give the pose, and its points be there.
+    """
 
     def __init__(self, robot, ranges, count=POSES, seed=77):
-        """Compute them."""
+        """Draw the states; `ranges` are those of the proof, without parameters."""
         generator = np.random.default_rng(seed)
         self.formula = robot.formula
         low, high = np.array([[r[1], r[2]] for r in ranges.values()]).T
         self.state = generator.uniform(low, high, (count, len(low)))
-        right = compile_formula(robot.formula)
-        if robot.formula.has("forward"):
-            self.poses = right.forward_many(self.state)
-        else:
-            self.poses = np.array([right.program.pose_of_coordinates.one(x) for x in self.state]).reshape(-1, 4, 4)
-        self.right = self.numbers()
-
-    def numbers(self):
-        """Return the numbers of the equations as they are now, without those of poses out of reach."""
-        found = compile_formula(self.formula)
-        numbers = []
+        self.right = compile_formula(robot.formula)
+        # functions are compiled when they are first needed: before a mutant changes what they say
         if self.formula.has("forward"):
-            numbers.append(found.forward_many(self.state).reshape(len(self.state), -1))
-        joints = None
+            self.poses = self.right.forward_many(self.state)
+        else:
+            one = self.right.program.pose_of_coordinates.one
+            self.poses = np.array([one(x) for x in self.state]).reshape(-1, 4, 4)
+        self.joints = None
         if self.formula.has("inverse"):
-            joints = found.inverse_many(self.poses)
-            for i, joint in enumerate(self.formula.joints):
-                column = joints[:, i : i + 1]
-                if joint.kind == "revolute":
-                    column = np.column_stack([np.cos(column), np.sin(column)])
-                numbers.append(column)
-        named = found.points_many(Ts=self.poses)
-        numbers += [np.asarray(p).reshape(len(self.state), -1) for p in named.values()]
-        return np.column_stack(numbers)
+            self.joints = self.right.inverse_many(self.poses)
+            self.points = self._points_of(self.right, self.joints)
 
-    def differs(self):
-        """Return the largest difference of the numbers of the equations as they are now; infinite if one is missing."""
+    def _points_of(self, equations, joints):
+        """Return the points (k, 3 m) of some equations at the poses, or at joints if they have forward equations."""
+        if self.formula.has("forward"):
+            named = equations.points_many(qs=joints)
+        else:
+            named = equations.points_many(Ts=self.poses)
+        return np.column_stack([np.asarray(p).reshape(len(self.state), -1) for p in named.values()])
+
+    def wrong(self):
+        """Return the largest error of the equations as they are now; infinite if a value is missing."""
         with np.errstate(all="ignore"):
-            wrong = self.numbers()
-        known = np.isfinite(self.right)
-        if not np.isfinite(wrong[known]).all():
-            return np.inf
-        return float(np.abs(wrong[known] - self.right[known]).max())
+            now = compile_formula(self.formula)
+            errors = []
+            if self.formula.has("forward"):
+                errors.append(_error(now.forward_many(self.state), self.poses))
+            if self.joints is None:
+                return max(errors)
+            joints = now.inverse_many(self.poses)
+            inside = np.isfinite(self.joints).all(axis=1)
+            if self.formula.has("forward"):
+                errors.append(_error(self.right.forward_many(joints)[inside], self.poses[inside]))
+                named = now.points_many(Ts=self.poses)
+                points = np.column_stack([np.asarray(p).reshape(len(self.state), -1) for p in named.values()])
+                errors.append(_error(points[inside], self._points_of(self.right, joints)[inside]))
+            else:
+                errors.append(_error(joints[inside], self.joints[inside]))
+                errors.append(_error(self._points_of(now, joints)[inside], self.points[inside]))
+        return max(errors)
+
+
+def _error(found, expected):
+    """Return the largest difference where values are expected; infinite if one is missing."""
+    known = np.isfinite(expected)
+    if not known.any():
+        return 0.0
+    if not np.isfinite(found[known]).all():
+        return np.inf
+    return float(np.abs(found[known] - expected[known]).max())

@@ -79,7 +79,11 @@ def test_the_error_of_the_printed_platform_is_given_as_a_formula():
 
 
 def test_lengths_that_are_multiples_of_a_root_are_named():
-    assert twin.prove("sils", states=256).proof.recognised["77.9422863 mm"] == "45 sqrt(3) mm"
+    found = twin.prove("sils", states=256)
+    assert found.proof.recognised["77.9422863 mm"] == "45 sqrt(3) mm"
+    notes = [finding for finding in found.findings if finding.code == "prove.number"]
+    assert any("77.9422863 mm of the CAD is taken as 45 sqrt(3) mm" in note.message for note in notes)
+    assert found.exit_code == 0
 
 
 def test_a_witness_is_a_pose_where_the_equations_are_wrong():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from twin.api.robot import Progress, Robot, load, silent
 from twin.core.errors import TwinError
-from twin.core.findings import Finding, by_severity, disagreement, error, warning
+from twin.core.findings import Finding, by_severity, disagreement, error, info, warning
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
@@ -135,8 +135,6 @@ class Proved(Result):
                 f"at the other {report.undefined}, one answer by intervals {report.bounded}, the other found by a "
                 f"search {report.found}, open {len(report.open)}"
             )
-        for number, form in list(proof.recognised.items())[:_SHOWN]:
-            yield f"  {number} is {form}"
         missing = [claim.name for claim in proof.claims if claim.status == "proved" and not claim.nodes]
         if missing:
             yield f"  the certificate leaves out {', '.join(missing)}: a half angle is in them"
@@ -226,6 +224,9 @@ def _findings(proof: Proof) -> list[Finding]:
         if len(claims) > _SHOWN:
             text += f" and {len(claims) - _SHOWN} more"
         findings.append(kind("prove.open", claims[0], f"{text}; {reason}"))
+    for number, form in list(proof.recognised.items())[:_SHOWN]:
+        text = f"{number} of the CAD is taken as {form}; the number in the file stays as it is"
+        findings.append(info("prove.number", number, text))
     return findings
 
 
