@@ -322,13 +322,18 @@ class BranchReport:
     without_value: Mapping[str, float]
 
 
-def examined(branches: Branches, state: Array, limits: Array) -> BranchReport:
-    """Return what is known of all conditions, from drawn states (n, k) within limits (n, 2)."""
-    finite, reach = branches.judged(state)
+def examined(branches: Branches, state: Array, published: Array, limits: Array) -> BranchReport:
+    """Return what is known of all conditions, from drawn states (n, k) within limits (n, 2).
+
+    `published` (n, k) are the same states with the published parameters. Only there, a state without a value is a fault
+    of the equations: with other lengths, the mechanism itself may not reach it, and no margin may say so.
+    """
+    finite, reach = branches.judged(published)
     without_value = {}
     if (reach & ~finite).any():
         place = int(np.argmax(reach & ~finite))
-        without_value = {name: float(x) for name, x in zip(branches.names, state[:, place], strict=True)}
+        without_value = {name: float(x) for name, x in zip(branches.names, published[:, place], strict=True)}
+    finite, reach = branches.judged(state)
     state = state[:, finite & reach]
     empty = {name: np.zeros(0) for name in branches.names}
     if not branches.all or not state.shape[1]:

@@ -222,7 +222,13 @@ def _examined(formula: Formula, variants: Mapping[str, str], proof: Proof, seed:
     ranges = {name: proof.ranges[name] for name in conditions.names}
     state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
     limits = np.array([[low, high] for _, low, high in ranges.values()])
-    return examined(conditions, np.array([values.real_of(value) for value in state.values()]), limits)
+    drawn = np.array([values.real_of(value) for value in state.values()])
+    published = drawn.copy()
+    parameters = {parameter.name: float(parameter.value) for parameter in formula.parameters}
+    for place, name in enumerate(conditions.names):
+        if name in proof.drawn:
+            published[place] = parameters[name]
+    return examined(conditions, drawn, published, limits)
 
 
 def _judged_besides(proof: Proof, found: Proof) -> Proof:
