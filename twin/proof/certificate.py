@@ -32,7 +32,8 @@ def certificate(
         files: {file of equations or mechanism: SHA-256 of its bytes}.
         motions: what is proved along protocols, with the SHA-256 of each protocol's file.
     """
-    proved = [claim for claim in proof.claims if claim.nodes]
+    # numbers that are 0 in the equations and in the mechanism, as a point at the origin, need no certificate
+    proved = [claim for claim in proof.claims if program.depends(claim.nodes)]
     nodes = []
     for claim in proved:
         nodes += [*claim.nodes, *claim.reach]

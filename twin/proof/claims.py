@@ -118,8 +118,10 @@ def judged(
         )
     elif missed:
         reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
-    elif zeros >= ENOUGH and log_odds < 0:
+    elif zeros >= ENOUGH and log_odds < _SURE:
         status = "proved"
+    elif zeros >= ENOUGH and log_odds < 0:
+        reason = "the odds of chance are not below 1e-12; draw more states"
     elif zeros >= ENOUGH:
         reason = "the degree of the expressions is too high for a bound of the odds"
     elif not exact and reasons:
@@ -133,7 +135,8 @@ def judged(
         kept = tuple(node for node in found.nodes if node is not None)
     open_claim = status == "unproved" and bool(inside.any()) and not undefined
     # where many exact values are known and none is zero, luck is no reason
-    luckless = open_claim and bool(roots) and zeros < ENOUGH and (zeros > 0 or exact < _MANY)
+    few = zeros < ENOUGH or _SURE <= log_odds < 0
+    luckless = open_claim and bool(roots) and few and (zeros > 0 or exact < _MANY)
     different = open_claim and (missed if roots else zeros < exact)
     numbers_of = (zeros, exact, log_odds, float(largest[worst]), witness)
     verdict = (name, sentence, status, *numbers_of, reason, found.error, kept)
@@ -185,6 +188,9 @@ def _missed(zero: Truths, known: Truths, sides: Sequence[Truths]) -> bool:
             return True
     return False
 
+
+_SURE = -12.0
+"""Largest decimal logarithm of the odds of chance with which a claim is proved."""
 
 _MANY = 64
 """Number of exact values of which one would be zero by chance if a claim is true, but for roots with other signs."""

@@ -68,6 +68,21 @@ def operation(name: str, *operands: ProgramStep | None) -> ProgramStep | None:
     return ProgramStep(name, tuple(known))
 
 
+def depends(nodes: Iterable[ProgramStep]) -> bool:
+    """Return whether one of some results depends on the state."""
+    waiting = list(nodes)
+    seen: set[int] = set()
+    while waiting:
+        node = waiting.pop()
+        if id(node) in seen:
+            continue
+        seen.add(id(node))
+        if node.name in ("input", "cosine", "sine"):
+            return True
+        waiting += node.operands
+    return False
+
+
 def rows(results: Iterable[ProgramStep]) -> tuple[list[Row], list[int]]:
     """Return all operations that results need, operands first, and the number of the row of each result."""
     places: dict[int, int] = {}
