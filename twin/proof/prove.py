@@ -257,8 +257,9 @@ def _with_branches(proof: Proof, report: BranchReport) -> Proof:
         claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
     if report.without_value:
         sentence = "the equations have a value at each pose within reach"
-        lost = unclaimed("values", sentence, "")
-        claims.append(replace(lost, status="refuted", largest=math.inf, witness=report.without_value))
+        state = ", ".join(f"{name} = {value:.6g}" for name, value in report.without_value.items())
+        reason = f"they have neither a value nor a negative margin at {state}: the mechanism may reach it, or may not"
+        claims.append(unclaimed("values", sentence, reason))
     return replace(proof, claims=tuple(claims), branches=report)
 
 

@@ -164,10 +164,11 @@ def _drawn(ranges: Mapping[str, Any], generator: random.Random) -> dict[str, tup
     return state
 
 
-def _constant(row: Sequence[Any]) -> Decimal:
+def _constant(row: Sequence[Any]) -> Decimal | None:
     """Return a constant, as "1/2*sqrt(3) + 5*sqrt(1)", or a real number without an exact form."""
     if row[0] == "real":
-        return Decimal(row[1])
+        number = Decimal(row[1])
+        return number if number.is_finite() else None
     total = Decimal(0)
     for word in row[1].split(" + "):
         found = re.fullmatch(r"(-?\d+)(?:/(\d+))?\*sqrt\(([1236])\)", word)
@@ -180,7 +181,7 @@ def _constant(row: Sequence[Any]) -> Decimal:
 
 def _values(
     rows: Sequence[Sequence[Any]],
-    constants: Mapping[int, Decimal],
+    constants: Mapping[int, Decimal | None],
     state: Mapping[str, tuple[Decimal, Decimal]],
 ) -> list[Number]:
     """Return the values of all rows at a state."""
