@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Literal
-from weakref import WeakSet
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,8 @@ class RootMark:
 ALIKE = 4
 """Number of states at which arguments of roots are equal, each by chance with odds of 1e-9 at most."""
 
-_marks: WeakSet[RootMark] = WeakSet()
-"""The roots of the values that exist."""
+_marks: WeakValueDictionary[int, RootMark] = WeakValueDictionary()
+"""The roots of the values that exist, by numbers that grow."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Degree:
 
 
 _numbers = count()
-"""Numbers of factors of denominators."""
+"""Numbers of roots and of factors of denominators."""
 
 
 @dataclass(frozen=True)
@@ -350,11 +350,12 @@ def root(a: Value) -> ExactValue:
 
 def _mark_of(argument: ExactValue) -> RootMark:
     """Return the mark of a root; arguments that are equal at all states where both are known have one root."""
-    for mark in _marks:
-        if mark.fits(argument):
+    for number in sorted(_marks):  # in the order in which they were made: the same seed gives the same proof
+        mark = _marks.get(number)
+        if mark is not None and mark.fits(argument):
             return mark
     mark = RootMark(argument.residue, argument.known)
-    _marks.add(mark)
+    _marks[next(_numbers)] = mark
     return mark
 
 
