@@ -164,6 +164,8 @@ class Oracle:
             inside = np.isfinite(self.joints).all(axis=1)
             if self.formula.has("forward"):
                 errors.append(_error(self.right.forward_many(joints)[inside], self.poses[inside]))
+                if len(self.formula.joints) > 6:
+                    return max(errors)  # the points of a redundant arm are not those of the right inverse
                 named = now.points_many(Ts=self.poses)
                 points = np.column_stack([np.asarray(p).reshape(len(self.state), -1) for p in named.values()])
                 errors.append(_error(points[inside], self._points_of(self.right, joints)[inside]))

@@ -71,7 +71,8 @@ def test_no_wrong_mutant_is_proved(judge):
     generator = np.random.default_rng([SEED, 1])
     verdicts = list(judge.some(mutants.slips, generator))
     assert not [found for found in verdicts if found[1] == "proved" and found[2] > 1e-9]
-    assert sum(verdict == "refuted" for _, verdict, _ in verdicts) >= len(verdicts) / 4
+    wrong = [verdict for _, verdict, error in verdicts if error > 1e-9]
+    assert wrong.count("refuted") >= 5
 
 
 @pytest.mark.nightly
