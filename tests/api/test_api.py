@@ -109,6 +109,7 @@ TWICE = {
     "frames": lambda r, T: r.frames,
     "gaps": lambda r, T: r.gaps,
     "inverse": lambda r, T: r.inverse(T),
+    "hashes": lambda r, T: r.hashes(),
     "inverse of many": lambda r, T: r.inverse(np.array([T, T])),
     "inverse in a variant": lambda r, T: r.inverse(T, variant={"eq1": "printed"}),
     "forward": lambda r, T: r.forward(Q_HOME),

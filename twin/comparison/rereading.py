@@ -18,6 +18,7 @@ from twin.comparison.items import NumberEdit
 from twin.comparison.side import RobotSide, plain
 from twin.comparison.xacro_lines import obstacle
 from twin.core.errors import TwinError
+from twin.core.foreign.budget import DRAWING_SUFFIXES, STAGE_SUFFIXES
 from twin.core.spatial import Array
 
 _NUMBER = re.compile(rb"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
@@ -158,9 +159,9 @@ def why_not_edited(side: RobotSide) -> str:
     suffix = ""
     if side.path is not None:
         suffix = side.path.suffix.lower()
-    if suffix in (".step", ".stp"):
+    if suffix in DRAWING_SUFFIXES:
         return "its numbers are the shapes of a drawing. Change the place in the CAD program, and export it again"
-    if suffix in (".usd", ".usdc", ".usdz"):
+    if suffix in STAGE_SUFFIXES:
         return "it is a USD stage in binary form. Write it as text (.usda, by usdcat), and compare that"
     if side.looped:
         return "each number would need its loops to be closed again. Change the place that is named, and compare again"

@@ -11,6 +11,7 @@ from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.archive import check_zip
 from twin.core.foreign.budget import (
     BUDGETS,
+    DRAWING_SUFFIXES,
     GLTF_SUFFIXES,
     MJCF_SUFFIXES,
     STAGE_SUFFIXES,
@@ -27,8 +28,7 @@ _OTHER = {
     ".dae": "DAE",
     ".obj": "OBJ",
     ".stl": "STL",
-    ".step": "STEP",
-    ".stp": "STEP",
+    **dict.fromkeys(DRAWING_SUFFIXES, "STEP"),
     ".urdf": "XML",
     ".xacro": "XML",
     ".sdf": "XML",

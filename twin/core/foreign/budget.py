@@ -13,6 +13,9 @@ MB = 1_000_000
 STAGE_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of OpenUSD stages and layers."""
 
+DRAWING_SUFFIXES = (".step", ".stp")
+"""Suffixes of CAD drawings."""
+
 GLTF_SUFFIXES = (".glb", ".gltf")
 """Suffixes of glTF files."""
 
