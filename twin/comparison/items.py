@@ -67,7 +67,8 @@ class ComparedItem:
     """One convention or one difference.
 
     Attributes:
-        kind: "base frame", "zero", "sign", "name", "order", "tool frame" or "link".
+        kind: "base frame", "zero", "sign", "name", "order" (of the driven joints, or which are driven),
+            "tool frame" or "link".
         joint: name of the joint in the second side; "" if the item belongs to none.
         link: name of the link, for "link" and "tool frame".
         text: one sentence.
@@ -130,6 +131,23 @@ def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
             f"{problem.second.label}"
         )
         found.append(ComparedItem("order", "", text))
+    found += _drives(problem)
+    return found
+
+
+def _drives(problem: Problem) -> list[ComparedItem]:
+    """Return an item for each joint that one side drives as several joints, while no motor of the other drives it."""
+    found = []
+    for i, axis in enumerate(problem.axes):
+        other = problem.second.axes[i]
+        if axis.active == other.active or axis.closing or not (axis.joined or other.joined):
+            continue
+        driven, passive = problem.first, problem.second
+        if other.active:
+            driven, passive = passive, driven
+        parts = [part.name for part in (*axis.joined, *other.joined)]
+        text = f"motors of {driven.label} drive joint '{other.name}' ({', '.join(parts)}), none of {passive.label} does"
+        found.append(ComparedItem("order", other.name, text))
     return found
 
 

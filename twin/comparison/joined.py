@@ -4,7 +4,8 @@ Formats without ball joints write three hinges through one point; formats whose 
 hinge that closes a loop as two balls on its line, and number the names of these points. Such joints allow the same
 motions as the joint that they stand for, so they are no difference of the robot.
 
-    three hinges through one point, with links that carry nothing else         a ball
+    three hinges through one point, each at right angles to the next,
+    with links that carry nothing else                                         a ball
     a hinge and a slide on one line, with a link that carries nothing else     a cylindrical joint
     two balls that close a loop between the same two links                     a hinge on the line through them
     the name of a closing joint with a number behind it ("s2_0")               the name without it
@@ -26,9 +27,6 @@ from twin.comparison.fit import ANGLE_PER_LENGTH
 from twin.comparison.side import Axis, JointGroup, RobotSide, plain
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-
-_INDEPENDENT = 0.1
-"""Smallest singular value of the directions of three hinges that turn a link about all axes."""
 
 _APART = 1e-3
 """Smallest distance in m of two points that determine the direction of a line."""
@@ -101,7 +99,8 @@ def _replaced(side: RobotSide, parts: Sequence[str], whole: Axis) -> RobotSide:
     indices = [side.index(name) for name in parts]
     first = side.axes[indices[0]]
     last = side.axes[indices[-1]]
-    whole = replace(whole, parent=first.parent, child=last.child)
+    # points that close a loop may name their two links in either order
+    whole = replace(whole, parent=first.parent, child=first.child if whole.closing else last.child)
     axes = []
     for i, axis in enumerate(side.axes):
         if i == indices[0]:
@@ -171,13 +170,15 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
 
 
 def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
-    """Yield three hinges through one point, about three independent directions."""
+    """Yield three hinges through one point, each at right angles to the next: they turn a link about all axes."""
     for chain in _chains(side, 3):
         axes = [side.axes[i] for i in chain]
         if any(axis.kind != "revolute" for axis in axes):
             continue
-        directions = np.array([axis.direction for axis in axes])
-        if np.linalg.svd(directions, compute_uv=False)[-1] < _INDEPENDENT:
+        # Only with right angles on both middle links, which no posture changes, do three hinges reach every rotation.
+        # The first and the third hinge may be parallel: that is a singular posture of a ball.
+        cosines = [abs(float(axes[k].direction @ axes[k + 1].direction)) for k in (0, 1)]
+        if max(cosines) > ANGLE_PER_LENGTH * tolerance:
             continue
         centre = _nearest_point(axes)
         if max(_distance(centre, axis) for axis in axes) > tolerance:
@@ -227,9 +228,9 @@ def _whole(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> A
         stem = stem[:-1]
     name = stem.rstrip("_") or names[0]
     first = axes[0]
-    parts = tuple(plain(name) for name in names)
-    whole = Axis(name, kind, first.parent, axes[-1].child, point, direction, 0.0, first.closing, active=False)
-    return replace(whole, parts=parts)
+    child = first.child if first.closing else axes[-1].child
+    active = any(axis.active for axis in axes)
+    return Axis(name, kind, first.parent, child, point, direction, 0.0, first.closing, active, joined=tuple(axes))
 
 
 def _nearest_point(axes: Sequence[Axis]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from twin.comparison.side import RobotSide, plain
@@ -44,34 +44,50 @@ def match(first: RobotSide, second: RobotSide) -> Matching:
     return Matching(tuple(by_name), complete, tuple(renamed))
 
 
-def _by_names(first: RobotSide, second: RobotSide) -> list[int] | None:
-    """Return the pairs if the joints of both sides have the same names, apart from case, signs and a common prefix."""
+def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
+    """Yield for each joint of the second side the joint of the first with its name; nothing if the names differ.
+
+    Case and signs of the names do not matter; nor, in the second list, a common prefix.
+    """
+    if not first.axes or not second.axes:
+        return
     for key in (_whole, _bare):
         known = {key(axis.name, _prefix(first)): i for i, axis in enumerate(first.axes)}
         wanted = [key(axis.name, _prefix(second)) for axis in second.axes]
         if len(known) == len(first.axes) == len(wanted) and set(known) == set(wanted):
-            pairs = [known[name] for name in wanted]
-            if _same_kinds(first, second, pairs):
-                _require_same_tree(first, second, pairs)
-                return pairs
+            yield [known[name] for name in wanted]
+
+
+def _by_names(first: RobotSide, second: RobotSide) -> list[int] | None:
+    """Return the pairs if the joints of both sides have the same names, apart from case, signs and a common prefix."""
+    for pairs in pairs_by_name(first, second):
+        if _same_kinds(first, second, pairs):
+            _require_same_tree(first, second, pairs)
+            return pairs
     return None
 
 
 def _require_same_tree(first: RobotSide, second: RobotSide, pairs: Sequence[int]) -> None:
     """Raise an error if joints of the same names connect other links: their lines could coincide all the same.
 
+    Each link must be one link of the other side, in both directions: where a loop is open, a link occurs twice.
+
     Raises:
         TwinError: it names the first such joint, and its links on both sides.
     """
-    known: dict[int, int] = {}  # group of links of the second side: group of the first side
+    partner_of = {0: 0}  # group of links of the second side: group of the first side; the base is the base
+    other_of = {0: 0}  # the reverse
     for j, i in enumerate(pairs):
         one = first.axes[i]
         other = second.axes[j]
         for group, partner in ((other.parent, one.parent), (other.child, one.child)):
-            if known.setdefault(group, partner) != partner:
+            known = partner_of.setdefault(group, partner)
+            known_other = other_of.setdefault(partner, group)
+            if known != partner or known_other != group:
                 text = f"joint '{one.name}' of {first.label} and joint '{other.name}' of {second.label}"
                 way_out = "Correct the parent and the child of the joint, or its name, in one of the files."
-                raise TwinError(f"{text} connect different links: the joints have another order. {way_out}")
+                what = "the joints have another order, or a loop of one side is open in the other"
+                raise TwinError(f"{text} connect different links: {what}. {way_out}")
 
 
 def _whole(name: str, prefix: str) -> str:

@@ -82,6 +82,8 @@ def compare(problem: Problem, solution: FitSolution) -> Properties:
     for i, axis in enumerate(problem.axes):
         if axis.kind in ONE_COORDINATE:
             _joint(problem, solution, i, rows, compared)
+        else:
+            _parts(problem, i, rows)
     _masses(problem, solution, rows, compared)
     _couplings(problem, solution, rows, compared)
     return Properties(tuple(rows), compared)
@@ -118,6 +120,32 @@ def _joint(problem: Problem, solution: FitSolution, i: int, rows: list[PropertyR
     effort_of_second = problem.second.efforts.get(second.name)
     unit = "N m" if second.is_angle else "N"
     _number("efforts", i, second.name, effort_of_first, effort_of_second, lambda v: f"{v:g} {unit}", rows, compared)
+
+
+def _parts(problem: Problem, i: int, rows: list[PropertyRow]) -> None:
+    """Add what joints state of which one side has several, and the other one: it has no partner to compare it with."""
+    both = (problem.axes[i], problem.second.axes[i])
+    where = both[1].name
+    free = any(not axis.joined and axis.limits == UNLIMITED for axis in both)
+    limits: list[list[str]] = [[], []]
+    speeds: list[list[str]] = [[], []]
+    efforts: list[list[str]] = [[], []]
+    for k, side in enumerate((problem.first, problem.second)):
+        for part in both[k].joined:
+            if part.limits is not None and part.limits != UNLIMITED:
+                low, high = (moved(value, part.is_angle) for value in part.limits)
+                limits[k].append(f"{part.name} {low} .. {high}")
+            if part.max_speed is not None:
+                speeds[k].append(f"{part.name} {moved(part.max_speed, part.is_angle)}/s")
+            if part.name in side.efforts:
+                efforts[k].append(f"{part.name} {side.efforts[part.name]:g} {'N m' if part.is_angle else 'N'}")
+    for kind, texts in (("limits", limits), ("speeds", speeds), ("efforts", efforts)):
+        if texts[0] == texts[1]:
+            continue
+        stated = kind == "limits" and free
+        nothing = "no limits" if stated else "-"
+        first, second = (", ".join(found) or nothing for found in texts)
+        rows.append(PropertyRow(kind, where, first, second, stated))
 
 
 def mapped_limits(problem: Problem, solution: FitSolution, i: int) -> tuple[float, float] | None:

@@ -9,24 +9,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from twin.comparison.side import Axis, RobotSide, plain
+from twin.comparison.matching import pairs_by_name
+from twin.comparison.side import Axis, RobotSide
 
 
 def recut(side: RobotSide, other: RobotSide) -> RobotSide:
     """Return the side with the tree of the other side, if both have loops and the same joints between the same links.
 
-    The joints are matched by their names. Without such a match the side is returned as it is.
+    The joints are matched by their names, see `matching.pairs_by_name`. Without such a match the side is returned as
+    it is.
     """
     if not (side.looped and other.looped) or len(side.axes) != len(other.axes):
         return side
-    known = {plain(axis.name): axis for axis in side.axes}
-    partners = [known.get(plain(axis.name)) for axis in other.axes]
-    if len(known) != len(side.axes) or None in partners:
-        return side
-    axes = _with_tree([axis for axis in partners if axis is not None], other)
-    if axes is None:
-        return side
-    return replace(side, axes=tuple(axes))
+    for pairs in pairs_by_name(side, other):
+        axes = _with_tree([side.axes[i] for i in pairs], other)
+        if axes is not None:
+            return replace(side, axes=tuple(axes))
+    return side
 
 
 def _with_tree(partners: Sequence[Axis], other: RobotSide) -> list[Axis] | None:

@@ -46,7 +46,7 @@ class Axis:
             states nothing.
         max_speed: as in `model.joint.Joint`.
         directed: whether the description states which way along the line is positive.
-        parts: plain names of the joints that the description writes instead of this one, see `joined`.
+        joined: the joints that the description writes instead of this one, see the module `joined`.
     """
 
     name: str
@@ -61,7 +61,12 @@ class Axis:
     limits: tuple[float, float] | None = None
     max_speed: float | None = None
     directed: bool = True
-    parts: tuple[str, ...] = ()
+    joined: tuple[Axis, ...] = ()
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Plain names of the joints that the description writes instead of this one."""
+        return tuple(plain(axis.name) for axis in self.joined)
 
     @property
     def is_angle(self) -> bool:
@@ -291,14 +296,18 @@ def from_mechanism(
     moving = _moving(mechanism, only, label)
     group_of = _groups(mechanism, moving)
     axes: list[Axis] = []
-    loops = {joint.name for joint in mechanism.loops}
+    reached = {0}
     for joint in (*mechanism.tree, *mechanism.loops):
-        if joint.name in moving and group_of[joint.parent] != group_of[joint.child]:
-            closing = joint.name in loops
+        group = group_of[joint.child]
+        if joint.name in moving and group_of[joint.parent] != group:
+            # a joint of the tree closes a loop if its child is welded to a link that other joints already reach
+            closing = group in reached
+            reached.add(group)
             axis = _axis(joint, poses, coordinates, group_of, closing)
             if axis.limits is None and axis.name in unlimited:
                 axis = replace(axis, limits=UNLIMITED)
             axes.append(axis)
+    axes.sort(key=lambda axis: axis.closing)
     frames: dict[str, tuple[int, Array]] = {}
     for body in mechanism.bodies:
         frames[body.name] = (group_of[body.name], poses[body.name])
@@ -343,7 +352,11 @@ def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]
 
 
 def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
-    """Return {body: index of its group}; the group of the base is 0."""
+    """Return {body: index of its group}; the group of the base is 0.
+
+    A fixed joint that closes a loop (a weld) makes one group of two. The group of a lower index remains: its joints
+    come first in the tree.
+    """
     group_of = {mechanism.base: 0}
     count = 1
     for joint in mechanism.tree:
@@ -352,7 +365,15 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
             count += 1
         else:
             group_of[joint.child] = group_of[joint.parent]
-    return group_of
+    for joint in mechanism.loops:
+        if joint.type != "fixed":
+            continue
+        kept, welded = sorted((group_of[joint.parent], group_of[joint.child]))
+        for body, group in group_of.items():
+            if group == welded:
+                group_of[body] = kept
+    number = {group: k for k, group in enumerate(sorted(set(group_of.values())))}
+    return {body: number[group] for body, group in group_of.items()}
 
 
 def _axis(

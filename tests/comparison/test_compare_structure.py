@@ -1,0 +1,157 @@
+"""Sides made by hand: open and closed loops, welds, cuts, joints that are several joints on one side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from made.mechanisms import four_bar
+from twin.comparison.joined import joined
+from twin.comparison.pair import compare_pair
+from twin.comparison.recut import recut
+from twin.comparison.side import UNLIMITED, Axis, JointGroup, RobotSide, from_mechanism
+from twin.core import spatial
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.model.joint import Joint
+
+TOLERANCE = 1e-5
+Z = np.array([0.0, 0.0, 1.0])
+A = np.array([0.08 * np.cos(1.0), 0.08 * np.sin(1.0), 0.0])
+C = np.array([0.2, 0.0, 0.0])
+B = np.array([0.17, 0.15, 0.0])
+"""Hinges of a four-bar linkage in m; its crank turns about the origin."""
+
+
+def hinge(name: str, parent: int, child: int, point: Array, *, closing: bool = False) -> Axis:
+    return Axis(name, "revolute", parent, child, point, Z, 0.0, closing)
+
+
+def side(label: str, axes: Sequence[Axis], links: int) -> RobotSide:
+    """Return a side whose links have their frames in the base frame."""
+    groups = tuple(JointGroup((f"link_{k}",)) for k in range(links))
+    frames = {f"link_{k}": (k, np.eye(4)) for k in range(links)}
+    return RobotSide(label, label, tuple(axes), groups, frames, tool=f"link_{links - 1}", order=("a",))
+
+
+def loop(label: str = "loop") -> RobotSide:
+    """Return the linkage, cut at its hinge h."""
+    axes = [hinge("a", 0, 1, np.zeros(3)), hinge("b", 1, 2, A), hinge("c", 0, 3, C)]
+    return side(label, [*axes, hinge("h", 2, 3, B, closing=True)], 4)
+
+
+def test_an_open_loop_is_no_closed_one() -> None:
+    closed = loop()
+    axes = (*closed.axes[:3], hinge("h", 2, 4, B))
+    opened = side("open", axes, 5)  # a copy of link 3 behind the hinge
+    for pair in ((closed, opened), (opened, closed)):
+        with pytest.raises(TwinError, match="a loop of one side is open"):
+            compare_pair(*pair, TOLERANCE)
+
+
+def test_another_base_link_is_another_robot() -> None:
+    closed = loop()
+    number = {0: 3, 1: 0, 2: 1, 3: 2}
+    axes = [replace(axis, parent=number[axis.parent], child=number[axis.child]) for axis in closed.axes]
+    names = {"b": False, "h": False, "a": True, "c": True}
+    other = [replace(next(axis for axis in axes if axis.name == name), closing=cut) for name, cut in names.items()]
+    with pytest.raises(TwinError, match="connect different links"):
+        compare_pair(closed, replace(closed, label="other", axes=tuple(other)), TOLERANCE)
+
+
+def test_a_cut_elsewhere_is_found_under_names_with_a_prefix() -> None:
+    closed = loop()
+    a, b, c, h = closed.axes
+    turned = replace(h, parent=3, child=2, direction=-Z, closing=False)
+    axes = []
+    for axis in (a, c, turned, replace(b, closing=True)):
+        axes.append(replace(axis, name=f"arm_{axis.name}"))
+    other = replace(side("cut", axes, 4), order=("arm_a",))
+    assert [axis.closing for axis in recut(other, closed).axes] == [False, False, False, True]
+    assert compare_pair(closed, other, TOLERANCE).agrees
+
+
+def test_a_weld_makes_one_link_of_two() -> None:
+    mechanism = four_bar()
+    (pin,) = mechanism.loops
+    welded = replace(mechanism, joints=tuple(_fixed(joint, pin) for joint in mechanism.joints))
+    found = from_mechanism(welded, "weld")
+    drawn = from_mechanism(mechanism, "drawn")
+    assert len(found.groups) == len(drawn.groups) - 1
+    assert [axis.closing for axis in found.axes] == [False, False, True]
+    with pytest.raises(TwinError, match="cannot be matched"):
+        compare_pair(drawn, found, TOLERANCE)
+    assert compare_pair(found, from_mechanism(welded, "again"), TOLERANCE).kinematics == "agree"
+
+
+def _fixed(joint: Joint, chosen: Joint) -> Joint:
+    return replace(joint, type="fixed") if joint.name == chosen.name else joint
+
+
+# -- several joints that are one -------------------------------------------------------------------------
+
+
+def wrist(directions: Sequence[Array], **changes: object) -> RobotSide:
+    """Return an arm with a hinge and three hinges through one point; none: a ball."""
+    point = np.array([0.0, 0.0, 0.3])
+    axes = [Axis("a", "revolute", 0, 1, np.zeros(3), np.array([0.0, 1.0, 0.0]), 0.0)]
+    for k, direction in enumerate(directions):
+        part = Axis(f"wrist_{k}", "revolute", k + 1, k + 2, point, direction, 0.0, active=False)
+        axes.append(replace(part, **changes))  # pyright: ignore[reportArgumentType]
+    if not directions:
+        axes.append(Axis("wrist", "spherical", 1, 2, point, Z, 0.0, active=False))
+    found = side("hinges" if directions else "ball", axes, len(axes) + 1)
+    frames = {"base": (0, np.eye(4)), "hand": (len(axes), spatial.pose(p=np.array([0.0, 0.0, 0.4])))}
+    return replace(found, frames=frames, tool="hand")
+
+
+X, Y = np.eye(3)[:2]
+SKEW = [Z, np.array([0.5, 0.0, np.sqrt(0.75)]), np.array([0.0, 0.5, np.sqrt(0.75)])]
+"""Three independent directions that are not at right angles: rotations far from zero cannot be reached."""
+
+
+def test_three_hinges_are_a_ball_at_right_angles_only() -> None:
+    ball = wrist([])
+    for directions in ([X, Y, Z], [Z, Y, Z]):
+        for pair in ((ball, wrist(directions)), (wrist(directions), ball)):
+            assert compare_pair(*pair, TOLERANCE).kinematics == "agree"
+    with pytest.raises(TwinError, match="wrist_0"):
+        compare_pair(wrist(SKEW), ball, TOLERANCE)
+
+
+def test_limits_and_motors_of_three_hinges_that_are_a_ball_are_told() -> None:
+    ball = wrist([])
+    limited = compare_pair(wrist([X, Y, Z], limits=(-0.02, 0.02)), ball, TOLERANCE)
+    assert limited.properties is not None
+    (row,) = limited.properties.rows
+    assert (row.kind, row.where, row.stated) == ("limits", "wrist", False)
+    assert "wrist_1" in row.first
+    assert "wrist_2" in row.first
+    # a file that states that its ball has no limits disagrees
+    free = replace(ball, axes=(ball.axes[0], replace(ball.axes[1], limits=UNLIMITED)))
+    found = compare_pair(wrist([X, Y, Z], limits=(-0.02, 0.02)), free, TOLERANCE)
+    assert found.properties is not None
+    assert found.properties.verdict("limits") == "disagree"
+    driven = compare_pair(ball, wrist([X, Y, Z], active=True), TOLERANCE)
+    assert driven.kinematics == "agree after conventions"
+    assert "motors of hinges drive joint 'wrist'" in driven.items[0].text
+
+
+def points(gap: float, *, swapped: bool = False, rough: float = 0.0) -> RobotSide:
+    """Return the linkage closed by two balls, `gap` apart, whose points are up to `rough` beside the hinge, in m."""
+    closed = loop("points")
+    axes = [*closed.axes[:3]]
+    for k, sign in enumerate((-1.0, 1.0)):
+        ends = (3, 2) if swapped and k else (2, 3)
+        point = B + sign * (gap / 2 * Z + rough * X)
+        axes.append(Axis(f"h_{k}", "spherical", *ends, point, Z, 0.0, closing=True, active=False))
+    return replace(closed, axes=tuple(axes))
+
+
+def test_two_points_that_name_their_links_in_either_order_are_a_hinge() -> None:
+    found = joined(points(0.02, swapped=True), loop(), TOLERANCE)
+    assert (found.axes[3].parent, found.axes[3].child) == (2, 3)
+    assert compare_pair(loop(), points(0.02, swapped=True), TOLERANCE).kinematics == "agree"
