@@ -156,8 +156,10 @@ def _side(
     if is_pose_table(path):
         return _table_side(path, label, only, table)
     if path.suffix.lower() in STAGE_SUFFIXES and path.is_file():
-        reread = _reread_stage(path, label, only, mirrors)
-        return replace(_robot_side(load(given), label, only), path=path, reread=reread)
+        side = replace(_robot_side(load(given), label, only), path=path)
+        if side.looped:  # the stage has other names and another order than the compared tree
+            return side
+        return replace(side, reread=_reread_stage(path, label, only, mirrors))
     if str(given) in names() or path.is_dir() or path.suffix.lower() in STAGE_SUFFIXES:
         return _robot_side(load(given), label, only)
     from twin.exchange.xacro import SUFFIX, XacroSettings, expand, is_xacro

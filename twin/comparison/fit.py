@@ -257,10 +257,13 @@ class Problem:
         R = parents[:, :, :3, :3]
         points = np.squeeze(R @ self.points[..., None], -1) + parents[:, :, :3, 3]
         directions = signs[:, None] * np.squeeze(R @ self.directions[..., None], -1)
+        for i, directed in enumerate(self.directed):
+            if not directed:
+                directions[:, i] = _ahead(directions[:, i], self.target_directions[i])
         to_lines = points - self.target_points
-        directed, placed, centred = self._row_joints
+        with_direction, placed, centred = self._row_joints
         tables = [
-            (directions - self.target_directions)[:, directed],
+            (directions - self.target_directions)[:, with_direction],
             _cross(to_lines[:, placed], self.target_directions[placed]),
             to_lines[:, centred],
         ]
@@ -293,8 +296,7 @@ class Problem:
         point = R @ self.points[i] + motion[..., :3, 3]
         direction = signs[i] * (R @ self.directions[i])
         if not self.directed[i]:
-            ahead = np.sign(direction @ self.target_directions[i])
-            direction = np.asarray(ahead)[..., None] * direction
+            direction = _ahead(direction, self.target_directions[i])
         return point, direction
 
     def gap(self, u: Unknowns) -> FitGap:
@@ -538,6 +540,12 @@ class Problem:
         if a < _FLAT:
             return None
         return b / a
+
+
+def _ahead(directions: Array, target: Array) -> Array:
+    """Return directions (..., 3), those turned around that point backward along a target direction (3,)."""
+    backward = directions @ target < 0.0
+    return np.where(np.asarray(backward)[..., None], -directions, directions)
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -12,7 +12,7 @@ here all joints are treated alike, and the posture in which a side is drawn does
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from twin.comparison.fit import Problem
 from twin.comparison.items import ComparedItem, placed
-from twin.comparison.side import TURNING
+from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, JointGroup, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -143,6 +143,15 @@ class _Links:
         turn = float(np.linalg.norm(r[:3])) / self.problem.angle_tolerance
         return max(turn, float(np.linalg.norm(r[3:])) / self.problem.tolerance)
 
+    def fit(self, T: Array, kept: Sequence[tuple[int, Where]]) -> bool:
+        """Return whether the kept places agree within the tolerance."""
+        return max(self.misfit(T, i, where) for i, where in kept) <= 1.0
+
+    def together(self) -> Array:
+        """Return the motions (groups, 4, 4) that bring all places together, in the sense of least squares."""
+        identity = np.tile(np.eye(4), (self.groups, 1, 1))
+        return self.solved(self.blocks, np.ones(len(self.blocks)).tolist(), identity)
+
     def without(self, left_out: Sequence[tuple[int, Where]]) -> list[tuple[int, Where]]:
         """Return the places without some: leaving a place out leaves out what it shares with the other one."""
         kept = []
@@ -157,7 +166,7 @@ class _Links:
         """Return the places that are left out, if all others agree without them; else None."""
         kept = self.without(left_out)
         T = self.solved(kept, np.ones(len(kept)).tolist(), start)
-        if max(self.misfit(T, i, where) for i, where in kept) > 1.0:
+        if not self.fit(T, kept):
             return None
         return tuple(self._gap(T, i, where) for i, where in left_out)
 
@@ -187,15 +196,86 @@ class _Links:
         return JointPlace(i, where, shift, turn)
 
 
+def posed(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
+    """Return both sides, the first in the posture in which the second is drawn; None if its links differ.
+
+    The bodies of the first side stay where its base is. The spin of a bar between two balls is not known: neither side
+    then has the inertia of the bar.
+    """
+    links = _Links(problem)
+    T = links.together()
+    if not links.fit(T, links.blocks):
+        return None
+    moves = spatial.inverse(T[0]) @ T
+    axes: list[Axis] = []
+    for axis in problem.first.axes:
+        displacement = _displacement(axis, moves)
+        if displacement is None:
+            return None
+        M = moves[axis.parent]
+        point = M[:3, :3] @ axis.point + M[:3, 3]
+        direction = M[:3, :3] @ axis.direction
+        axes.append(replace(axis, point=point, direction=direction, drawn=axis.drawn + displacement))
+    frames: dict[str, tuple[int, Array]] = {}
+    for name, (group, frame) in problem.first.frames.items():
+        frames[name] = (group, moves[group] @ frame)
+    groups: list[JointGroup] = []
+    for group, M in zip(problem.first.groups, moves, strict=True):
+        inertia = group.inertia
+        groups.append(replace(group, inertia=None if inertia is None else inertia.seen_from(M)))
+    partners = list(problem.second.groups)
+    for i, axis in enumerate(problem.axes):
+        if _spins(problem, axis.child):
+            groups[axis.child] = replace(groups[axis.child], inertia=None)
+            partner = problem.second.axes[i].child
+            partners[partner] = replace(partners[partner], inertia=None)
+    first = replace(problem.first, axes=tuple(axes), frames=frames, groups=tuple(groups))
+    return first, replace(problem.second, groups=tuple(partners))
+
+
+def _displacement(axis: Axis, moves: Array) -> float | None:
+    """Return by how much a joint moves, in m or rad, if its links move by `moves` (groups, 4, 4).
+
+    None if its child is turned around across its line, which no motion of the joint does.
+    """
+    M = spatial.inverse(moves[axis.parent]) @ moves[axis.child]
+    if axis.kind not in ("spherical", "free") and axis.direction @ M[:3, :3] @ axis.direction < 0.0:
+        return None
+    if axis.kind not in ONE_COORDINATE:
+        return 0.0
+    if axis.kind == "prismatic":
+        return float(axis.direction @ (M[:3, :3] @ axis.point + M[:3, 3] - axis.point))
+    return float(axis.direction @ spatial.log_so3(M[:3, :3]))
+
+
+def _spins(problem: Problem, group: int) -> bool:
+    """Return whether a group is a bar between at most two balls, which can spin about its line."""
+    kinds = [axis.kind for axis in problem.axes if group in (axis.parent, axis.child)]
+    return group != 0 and len(kinds) <= 2 and set(kinds) == {"spherical"}
+
+
 def differing_places(problem: Problem) -> list[tuple[JointPlace, ...]]:
     """Return the explanations with the fewest places of joints that differ; [] if no two places explain all.
 
     Each explanation is a tuple of one or two places. Several explanations are as good: of a bar with two joints,
-    either has another place.
+    either has another place. A place that differs by less than the tolerance explains nothing.
     """
+    found: list[tuple[JointPlace, ...]] = []
+    for places in _explanations(problem):
+        if not all(_same(problem, place) for place in places):
+            found.append(places)
+    return found
+
+
+def _same(problem: Problem, place: JointPlace) -> bool:
+    shift = float(np.linalg.norm(place.shift))
+    turn = float(np.linalg.norm(place.turn))
+    return shift <= problem.tolerance and turn <= problem.angle_tolerance
+
+
+def _explanations(problem: Problem) -> list[tuple[JointPlace, ...]]:
     links = _Links(problem)
-    identity = np.tile(np.eye(4), (links.groups, 1, 1))
-    start = links.solved(links.blocks, np.ones(len(links.blocks)).tolist(), identity)
+    start = links.together()
     singles: list[tuple[int, Where]] = []
     for i, kind in enumerate(problem.kinds):
         if kind != "free":

@@ -12,7 +12,7 @@ from twin.comparison.edits import with_edits
 from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
 from twin.comparison.items import ComparedItem, items, placed
 from twin.comparison.joined import joined
-from twin.comparison.links import JointPlace, differing_places, place_items
+from twin.comparison.links import JointPlace, differing_places, place_items, posed
 from twin.comparison.matching import match
 from twin.comparison.mimic import MimicError, mimic_error
 from twin.comparison.poses import PoseFit, compare_rows
@@ -239,6 +239,10 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
         return SidePair(first, second, verdict, (), (), None, None, None, None, mimic=found_mimic)
     problem = Problem(remembering(first), remembering(second), matching, tolerance)
     found_solutions = conventions(problem)
+    in_posture = posed(problem) if not found_solutions and first.looped else None
+    if in_posture is not None:  # balls and bars between them have no coordinate that leads from one posture to another
+        problem = Problem(*in_posture, matching, tolerance)
+        found_solutions = conventions(problem)
     if not found_solutions and first.looped:
         explanations = differing_places(problem)
         if explanations:

@@ -161,10 +161,10 @@ def why_not_edited(side: RobotSide) -> str:
         suffix = side.path.suffix.lower()
     if suffix in DRAWING_SUFFIXES:
         return "its numbers are the shapes of a drawing. Change the place in the CAD program, and export it again"
-    if suffix in STAGE_SUFFIXES:
-        return "it is a USD stage in binary form. Write it as text (.usda, by usdcat), and compare that"
     if side.looped:
         return "each number would need its loops to be closed again. Change the place that is named, and compare again"
+    if suffix in STAGE_SUFFIXES:
+        return "it is a USD stage in binary form. Write it as text (.usda, by usdcat), and compare that"
     if side.path is None:
         return "it was not read from one file. Change the place that is named, in its CAD or its formula"
     return "its file has no numbers as text. Compare the file from which it was made"
