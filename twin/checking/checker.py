@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -72,7 +72,8 @@ def check(
     tree = walk(Path(folder), exclude, settings.packages)
     judged, findings = _judge_all(tree, settings, jobs, seconds, progress)
     chosen = pairs(judged) if compare else []
-    findings += _compare_all(chosen, settings, jobs, seconds, progress)
+    of_pairs = _compare_all(chosen, settings, jobs, seconds, progress)
+    findings += of_pairs
     for name, reason in tree.unreadable.items():
         findings.append(CheckFinding("file/unjudged", name, "", f"cannot be read ({reason})"))
     found: list[CheckFinding] = []
@@ -81,8 +82,7 @@ def check(
     forgotten = len(known - {finding.fingerprint for finding in found})
     named = "" if baseline is None else str(baseline)
     prefix = repository_prefix(Path(folder))
-    skipped = sum(finding.rule == "compare/skipped" for finding in found)
-    compared = len(chosen) - skipped
+    compared = len(chosen) - sum(finding.rule in ("compare/skipped", "file/unjudged") for finding in of_pairs)
     return FolderCheck(str(folder), tuple(judged), tuple(found), compared, fail_on, named, forgotten, prefix)
 
 
@@ -113,8 +113,8 @@ def _judge_all(
     share = 0.8
     for number, (job, answer) in enumerate(Workers(judged_stream, jobs, seconds).answers(work)):
         progress(label(job), share * (number + 1) / len(work))
-        if isinstance(answer, str):
-            answer = _unjudged(job.description, answer)
+        if isinstance(answer, NoAnswer):
+            answer = _unjudged(job.description, answer.reason)
         results[job.description.name] = answer
     judged: list[JudgedFile] = []
     for description in tree.descriptions:
@@ -136,9 +136,12 @@ def _compare_all(
     for number, (job, answer) in enumerate(Workers(compared_stream, jobs, seconds).answers(work)):
         name = job.second.description.name
         progress(f"compare {name}", 0.8 + 0.2 * (number + 1) / len(work))
-        if isinstance(answer, str):
+        if isinstance(answer, NoAnswer):
             subject = f"{job.first.description.name} and {name}"
-            answer = (CheckFinding("compare/skipped", name, subject, f"not compared: {answer}"),)
+            # `compare_two` answers a pair that cannot be compared: without an answer in time, the comparison crashed
+            rule = "compare/skipped" if answer.late else "file/unjudged"
+            text = f"not compared with {job.first.description.name}: {answer.reason}"
+            answer = (CheckFinding(rule, name, subject, text),)
         findings += answer
     return findings
 
@@ -146,6 +149,14 @@ def _compare_all(
 def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
     text = message.removeprefix(f"{description.path}: ")
     return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
+
+
+@dataclass(frozen=True)
+class NoAnswer:
+    """Why a job has no answer; `late`: it took more time than a job may take."""
+
+    reason: str
+    late: bool = False
 
 
 class Workers(Generic[Job, Answer]):
@@ -162,8 +173,8 @@ class Workers(Generic[Job, Answer]):
         self._count = count
         self._seconds = seconds
 
-    def answers(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Answer | str]]:
-        """Yield (job, its answer, or the reason why there is none) as they end."""
+    def answers(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, Answer | NoAnswer]]:
+        """Yield (job, its answer, or why there is none) as they end."""
         waiting = list(reversed(jobs))
         running: dict[Stream[Answer], tuple[Job, float]] = {}
         idle: list[Stream[Answer]] = []
@@ -191,14 +202,14 @@ class Workers(Generic[Job, Answer]):
             for stream in streams:
                 stream.close()
 
-    def _answer(self, stream: Stream[Answer], since: float) -> Answer | str | None:
+    def _answer(self, stream: Stream[Answer], since: float) -> Answer | NoAnswer | None:
         """Return the answer of a process, or why there is none; None while it works."""
         pieces, end = stream.poll()
         if pieces:
             return pieces[0]
         if end is not None:
-            return end or "the process gave no answer"
+            return NoAnswer(end or "the process gave no answer")
         if time.monotonic() - since > self._seconds:
             stream.close()
-            return f"it takes more than {self._seconds:g} s (--seconds)"
+            return NoAnswer(f"it takes more than {self._seconds:g} s (--seconds)", late=True)
         return None

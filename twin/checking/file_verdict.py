@@ -213,7 +213,7 @@ def _expanded(job: JudgeJob) -> tuple[Expanded, XacroSettings]:
         second = expand(path, wider)
         if not second.omitted:
             return second, wider
-    except SourceError:  # a package of this name in another place need not be the one that is meant
+    except (SourceError, BudgetError):  # a package of this name in another place need not be the one that is meant
         pass
     if refused is not None:
         raise refused

@@ -88,7 +88,11 @@ def _differences(result: Comparison, labels: tuple[str, str], subject: str) -> I
         yield CheckFinding(
             "compare/kinematics", file, f"joint '{item.joint}'", text, _line(item, pair.second.label), _edit(item)
         )
-    assert pair.properties is not None
+    if pair.mimic is not None and not pair.agrees:
+        text = f"{pair.mimic.text()}, compared with {labels[0]}"
+        yield CheckFinding("compare/kinematics", file, f"joint '{pair.mimic.leader}'", text)
+    if pair.properties is None:  # links of loops differ, or mimic joints replace loops
+        return
     rows = [row for row in pair.properties.rows if row.stated]
     for row in rows[:_SHOWN]:
         text = f"{row.kind} of '{row.where}': {row.second} here, {row.first} in {labels[0]}"
