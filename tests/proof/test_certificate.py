@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
+import math
 import random
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 import twin
 from twin.cli import main
+from twin.exchange.audit import certificate as audit_of_certificates
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs/check_certificate.py"
@@ -160,6 +162,74 @@ def test_the_audit_finds_a_wrong_number_with_a_new_hash(tmp_path, certificate, c
     code, report = audited(tmp_path / "c.json", certificate, capsys)
     assert code == 1
     assert "does not hold" in str(report["findings"])
+
+
+def made(rows, zero, ranges):
+    """Return a certificate with one claim: that a row is zero."""
+    claim = {"name": "a", "claim": "it is zero", "zero": [zero], "reach": []}
+    data = {"schema": "twin/certificate/1", "files": {}, "ranges": ranges, "rows": rows, "claims": [claim]}
+    return {**data, "sha256": digest(data)}
+
+
+LENGTH = {"x": [False, 0.1, 0.2]}
+SIGNED = {"x": [False, -0.2, 0.2]}
+NEGATIVE = [["input", "x"], ["number", "0*sqrt(1)"], ["less", 0, 1]]
+
+
+def test_an_error_below_rounding_on_one_side_of_a_condition_fails(tmp_path, checker, certificate, capsys):
+    """Without roots, one exact value that is not zero is enough; with them, zeros are needed on both sides."""
+    rows = [*NEGATIVE, ["number", "1/10000000*sqrt(1)"], ["choose", 2, 3, 1]]
+    assert checked(checker, tmp_path / "c.json", made(rows, 4, SIGNED)) == 1
+    assert "an exact number is not zero at x = " in capsys.readouterr().out
+    rooted = [["input", "x"], ["multiply", 0, 0], ["root", 1], ["negative", 2], ["add", 2, 3]]
+    n = len(rooted)
+    more = [["number", "0*sqrt(1)"], ["less", 0, n], ["number", "1/10000000*sqrt(1)"], ["choose", n + 1, n + 2, n]]
+    rows = [*rooted, *more, ["add", 4, n + 3]]
+    assert checked(checker, tmp_path / "c.json", made(rows, len(rows) - 1, SIGNED)) == 1
+    assert "one of its answers" in capsys.readouterr().out
+    assert checked(checker, tmp_path / "c.json", made(rooted, 4, SIGNED)) == 0
+
+
+def test_a_value_that_is_undefined_where_it_is_not_chosen_hides_no_states(tmp_path, checker):
+    rows = [*NEGATIVE, ["root", 0], ["negative", 3], ["add", 3, 4], ["number", "1/100*sqrt(1)"], ["choose", 2, 6, 5]]
+    assert checked(checker, tmp_path / "c.json", made(rows, 7, SIGNED)) == 1
+
+
+@pytest.mark.parametrize("number", ["1/0*sqrt(1)", f"1/{2**61 - 465}*sqrt(1)"])
+def test_a_division_by_zero_is_refused(tmp_path, checker, number):
+    assert checked(checker, tmp_path / "c.json", made([["input", "x"], ["number", number]], 0, LENGTH)) == 2
+
+
+def test_bounds_along_protocols_are_named_as_not_checked(tmp_path, checker, certificate, capsys):
+    certificate["motions"] = [{"protocol": "a", "proved": [{"value": "gap"}, {"value": "speed"}]}]
+    certificate["sha256"] = digest(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate) == 0
+    assert "not checked: 2 bounds along protocols" in capsys.readouterr().out
+    code, report = audited(tmp_path / "c.json", certificate, capsys)
+    assert code == 0
+    assert "2 bounds along protocols are not checked" in str(report["findings"])
+
+
+def test_the_audit_draws_angles_from_their_whole_range(tmp_path, capsys):
+    """The sine is zero or above only in the first half of the range; the audit must meet the second."""
+    rows = [["sine", "x"], ["number", "0*sqrt(1)"], ["less", 0, 1], ["number", "1/1000*sqrt(1)"], ["choose", 2, 3, 1]]
+    assert audited(tmp_path / "c.json", made(rows, 4, {"x": [True, 0.0, 6.2]}), capsys)[0] == 1
+    assert audited(tmp_path / "c.json", made(rows, 4, {"x": [True, 0.1, 3.1]}), capsys)[0] == 0
+
+
+@pytest.mark.parametrize("middle", range(-6, 7))
+def test_the_audit_turns_by_multiples_of_30_degrees(middle):
+    for angle in (middle * math.pi / 6 + 0.4, middle * math.pi / 6 - 3.0):
+        (cosine, _), (sine, _) = audit_of_certificates._turn(angle, middle)
+        assert float(cosine) == pytest.approx(math.cos(angle), abs=1e-12)
+        assert float(sine) == pytest.approx(math.sin(angle), abs=1e-12)
+
+
+def test_the_audit_finds_a_number_that_is_small_but_not_zero(tmp_path, capsys):
+    rows = [["input", "x"], ["number", f"1/{10**30}*sqrt(1)"], ["multiply", 0, 1]]
+    assert audited(tmp_path / "c.json", made(rows, 2, LENGTH), capsys)[0] == 1
+    rows += [["negative", 2], ["add", 2, 3]]
+    assert audited(tmp_path / "c.json", made(rows, 4, LENGTH), capsys)[0] == 0
 
 
 @pytest.mark.nightly

@@ -1,7 +1,7 @@
 """Check a certificate of `twin prove`: its operations are repeated with decimals of 60 digits at random states.
 
-No code of the prover is used. It calculates modulo primes, where a root has no sign; here each number has 60 digits and
-each root its sign, so that what is not zero by 1e-25 is no identity.
+No code of the prover is used. It calculates modulo primes, where a root has no sign; here each number has 60 digits, a
+bound of its rounding error, and each root its sign: what is farther from zero than its own error is no identity.
 """
 
 from __future__ import annotations
@@ -24,8 +24,14 @@ SCHEMA = "twin/certificate/1"
 DIGITS = 60
 """Number of digits of all calculations."""
 
-LIMIT = Decimal("1e-25")
-"""Largest size of a zero: near a singularity, an error of 1e-60 becomes its root, and is multiplied."""
+LIMIT = 1e-25
+"""Largest rounding error at a state that counts: near a singularity, an error of 1e-60 becomes its root."""
+
+_STEP = 1e-58
+"""Bound of the relative rounding error of an operation with 60 digits, and of its bound in double precision."""
+
+_ANGLE = 1e-14
+"""Bound of the error in rad of an angle, which has double precision."""
 
 STATES = 24
 """Number of states within reach at which each claim is judged."""
@@ -33,13 +39,13 @@ STATES = 24
 _MOST_STATES = 2000
 """Number of states that are drawn at most."""
 
-_WIDEST = 3.1
-"""Largest angle in rad to each side: the tangent of half of it must be a moderate number."""
-
 _BEGINNING = 200
 """Number of bytes in which a certificate says what it is."""
 
-Number = Decimal | bool | None
+Bounded = tuple[Decimal, float]
+"""A number and a bound of its rounding error."""
+
+Number = Bounded | bool | None
 """A value, a condition, or None where a value is not defined."""
 
 
@@ -64,7 +70,10 @@ def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> Aud
         if files is not None:
             _compare_files(data["files"], files, ledger)
         _judge(data, ledger)
-    except (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError) as error:
+        motions = sum(len(motion["proved"]) for motion in data.get("motions", ()))
+        if motions:
+            ledger.add("certificate.motions", "info", f"{motions} bounds along protocols are not checked")
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError, RecursionError) as error:
         text = f"it cannot be checked, because it was changed or cut: {type(error).__name__}: {error}"
         ledger.add("certificate.unreadable", "error", text, suggestion="Let `twin prove` write it again.")
     return finished(str(path), [], [ledger])
@@ -98,7 +107,8 @@ def _judge(data: Mapping[str, Any], ledger: Ledger) -> None:
     """Add a row for each claim, and a finding for each that does not hold."""
     claims = data["claims"]
     seen = [0] * len(claims)
-    largest = [Decimal(0)] * len(claims)
+    largest = [0.0] * len(claims)
+    wrong: dict[int, Decimal] = {}
     generator = random.SystemRandom()  # no state that the author of a certificate could foresee
     with localcontext(Context(prec=DIGITS)):
         constants = {i: _constant(row) for i, row in enumerate(data["rows"]) if row[0] in ("number", "real")}
@@ -109,10 +119,16 @@ def _judge(data: Mapping[str, Any], ledger: Ledger) -> None:
             for k, claim in enumerate(claims):
                 reach = [values[_place(i, values)] for i in claim["reach"]]
                 zeros = [values[_place(i, values)] for i in claim["zero"]]
-                if None in zeros or any(margin is None or margin < 0 for margin in reach):
+                if None in zeros or any(margin is None or margin[0] < 0 for margin in map(_number, reach)):
+                    continue
+                numbers = [number for number in map(_number, zeros) if number is not None]
+                if any(not error <= LIMIT for _, error in numbers):
                     continue
                 seen[k] += 1
-                largest[k] = max([largest[k], *(abs(Decimal(zero)) for zero in zeros if zero is not None)])
+                for zero, error in numbers:
+                    largest[k] = max(largest[k], abs(float(zero)))
+                    if abs(zero) > Decimal(error):
+                        wrong[k] = max(wrong.get(k, zero), zero, key=abs)
     for k, claim in enumerate(claims):
         if not any(_depends(data["rows"], i) for i in claim["zero"]):
             raise ValueError(f"the claim {claim['name']} does not depend on the state")
@@ -120,9 +136,9 @@ def _judge(data: Mapping[str, Any], ledger: Ledger) -> None:
         if seen[k] < STATES:
             text = f"only {seen[k]} of {_MOST_STATES} drawn states are within reach, {STATES} are needed"
             ledger.add("certificate.out_of_reach", "error", text, where)
-        ledger.row("claim", float(largest[k]), "", float(LIMIT), where=where)
-        if largest[k] > LIMIT:
-            text = f"it does not hold that {claim['claim']}: a number that must be zero is {float(largest[k]):.3g}"
+        ledger.row("claim", largest[k], "", LIMIT, where=where)
+        if k in wrong:
+            text = f"it does not hold that {claim['claim']}: a number that must be zero is {wrong[k]:.3g}"
             ledger.wrong("certificate.wrong", text, where)
 
 
@@ -148,41 +164,64 @@ def _depends(rows: Sequence[Sequence[Any]], result: int) -> bool:
     return False
 
 
-def _drawn(ranges: Mapping[str, Any], generator: random.Random) -> dict[str, tuple[Decimal, Decimal]]:
+def _number(value: Number) -> Bounded | None:
+    """Return a value as a number; a condition is 1 or 0."""
+    if isinstance(value, bool):
+        return Decimal(value), 0.0
+    return value
+
+
+def _drawn(ranges: Mapping[str, Any], generator: random.Random) -> dict[str, tuple[Bounded, Bounded]]:
     """Return a random state: {name: (number, number), or cosine and sine of an angle}."""
     state = {}
     for name, (is_angle, low, high) in ranges.items():
         if not low < high:
             raise ValueError(f"the range of {name} is empty")
-        if not is_angle:
-            x = Decimal(generator.uniform(low, high))
-            state[name] = (x, x)
-            continue
-        half = generator.uniform(max(low, -_WIDEST), min(high, _WIDEST)) / 2
-        t = Decimal(math.tan(half))
-        state[name] = ((1 - t * t) / (1 + t * t), 2 * t / (1 + t * t))
+        x = generator.uniform(low, high)
+        if is_angle:
+            state[name] = _turn(x, round((low + high) / 2 / (math.pi / 6)))
+        else:
+            number = (Decimal(x), 0.0)
+            state[name] = (number, number)
     return state
 
 
-def _constant(row: Sequence[Any]) -> Decimal | None:
+def _turn(angle: float, middle: int) -> tuple[Bounded, Bounded]:
+    """Return cosine and sine of an angle near one in rad, which is drawn around `middle` times 30 degrees."""
+    # half the distance has a rational tangent; it is large near half a turn, which does no harm
+    half = math.remainder(angle - middle * math.pi / 6, 2 * math.pi) / 2
+    t = Decimal(math.tan(half))
+    x, y = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    tall = Decimal(3).sqrt() / 2
+    quarter = [(Decimal(1), Decimal(0)), (tall, Decimal("0.5")), (Decimal("0.5"), tall)]
+    c, s = quarter[middle % 3]
+    for _ in range(middle // 3 % 4):
+        c, s = -s, c
+    return (c * x - s * y, _STEP), (s * x + c * y, _STEP)
+
+
+def _constant(row: Sequence[Any]) -> Bounded | None:
     """Return a constant, as "1/2*sqrt(3) + 5*sqrt(1)", or a real number without an exact form."""
     if row[0] == "real":
         number = Decimal(row[1])
-        return number if number.is_finite() else None
+        return (number, 0.0) if number.is_finite() else None
     total = Decimal(0)
+    error = 0.0
     for word in row[1].split(" + "):
         found = re.fullmatch(r"(-?\d+)(?:/(\d+))?\*sqrt\(([1236])\)", word)
         if found is None:
             raise ValueError(f"{word!r} is not a number")
         numerator, denominator, radicand = found.groups()
-        total += Decimal(numerator) / Decimal(denominator or 1) * Decimal(radicand).sqrt()
-    return total
+        part = Decimal(numerator) / Decimal(denominator or 1) * Decimal(radicand).sqrt()
+        total += part
+        error += (abs(float(part)) + abs(float(total))) * _STEP
+    return total, error
 
 
 def _values(
     rows: Sequence[Sequence[Any]],
-    constants: Mapping[int, Decimal | None],
-    state: Mapping[str, tuple[Decimal, Decimal]],
+    constants: Mapping[int, Bounded | None],
+    state: Mapping[str, tuple[Bounded, Bounded]],
 ) -> list[Number]:
     """Return the values of all rows at a state."""
     values: list[Number] = []
@@ -210,30 +249,64 @@ def _result(name: str, operands: Sequence[Any]) -> Number:
         return first if condition else second
     if None in operands:
         return None
-    return _OPERATIONS[name](*operands)
+    if name in _LOGIC:
+        return _LOGIC[name](*operands)
+    return _OPERATIONS[name](*[_number(operand) for operand in operands])
 
 
-def _root(x: Decimal) -> Decimal | None:
-    if x < -LIMIT:
+def _add(a: Bounded, b: Bounded) -> Bounded:
+    total = a[0] + b[0]
+    return total, (a[1] + b[1] + abs(float(total)) * _STEP) * _UP
+
+
+def _multiply(a: Bounded, b: Bounded) -> Bounded:
+    product = a[0] * b[0]
+    error = abs(float(a[0])) * b[1] + abs(float(b[0])) * a[1] + a[1] * b[1]
+    return product, (error + abs(float(product)) * _STEP) * _UP
+
+
+def _inverse(a: Bounded) -> Bounded | None:
+    """Return 1 / a; it is not defined where a may be zero."""
+    size = abs(float(a[0]))
+    if size <= a[1]:
         return None
-    return max(x, Decimal(0)).sqrt()
+    inverse = 1 / a[0]
+    return inverse, (a[1] / size / (size - a[1]) + abs(float(inverse)) * _STEP) * _UP
 
 
-def _angle(cosine: Decimal, sine: Decimal) -> Decimal:
-    return Decimal(math.atan2(sine, cosine))
+def _root(x: Bounded) -> Bounded | None:
+    """Return the root of a number; below zero by no more than its error, it is zero."""
+    number, error = x
+    if number < -Decimal(error):
+        return None
+    root = max(number, Decimal(0)).sqrt()
+    spread = math.sqrt(2 * error)
+    if error < float(number):
+        spread = min(spread, error / float(root))
+    return root, (spread + float(root) * _STEP) * _UP
 
+
+def _angle(cosine: Bounded, sine: Bounded) -> Bounded:
+    return Decimal(math.atan2(sine[0], cosine[0])), _ANGLE
+
+
+_UP = 1 + 1e-12
+"""Factor above the rounding errors of a bound in double precision."""
 
 _OPERATIONS: dict[str, Callable[..., Number]] = {
-    "add": lambda a, b: a + b,
-    "multiply": lambda a, b: a * b,
-    "negative": lambda a: -a,
-    "inverse": lambda a: 1 / a if a else None,
+    "add": _add,
+    "multiply": _multiply,
+    "negative": lambda a: (-a[0], a[1]),
+    "inverse": _inverse,
     "root": _root,
     "angle": _angle,
-    "less": lambda a, b: a < b,
-    "at most": lambda a, b: a <= b,
-    "equal": lambda a, b: a == b,
-    "both": lambda a, b: a and b,
-    "one of": lambda a, b: a or b,
+    "less": lambda a, b: a[0] < b[0],
+    "at most": lambda a, b: a[0] <= b[0],
+    "equal": lambda a, b: a[0] == b[0],
+}
+
+_LOGIC: dict[str, Callable[..., bool]] = {
+    "both": lambda a, b: bool(a and b),
+    "one of": lambda a, b: bool(a or b),
     "not": lambda a: not a,
 }
