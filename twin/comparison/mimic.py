@@ -34,6 +34,9 @@ _PARALLEL = 1e-3
 _STATES = 81
 """Number of states along the stroke."""
 
+_SAME = 1e-6
+"""Distance in m up to which the hinges on the base coincide as they are drawn."""
+
 _MOST_HINGES = 6
 """Maximum number of hinges on the base whose assignments are tried."""
 
@@ -42,6 +45,9 @@ _ROUNDS = 30
 
 _CLOSED = 1e-9
 """Gap in m up to which a loop is closed."""
+
+_LARGEST_STEP = 0.05
+"""Largest step of the driver in rad on the way from its drawn state to zero."""
 
 _STEP = 1e-7
 """Step in rad for derivatives by differences."""
@@ -75,6 +81,10 @@ class MimicError:
         links: the errors of its links.
         moved_hinges: (joint, distance in m) of hinges whose places differ, with their names in the coupled side.
         held, missing: hinges of the linkage that the coupled side holds, and those at which it opens a loop.
+        base: (4, 4) motion of the base of the linkage onto that of the coupled side, without shifts along the hinges.
+        tool: (4, 4) T_linkage_coupled of the tool frames at state zero; None if a side names none, or has it on a link
+            that the other lacks.
+        limits: limits of the driver of the linkage as values of the leader, and of the leader, as in `side.Axis`.
     """
 
     linkage: str
@@ -85,6 +95,9 @@ class MimicError:
     moved_hinges: tuple[tuple[str, float], ...]
     held: tuple[str, ...]
     missing: tuple[str, ...]
+    base: Array
+    tool: Array | None
+    limits: tuple[tuple[float, float] | None, tuple[float, float] | None]
 
     @property
     def worst(self) -> LinkError:
@@ -92,7 +105,9 @@ class MimicError:
         return max(self.links, key=lambda link: link.distance)
 
     def within(self, distance: float, angle: float) -> bool:
-        """Return whether no link is further away than a distance in m, or turned more than an angle in rad."""
+        """Return whether no hinge or link is further away than a distance in m, or turned more than an angle in rad."""
+        if any(apart > distance for _, apart in self.moved_hinges):
+            return False
         return all(link.distance <= distance and link.angle <= angle for link in self.links)
 
     def text(self) -> str:
@@ -149,10 +164,19 @@ def mimic_error(linkage: RobotSide, coupled: RobotSide) -> MimicError | None:
         return None
     if any(axis.kind != "revolute" for axis in (*linkage.tree, *coupled.tree)):
         return None
-    directions = [axis.direction for axis in (*linkage.tree,)]
-    if max(np.linalg.norm(np.cross(direction, directions[0])) for direction in directions) > _PARALLEL:
+    closing = [axis for axis in linkage.axes if axis.closing]
+    if any(axis.kind not in ("revolute", "spherical") for axis in closing):
+        return None  # a loop is closed by a point that both links share: a slide or a cylinder shares none
+    pins = [axis for axis in closing if axis.kind == "revolute"]
+    if not _parallel([*linkage.tree, *pins]) or not _parallel(coupled.axes):
         return None
     return _Linkages(linkage, coupled, leaders[0]).error()
+
+
+def _parallel(axes: Sequence[Axis]) -> bool:
+    """Return whether all hinges are parallel; which way along their lines is positive does not matter."""
+    turned = [np.linalg.norm(np.cross(axis.direction, axes[0].direction)) for axis in axes]
+    return float(max(turned)) <= _PARALLEL
 
 
 def _leaders(side: RobotSide) -> list[int]:
@@ -168,6 +192,8 @@ class _Linkages:
         self.driver = -1
         self.X = np.eye(4)
         self.held: set[int] = set()
+        self.zero = np.tile(np.eye(4), (len(linkage.groups), 1, 1))
+        """Motions (groups, 4, 4) of the linkage from its drawn state to the state zero of its driver."""
 
     def error(self) -> MimicError | None:
         """Return the error; None if the hinges of the coupled side are not those of the linkage."""
@@ -175,6 +201,13 @@ class _Linkages:
         if X is None:
             return None
         self.X = X
+        driver = self._nearest(self.coupled.axes[self.leader], self._points(), ())
+        if driver is None or driver >= len(self.linkage.tree):
+            return None
+        self.driver = driver
+        # the hinges of the coupled side are known at zero: those of the linkage must be at the same state
+        if self._to_zero() is None:
+            return None
         points = self._points()
         partners: dict[int, int] = {}
         for k, axis in enumerate(self.coupled.axes):
@@ -183,17 +216,19 @@ class _Linkages:
                 return None
             partners[k] = found
         groups = self._groups(partners)
-        if groups is None or partners[self.leader] >= len(self.linkage.tree):
+        if groups is None or partners[self.leader] != self.driver:
             return None
-        self.driver = partners[self.leader]
         return self._measured(partners, groups)
 
     # -- matching -------------------------------------------------------------------------------------
 
     def _points(self) -> Array:
-        """Return the points (joints, 3) of the linkage's hinges in the base of the coupled side."""
-        points = np.array([axis.point for axis in self.linkage.axes])
-        return points @ self.X[:3, :3].T + self.X[:3, 3]
+        """Return the points (joints, 3) of the linkage's hinges at `zero`, in the base of the coupled side."""
+        points = []
+        for axis in self.linkage.axes:
+            motion = self.zero[axis.parent]
+            points.append(motion[:3, :3] @ axis.point + motion[:3, 3])
+        return np.array(points) @ self.X[:3, :3].T + self.X[:3, 3]
 
     def _base(self) -> Array | None:
         """Return the motion (4, 4) of the linkage's base that brings the hinges on the base together."""
@@ -203,6 +238,11 @@ class _Linkages:
             return None
         goal = np.array([axis.point for axis in target])
         along = target[0].direction
+        same = np.eye(4)
+        for chosen in permutations(own):
+            points = np.array([axis.point for axis in chosen])
+            if _off(same, points, goal, along).max() < _SAME and abs(own[0].direction @ along) > 1.0 - _PARALLEL**2:
+                return same  # two hinges also coincide upside down
         best: Array | None = None
         least = np.inf
         for chosen in permutations(own):
@@ -306,21 +346,37 @@ class _Linkages:
             x = x - np.linalg.lstsq(J, r[0], rcond=1e-9)[0]
         return None
 
+    def _to_zero(self) -> Array | None:
+        """Return the values of the free joints at the state zero of the driver, and set `zero`; None if it opens."""
+        free = self._free()
+        x: Array | None = np.array([self.linkage.axes[i].drawn for i in free])
+        drawn = self.linkage.axes[self.driver].drawn
+        steps = 1 + int(np.ceil(abs(drawn) / _LARGEST_STEP))
+        for value in np.linspace(drawn, 0.0, steps + 1)[1:]:
+            assert x is not None
+            x = self._closed(float(value), free, x)
+            if x is None:
+                return None
+        assert x is not None
+        self.zero = self.linkage.poses(self._with_driver(0.0, free, x)[None])[0]
+        return x
+
     def _measured(self, partners: dict[int, int], groups: dict[int, int]) -> MimicError | None:
         axis = self.coupled.axes[self.leader]
         driver = self.linkage.axes[self.driver]
         sign = float(np.sign(axis.direction @ (self.X[:3, :3] @ driver.direction)))
-        low, high = axis.limits or (-np.pi, np.pi)
+        ends: tuple[float, float] | None = None
         if driver.limits is not None:
-            ends = sorted(sign * limit for limit in driver.limits)
-            low, high = max(low, ends[0]), min(high, ends[1])
-        if not low < high:
+            first, last = sorted(sign * limit for limit in driver.limits)
+            ends = (first, last)
+        stroke_ends = _stroke(axis.limits, ends)
+        if stroke_ends is None:
             return None
+        low, high = stroke_ends
         free = self._free()
         stroke = np.linspace(low, high, _STATES)
         start = int(np.argmin(np.abs(stroke)))
-        x = np.array([self.linkage.axes[i].drawn for i in free])
-        x0 = self._closed(0.0, free, x)
+        x0 = self._to_zero()  # again: now the joints that the coupled side holds are known
         if x0 is None:
             return None
         solved: dict[int, Array] = {}
@@ -353,7 +409,31 @@ class _Linkages:
             moved_hinges,
             tuple(names[i] for i in sorted(self.held)),
             tuple(name for i, name in enumerate(names) if i not in known),
+            self._base_motion(axis.direction),
+            self._tool(groups),
+            (ends, axis.limits),
         )
+
+    def _base_motion(self, along: Array) -> Array:
+        """Return `X` without what no hinge determines: a shift along them."""
+        X = self.X.copy()
+        X[:3, 3] -= along * (along @ X[:3, 3])
+        return X
+
+    def _tool(self, groups: dict[int, int]) -> Array | None:
+        """Return T_linkage_coupled (4, 4) of the tool frames at state zero, or None."""
+        for side in (self.linkage, self.coupled):
+            if side.guessed_tool or side.tool not in side.frames:
+                return None
+        own, T_own = self.linkage.frames[self.linkage.tool]
+        group, T = self.coupled.frames[self.coupled.tool]
+        if groups.get(group) != own:
+            return None
+        T_linkage = self.X @ self.zero[own] @ T_own
+        if not np.array_equal(self.X, np.eye(4)):  # how far the bases are apart along the hinges is not known
+            along = self.coupled.axes[self.leader].direction
+            T_linkage[:3, 3] += along * (along @ (T[:3, 3] - T_linkage[:3, 3]))
+        return spatial.inverse(T_linkage) @ T
 
     def _coupled(self, stroke: Array) -> Array:
         """Return the motions (k, groups, 4, 4) of the coupled side along its stroke."""
@@ -392,6 +472,22 @@ class _Linkages:
             if distance > 1e-5:
                 found.append((axis.name, distance))
         return tuple(found)
+
+
+def _stroke(first: tuple[float, float] | None, second: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Return the common range in rad of two limits, half a turn where none is finite; None if there is none."""
+    low = -np.pi
+    high = np.pi
+    finite: list[list[float]] = [[], []]
+    for limits in (first, second):
+        for k, end in enumerate(limits or ()):
+            if np.isfinite(end):
+                finite[k].append(end)
+    if finite[0]:
+        low = max(finite[0])
+    if finite[1]:
+        high = min(finite[1])
+    return (float(low), float(high)) if low < high else None
 
 
 def _off(X: Array, points: Array, goal: Array, along: Array) -> Array:

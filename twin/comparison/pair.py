@@ -15,6 +15,7 @@ from twin.comparison.joined import joined
 from twin.comparison.links import JointPlace, differing_places, place_items, posed
 from twin.comparison.matching import match
 from twin.comparison.mimic import MimicError, mimic_error
+from twin.comparison.mimic_statements import mimic_conventions, mimic_properties
 from twin.comparison.poses import PoseFit, compare_rows
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.property_edits import with_property_edits
@@ -47,7 +48,7 @@ class SidePair:
         items: conventions and differences.
         ties: other explanations with as many changes, each as texts.
         properties: limits, speeds, efforts, masses, couplings; None if the kinematics are unexplained, and for robots
-            with loops whose links differ.
+            with loops whose links differ; only the limits of the driven joint where mimic joints replace loops.
         worst: the largest difference of the tools; None if there is none, or no tool.
         solution, problem: the fit; None for poses that are compared without joint lines.
         poses: the comparison of rows of poses, if one side is a table of poses, or equations of a robot with loops.
@@ -224,6 +225,16 @@ def _of_links(problem: Problem, explanations: Sequence[Sequence[JointPlace]]) ->
     return SidePair(problem.first, problem.second, "disagree", found, tuple(others), None, None, problem, None)
 
 
+def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance: float) -> SidePair:
+    """Return the comparison of a linkage with a side whose mimic joints replace its loops."""
+    found = mimic_conventions(mimic, tolerance)
+    verdict: Kinematics = "agree after conventions" if found else "agree"
+    if not mimic.within(tolerance, ANGLE_PER_LENGTH * tolerance):
+        verdict = "disagree"
+    properties = mimic_properties(mimic, linkage_first=first.looped)
+    return SidePair(first, second, verdict, found, (), properties, None, None, None, mimic=mimic)
+
+
 def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
     """Compare the joint lines of two sides."""
     first, second = joined(first, second, tolerance), joined(second, first, tolerance)
@@ -234,9 +245,7 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
         found_mimic = mimic_error(first, second) or mimic_error(second, first)
         if found_mimic is None:
             raise
-        agrees = found_mimic.within(tolerance, ANGLE_PER_LENGTH * tolerance)
-        verdict: Kinematics = "agree" if agrees else "disagree"
-        return SidePair(first, second, verdict, (), (), None, None, None, None, mimic=found_mimic)
+        return _of_mimic(first, second, found_mimic, tolerance)
     problem = Problem(remembering(first), remembering(second), matching, tolerance)
     found_solutions = conventions(problem)
     in_posture = posed(problem) if not found_solutions and first.looped else None

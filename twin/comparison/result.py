@@ -142,6 +142,16 @@ def _mimic_findings(mimic: MimicError, where: str, *, agrees: bool) -> Iterator[
         yield disagreement("compare.mimic", mimic.leader, text, size, None, suggestion, when=where, word="")
     if mimic.part_text():
         yield info("compare.part", where, f"The joints correspond only in part: {mimic.part_text()}.")
+    yield info("compare.uncompared", where, _sentence(_uncompared(mimic)))
+
+
+def _uncompared(mimic: MimicError) -> str:
+    """Return what a comparison of mimic joints with loops leaves out."""
+    tools = "" if mimic.tool is not None else "tool frames, "
+    return (
+        f"only motions and the limits of '{mimic.leader}' were compared, not {tools}masses, centres of mass, inertias, "
+        "speeds, efforts and the limits of other joints"
+    )
 
 
 def _pair_text(pair: SidePair) -> Iterator[Part]:
@@ -158,6 +168,7 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     if pair.mimic is not None:
         yield f"  {'✔' if pair.agrees else '✖'} {pair.mimic.text()}"
         yield f"  the joints correspond only in part: {pair.mimic.part_text() or 'loops are open'}"
+        yield f"  {_uncompared(pair.mimic)}"
     if pair.poses is not None:
         yield from _poses_text(pair.poses)
     elif pair.worst is not None and pair.differences:

@@ -1,0 +1,64 @@
+"""Base frame, tool frame and limits of a linkage and of a description whose mimic joints replace its loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.comparison.evidence import LIMIT
+from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.items import ComparedItem, placed
+from twin.comparison.mimic import MimicError
+from twin.comparison.properties import KINDS, Properties, PropertyRow
+from twin.comparison.side import UNLIMITED
+from twin.core import spatial
+from twin.core.quantity import moved
+from twin.core.spatial import Array
+
+_Limits = tuple[float, float] | None
+
+
+def mimic_conventions(mimic: MimicError, tolerance: float) -> tuple[ComparedItem, ...]:
+    """Return the frames that differ by more than a distance in m, or its angle."""
+    found = []
+    text = f"the base frame of {mimic.linkage} is moved by {_motion(mimic.base)} in that of {mimic.coupled}"
+    found.append(_item("base frame", text, mimic.base))
+    if mimic.tool is not None:
+        text = f"the tool frame of {mimic.coupled} is moved by {_motion(mimic.tool)} in that of {mimic.linkage}"
+        found.append(_item("tool frame", text, mimic.tool))
+    return tuple(item for item in found if item.shift > tolerance or item.turn > ANGLE_PER_LENGTH * tolerance)
+
+
+def mimic_properties(mimic: MimicError, linkage_first: bool) -> Properties:
+    """Return the comparison of the limits of the driven joint, the only property that is compared."""
+    limits = mimic.limits if linkage_first else mimic.limits[::-1]
+    compared = dict.fromkeys(KINDS, 0)
+    first, second = limits
+    texts = [_interval(first), _interval(second)]
+    if first is None or second is None:
+        # a file that states no limits, and one that states that there are none, say the same
+        rows = ()
+        if (first or UNLIMITED) != (second or UNLIMITED):
+            rows = (PropertyRow("limits", mimic.leader, texts[0], texts[1], False),)
+        return Properties(rows, compared)
+    compared["limits"] = 1
+    apart = [0.0 if one == other else abs(one - other) for one, other in zip(first, second, strict=True)]
+    if max(apart) <= LIMIT:
+        return Properties((), compared)
+    return Properties((PropertyRow("limits", mimic.leader, texts[0], texts[1], True),), compared)
+
+
+def _interval(limits: _Limits) -> str:
+    if limits is None:
+        return "-"
+    if not np.isfinite(limits).any():
+        return "no limits"
+    return f"{moved(limits[0], True)} .. {moved(limits[1], True)}"
+
+
+def _motion(T: Array) -> str:
+    return placed(T[:3, 3], spatial.log_so3(T[:3, :3]))
+
+
+def _item(kind: str, text: str, T: Array) -> ComparedItem:
+    shift = float(np.linalg.norm(T[:3, 3]))
+    return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))
