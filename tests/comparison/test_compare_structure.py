@@ -155,3 +155,10 @@ def test_two_points_that_name_their_links_in_either_order_are_a_hinge() -> None:
     found = joined(points(0.02, swapped=True), loop(), TOLERANCE)
     assert (found.axes[3].parent, found.axes[3].child) == (2, 3)
     assert compare_pair(loop(), points(0.02, swapped=True), TOLERANCE).kinematics == "agree"
+
+
+def test_rounded_points_near_to_each_other_are_a_hinge() -> None:
+    for pair in ((loop(), points(0.02, rough=5e-7)), (points(0.02, rough=5e-7), loop())):
+        assert compare_pair(*pair, TOLERANCE).kinematics == "agree"
+    # beside the line by more than the tolerance
+    assert compare_pair(loop(), points(0.02, rough=2e-5), TOLERANCE).kinematics == "disagree"

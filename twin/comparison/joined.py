@@ -53,7 +53,7 @@ def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
     """
     whole = side
     for kind, found in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
-        whole = _with_wholes(whole, other, kind, list(found(whole, tolerance)))
+        whole = _with_wholes(whole, other, kind, list(found(whole, tolerance)), tolerance)
     read = side.reread
     if whole is side or read is None:
         return _without_numbers(whole, other)
@@ -67,7 +67,9 @@ def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
     return _without_numbers(replace(whole, reread=reread), other)
 
 
-def _with_wholes(side: RobotSide, other: RobotSide, kind: str, found: Sequence[_JointParts]) -> RobotSide:
+def _with_wholes(
+    side: RobotSide, other: RobotSide, kind: str, found: Sequence[_JointParts], tolerance: float
+) -> RobotSide:
     """Return the side with some of the found joints joined: as many as the other side has more of this type."""
     own = Counter(axis.kind for axis in side.axes)
     wanted = Counter(axis.kind for axis in other.axes)
@@ -85,8 +87,10 @@ def _with_wholes(side: RobotSide, other: RobotSide, kind: str, found: Sequence[_
         if len(chosen) < missing and used.isdisjoint(parts.indices):
             chosen.append(parts)
             used |= set(parts.indices)
-    for name, parts in [([side.axes[i].name for i in parts.indices], parts.whole) for parts in chosen]:
-        side = _replaced(side, name, parts)
+    for names, whole in [([side.axes[i].name for i in parts.indices], parts.whole) for parts in chosen]:
+        if kind == "revolute":
+            whole = _as_parallel(whole, side, other, tolerance)
+        side = _replaced(side, names, whole)
     return side
 
 
@@ -218,6 +222,33 @@ def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         middle = (axes[0].point + axes[1].point) / 2
         whole = replace(_whole(axes, "revolute", middle, between / distance), directed=False)
         yield _JointParts(tuple(indices), whole)
+
+
+def _as_parallel(whole: Axis, side: RobotSide, other: RobotSide, tolerance: float) -> Axis:
+    """Return a hinge through two points, parallel to the hinge to which it is parallel in the other side.
+
+    Rounded points that are near to each other say little about the direction of their line. Where the other side has
+    two parallel hinges on a link, and both points are within the tolerance of such a line here, this line is meant.
+    """
+    distance = float(np.linalg.norm(whole.joined[1].point - whole.joined[0].point))
+    partners = [axis for axis in other.axes if plain(axis.name) == plain(whole.name) and axis.kind == "revolute"]
+    if len(partners) != 1:
+        return whole
+    own = {plain(axis.name): axis for axis in side.axes if axis.kind == "revolute"}
+    (partner,) = partners
+    for axis in other.axes:
+        neighbour = own.get(plain(axis.name))
+        if axis is partner or axis.kind != "revolute" or neighbour is None:
+            continue
+        if {axis.parent, axis.child}.isdisjoint((partner.parent, partner.child)):
+            continue
+        if {neighbour.parent, neighbour.child}.isdisjoint((whole.parent, whole.child)):
+            continue
+        parallel = float(np.linalg.norm(np.cross(axis.direction, partner.direction)))
+        beside = float(np.linalg.norm(np.cross(neighbour.direction, whole.direction))) * distance / 2
+        if parallel <= ANGLE_PER_LENGTH * tolerance and beside <= tolerance:
+            return replace(whole, direction=neighbour.direction)
+    return whole
 
 
 def _whole(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> Axis:
