@@ -242,7 +242,7 @@ class _Linkages:
         for chosen in permutations(own):
             points = np.array([axis.point for axis in chosen])
             if _off(same, points, goal, along).max() < _SAME and abs(own[0].direction @ along) > 1.0 - _PARALLEL**2:
-                return same  # two hinges also coincide after half a turn in their plane
+                return same  # two hinges also coincide after half a turn about the line across them
         best: Array | None = None
         least = np.inf
         for chosen in permutations(own):
