@@ -16,7 +16,9 @@ from twin.comparison.side import UNLIMITED, Axis, JointGroup, RobotSide, from_me
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.model.inertia import Inertia
 from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 
 TOLERANCE = 1e-5
 Z = np.array([0.0, 0.0, 1.0])
@@ -85,6 +87,26 @@ def test_a_weld_makes_one_link_of_two() -> None:
     with pytest.raises(TwinError, match="cannot be matched"):
         compare_pair(drawn, found, TOLERANCE)
     assert compare_pair(found, from_mechanism(welded, "again"), TOLERANCE).kinematics == "agree"
+
+
+def test_the_mass_of_a_light_link_between_a_joint_and_a_weld_does_not_count() -> None:
+    mechanism = four_bar()
+    (pin,) = mechanism.loops
+    carrier = next(name for name in (pin.parent, pin.child) if len(_joints_at(mechanism, name)) == 2)
+    masses = []
+    for mass in (0.001, 0.01):
+        inertia = Inertia(mass, np.zeros(3), 1e-7 * np.eye(3))
+        bodies = []
+        for body in mechanism.bodies:
+            bodies.append(replace(body, inertia=inertia if body.name == carrier else None))
+        joints = tuple(_fixed(joint, pin) for joint in mechanism.joints)
+        found = from_mechanism(replace(mechanism, bodies=tuple(bodies), joints=joints), "weld")
+        masses.append([group.inertia.mass for group in found.groups if group.inertia is not None])
+    assert masses == [[], [0.01]]
+
+
+def _joints_at(mechanism: Mechanism, body: str) -> list[str]:
+    return [joint.name for joint in mechanism.joints if body in (joint.parent, joint.child)]
 
 
 def _fixed(joint: Joint, chosen: Joint) -> Joint:

@@ -251,6 +251,10 @@ def joint_motion(axis: Axis, displacement: Array) -> Array:
     return spatial.pose(np.broadcast_to(np.eye(3), (len(displacement), 3, 3)))
 
 
+_CARRIER = 1.001e-3
+"""Mass in kg up to which a link between a joint and a weld is no part of the robot, see `_carriers`."""
+
+
 def drawn_poses(mechanism: Mechanism) -> tuple[dict[str, Array], dict[str, float]]:
     """Return ({body: T_base_body}, {joint: coordinate}) at the state at which lines are compared.
 
@@ -399,14 +403,32 @@ def _axis(
     )
 
 
+def _carriers(mechanism: Mechanism) -> set[str]:
+    """Return the bodies that only connect a joint to a weld: a format that closes loops in points writes a slide so.
+
+    Such a body is given a mass of up to 1 g, because a simulator needs one.
+    """
+    ends = [body for joint in mechanism.joints for body in (joint.parent, joint.child)]
+    found = set()
+    for joint in mechanism.loops:
+        for name in (joint.parent, joint.child):
+            if joint.type != "fixed" or ends.count(name) != 2 or name == mechanism.base:
+                continue
+            inertia = mechanism.body(name).inertia
+            if inertia is not None and inertia.mass <= _CARRIER:
+                found.add(name)
+    return found
+
+
 def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]) -> tuple[JointGroup, ...]:
     count = max(group_of.values()) + 1
+    carriers = _carriers(mechanism)
     names: list[list[str]] = [[] for _ in range(count)]
     inertias: list[Inertia | None] = [None] * count
     for body in mechanism.bodies:
         group = group_of[body.name]
         names[group].append(body.name)
-        if body.inertia is None:
+        if body.inertia is None or body.name in carriers:
             continue
         seen = body.inertia.seen_from(poses[body.name])
         sum_before = inertias[group]
