@@ -279,6 +279,17 @@ def test_the_command_prints_a_verdict_and_json(capsys):
     assert set(wrong[0]["witness"]) == {"X_E", "Y_E", "Z_E", "psi", "theta", "phi"}
 
 
+@pytest.mark.slow
+def test_validate_proves_as_well_if_asked(capsys, tmp_path):
+    line = ["validate", "sils", "--prove", "--quiet", "--json", "--out", str(tmp_path), "--variant", "eq1=printed"]
+    assert main(line) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["verdict"] == "disagree"
+    assert any(proof["verdict"] == "disagree" for proof in data["proofs"])
+    assert len(data["proofs"]) == len(data["reports"])
+    assert len(list(tmp_path.rglob("certificate.json"))) == len(data["proofs"])
+
+
 @pytest.mark.parametrize("states", [0, 63, 1_000_001])
 def test_a_number_of_states_out_of_range_is_refused(states):
     with pytest.raises(TwinError, match="give 64 to 1000000"):

@@ -23,15 +23,22 @@ def write(report, folder: Path, root: Path) -> None:
     pages.write_report(report, folder, root / "selftest.json")
 
 
-def finish(reports, args: argparse.Namespace) -> int:
-    """Print the reports; return the exit code of the most severe verdict."""
-    most_severe, _ = max(reports, key=lambda written: written[0].exit_code)
+def finish(reports, args: argparse.Namespace, proofs=()) -> int:
+    """Print the reports, and proofs with their folders; return the exit code of the most severe verdict.
+
+    With --json, one report is printed alone; several, or one with proofs, are lists `reports` and `proofs`.
+    """
+    most_severe, _ = max([*reports, *proofs], key=lambda written: written[0].exit_code)
     code = most_severe.exit_code
     if args.json:
         data = []
         for report, folder in reports:
             data.append({**report.as_dict(), "folder": str(folder)})
-        if len(data) == 1:
+        if proofs:
+            proved = [{**result.as_dict(), "folder": str(folder)} for result, folder in proofs]
+            both = {"reports": data, "proofs": proved}
+            print(show.as_json(show.record("reports", both, judged=most_severe.verdict)))
+        elif len(data) == 1:
             print(show.as_json(data[0]))
         else:
             print(show.as_json(show.record("reports", {"reports": data}, judged=most_severe.verdict)))
@@ -50,4 +57,7 @@ def finish(reports, args: argparse.Namespace) -> int:
             variants = ", ".join(f"{equation}={variant}" for equation, variant in report.variants.items())
             rows.append((report.protocol, variants, report.verdict))
         print(show.table(rows, ("protocol", "variants", "verdict")))
+    for result, folder in proofs:
+        print()
+        show.finish(result, args, folder, ["prove.html", "certificate.json"])
     return code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,11 +12,13 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
+    from twin.core.result import Result
 
 EXAMPLES = """\
   twin validate sils
   twin validate sils --variant eq1=printed
   twin validate sils --all-protocols --json
+  twin validate sils --prove                                also the claims of `twin prove`, at all poses
   twin validate sher --sweep q5 --compare serial,mimic      over the joint range instead of along a protocol"""
 
 
@@ -31,6 +34,7 @@ def arguments(command: Command) -> None:
     command.text("--sweep", "JOINTS", text, nargs="?", const="all")
     text = "with --sweep: also compute the error of simplified loop models (comma-separated list of serial, mimic)"
     command.text("--compare", "NAMES", text)
+    command.flag("--prove", "also prove the claims of `twin prove`, at all poses, for each set of variants")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -82,7 +86,26 @@ def run(args: argparse.Namespace) -> int:
                 with assets.atomic_folder(folder) as work:
                     reports.write(report, work, root)
                 found.append((report, folder))
-    return reports.finish(found, args)
+        proofs = []
+        if args.prove:
+            for variants in variants_of_each(robot, args.variant):
+                proofs.append(_proved(robot, variants, root, progress))
+    return reports.finish(found, args, proofs)
+
+
+def _proved(
+    robot: Robot, variants: dict[str, str] | None, root: Path, progress: Callable[[str, float], None]
+) -> tuple[Result, Path]:
+    """Prove the claims about the equations in some variants; write the result and return it with its folder."""
+    from twin.api.proof import prove
+    from twin.cli import pages, reports
+    from twin.core import assets
+
+    result = prove(robot, variants, progress=progress)
+    folder = root / reports.folder("prove", variants)
+    with assets.atomic_folder(folder) as work:
+        pages.write_result(result, work)
+    return result, folder
 
 
 def _strokes(robot: Robot, args: argparse.Namespace) -> int:
