@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -97,11 +98,11 @@ def _proved(
     robot: Robot, variants: dict[str, str] | None, root: Path, progress: Callable[[str, float], None]
 ) -> tuple[Result, Path]:
     """Prove the claims about the equations in some variants; write the result and return it with its folder."""
-    from twin.api.proof import prove
     from twin.cli import pages, reports
     from twin.core import assets
 
-    result = prove(robot, variants, progress=progress)
+    # Loaded by name, as what writes pages: without --prove, nothing of a proof is reached from here.
+    result = import_module("twin.api.proof").prove(robot, variants, progress=progress)
     folder = root / reports.folder("prove", variants)
     with assets.atomic_folder(folder) as work:
         pages.write_result(result, work)
