@@ -17,9 +17,11 @@ from made.operations import BY_SQUARES, ODD, OPERATIONS, a, b
 from made.processor_as_gpu import ProcessorAsGpu
 from twin.codegen import Kernel, Stage, gpu_kernel
 from twin.codegen import kernel as kernel_module
-from twin.core import gpu
+from twin.core import compute_device, gpu
 from twin.core.compute_device import PROCESSOR, computing_on, current
 from twin.core.errors import GpuError, TwinError
+
+MISSING = "driver is missing|is an NVIDIA driver library"
 
 BY_THE_C_LIBRARY = {"exp", "log", "pow", "constpow", "sinh", "cosh", "tanh"}
 
@@ -109,10 +111,52 @@ def test_blocks_are_smaller_where_memory_is_short(card):
     x = np.ones((2, 1000))
     y = np.ones((1, 1000))
     card.free = 40_000  # half of it, for two lanes of 48 bytes a sample: 208 samples
-    with computing_on("gpu"):
+    for _ in range(5):
+        with computing_on("gpu"):
+            kernel(x, y)
+        assert card.launches == [(2, 128)] * 5
+        assert sum(memory.nbytes for memory in card.memory.values()) <= 20_000
+        card.launches.clear()
+
+
+def test_a_full_card_is_an_error_and_the_next_call_computes(card, monkeypatch):
+    kernel = product()
+    x = np.ones((2, 1000))
+    y = np.full((1, 1000), 3.0)
+    reserved = card.reserved
+    calls = []
+
+    def once(count):
+        calls.append(count)
+        if len(calls) == 1:
+            raise GpuError("full")
+        return reserved(count)
+
+    monkeypatch.setattr(card, "reserved", once)
+    with computing_on("gpu"), pytest.raises(GpuError, match="full"):
         kernel(x, y)
-    assert card.launches == [(2, 128)] * 4 + [(2, 128)]
-    assert sum(memory.nbytes for memory in card.memory.values()) <= 20_000
+    with computing_on("gpu"):
+        np.testing.assert_array_equal(kernel(x, y)[0], 3 * x)
+
+
+def test_auto_goes_on_with_the_processor_where_the_gpu_fails(card, monkeypatch):
+    monkeypatch.setattr(kernel_module, "_LOADING", 0.0)
+    monkeypatch.setattr(gpu_kernel, "_BYTES_PER_S", 1e30)
+    monkeypatch.setattr(gpu_kernel, "_LAUNCH", 0.0)
+    card.free = 100
+    x = np.ones((2, 50_000))
+    y = np.full((1, 50_000), 2.0)
+    with computing_on("auto"):
+        found = product()(x, y)
+    np.testing.assert_array_equal(found[0], 2 * x)
+    np.testing.assert_array_equal(found[1], x[:1] - 2)
+
+
+def test_the_choice_of_the_environment_names_what_has_computed(card, monkeypatch):
+    monkeypatch.setenv("TWIN_DEVICE", "gpu")
+    monkeypatch.setattr(compute_device, "_of_environment", {})
+    product()(np.ones((2, 100)), np.ones((1, 100)))
+    assert current().name == card.name
 
 
 def test_too_little_memory_is_an_error_that_names_both_sizes(card):
@@ -277,6 +321,7 @@ def test_the_driver_takes_the_arguments():
     assert "the NVIDIA driver is missing" in reason
     card = object.__new__(gpu.CudaGpu)
     card._driver = driver
+    card._loaded = {}
     card._context = driver.CUcontext()
     array = np.zeros(8)
     address = driver.CUdeviceptr(64)
@@ -287,11 +332,17 @@ def test_the_driver_takes_the_arguments():
         (driver.cuDeviceGet, 0),
         (driver.cuDevicePrimaryCtxRetain, driver.CUdevice(0)),
         (driver.cuDeviceGetName, 256, driver.CUdevice(0)),
+        (
+            driver.cuDeviceGetAttribute,
+            driver.CUdevice_attribute.CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR,
+            driver.CUdevice(0),
+        ),
+        (driver.cuModuleUnload, driver.CUmodule()),
         (driver.cuModuleLoadData, b".version 6.3\0"),
         (driver.cuModuleGetFunction, driver.CUmodule(), b"samples"),
     ]
     for call in calls:
-        with pytest.raises(GpuError, match="driver is missing"):
+        with pytest.raises(GpuError, match=MISSING):
             card._do("answer", *call)
     card._enter = lambda: None
     card._pinned = {array.ctypes.data: 64}
@@ -304,11 +355,11 @@ def test_the_driver_takes_the_arguments():
         lambda: card.release((), (array,), ()),
         lambda: card.release((), (), (stream,)),
         lambda: card.copy_to(address, array, stream),
-        lambda: card.copy_from(array, address, stream),
+        lambda: card.copy_from(array, int(address) + 64, stream),
         lambda: card.launch(function, 4, 128, (10, address, 1, 2, address, 3, 4), stream),
         lambda: card.wait(stream),
     ):
-        with pytest.raises(GpuError, match="driver is missing"):
+        with pytest.raises(GpuError, match=MISSING):
             work()
 
 

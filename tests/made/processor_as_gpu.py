@@ -16,6 +16,7 @@ import numpy as np
 
 from twin.codegen.gpu_entry import ENTRY
 from twin.core import machine_code
+from twin.core.errors import GpuError
 
 _THREADS = """
 define void @all(i64 %threads, i64 %end, i64 %in, i64 %a, i64 %b, i64 %out, i64 %c, i64 %d) {
@@ -84,8 +85,9 @@ class ProcessorAsGpu:
         return np.full(count, np.nan)
 
     def reserved(self, count: int) -> int:
+        if 8 * count > self.free:
+            raise GpuError(f"{self.name} is full")
         self.free -= 8 * count
-        assert self.free >= 0
         array = np.full(count, np.nan)
         self.memory[array.ctypes.data] = array
         return array.ctypes.data
@@ -98,14 +100,22 @@ class ProcessorAsGpu:
         self._work[stream].append(lambda: self._filled(address, array))
 
     def _filled(self, address: int, array: np.ndarray) -> None:
-        self.memory[address][: array.size] = array
+        self._at(address, array.size)[:] = array
+
+    def _at(self, address: int, count: int) -> np.ndarray:
+        """Return the memory (count,) from an address within a reserved piece."""
+        for begin, piece in self.memory.items():
+            first = (address - begin) // 8
+            if first >= 0 and first + count <= piece.size:
+                return piece[first : first + count]
+        raise AssertionError("the address is in no reserved memory")
 
     def copy_from(self, array: np.ndarray, address: int, stream: int) -> None:
         array[:] = np.nan
         self._work[stream].append(lambda: self._read(address, array))
 
     def _read(self, address: int, array: np.ndarray) -> None:
-        array[:] = self.memory[address][: array.size]
+        array[:] = self._at(address, array.size)
 
     def launch(self, function: Any, blocks: int, threads: int, arguments: Sequence[Any], stream: int) -> None:
         self.launches.append((blocks, threads))

@@ -650,7 +650,7 @@ def test_a_folder_has_page_picture_data_and_motions(exported):
 def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_install(replayed, monkeypatch):
     monkeypatch.setattr("twin.api.console_session.find_spec", lambda name: None)
     (finding,) = replayed.findings
-    assert finding.message == "session.mcap and session-ros2.mcap are not written: pip install 'twin-robotics[mcap]'"
+    assert finding.message == "session.mcap or session-ros2.mcap is not written: pip install 'twin-robotics[mcap]'"
     assert (finding.severity, replayed.verdict) == ("info", "agree")
 
 

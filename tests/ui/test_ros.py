@@ -208,8 +208,94 @@ def test_servo_cp_moves_the_tool_to_the_pose(scene):
 
     reached, target, statuses, state = asyncio.run(servo())
     assert not statuses
-    assert state["owner"] == "ros servo_cp"
+    assert state["owner"] == "ROS client 1 by servo_cp"
     np.testing.assert_allclose(reached, target, atol=1e-5)
+
+
+def test_many_messages_of_servo_cp_in_a_picture_are_one_goal(scene):
+    """A constant goal 4 mm away, said eight times a picture: the tool goes there and stays."""
+
+    async def servo():
+        async with running(scene) as console, connected(console.bridge.port) as client:
+            goal = console.op.world.signals["psm1.goal"].reshape(4, 4)
+            target = goal @ spatial.pose(np.eye(3), np.array([4, 0, 0]) * MM)
+            ways = []
+            for _ in range(60):
+                for _ in range(8):
+                    await client.pose("/PSM1/servo_cp", target)
+                await client.handled()
+                await console.wait(1 / RATE)
+                now = console.op.world.signals["psm1.goal"].reshape(4, 4)
+                ways.append(float(np.linalg.norm((now - goal)[:3, 3])))
+            held = console.state["owner"]
+        await asyncio.sleep(0)
+        return ways, held
+
+    ways, held = asyncio.run(servo())
+    assert held == "ROS client 1 by servo_cp"
+    assert max(ways) < 4.01 * MM
+    assert ways[-20:] == pytest.approx([4 * MM] * 20, abs=1e-6)
+
+
+def test_pedals_and_goals_of_a_client_end_with_it(scene):
+    async def leave():
+        async with running(scene) as console:
+            async with connected(console.bridge.port) as first:
+                await first.publish("/footpedals/clutch", {"buttons": [1]})
+                await first.publish("/footpedals/camera", {"buttons": [1]})
+                goal = console.op.world.signals["psm1.goal"].reshape(4, 4)
+                await first.pose("/PSM1/servo_cp", goal)
+                await first.handled()
+                hands = console.bridge.topics.hands
+                pressed = (hands.clutch, hands.camera)
+            async with connected(console.bridge.port) as second:
+                while hands.clutch:
+                    await asyncio.sleep(0.01)
+                pens = RosPens(second)
+                await pens.send()
+                await second.handled()
+                await console.wait(1 / RATE)
+                return pressed, (hands.clutch, hands.camera), second.statuses, console.state["owner"]
+
+    pressed, after, statuses, owner = asyncio.run(leave())
+    assert pressed == (True, True)
+    assert after == (False, False)
+    assert not statuses
+    assert owner == "ros"
+
+
+def test_hands_are_refused_after_an_error_of_the_world(scene):
+    async def stopped():
+        async with running(scene) as console, connected(console.bridge.port) as client:
+            console.op._stopped = "psm1.q is not finite"
+            await RosPens(client).send()
+            await client.handled()
+            return client.statuses
+
+    ((level, text), *_) = asyncio.run(stopped())
+    assert level == "error"
+    assert "The World has stopped: psm1.q is not finite" in text
+
+
+def test_two_subscriptions_of_a_topic_end_one_by_one(scene):
+    async def watch():
+        async with running(scene) as console, connected(console.bridge.port) as client:
+            for name in ("a", "b"):
+                await client.send("subscribe", topic="/PSM1/measured_js", id=name)
+            await client.send("unsubscribe", topic="/PSM1/measured_js", id="a")
+            await client.handled()
+            await console.wait(2 / RATE)
+            await client.handled()
+            with_one = len(client.heard["/PSM1/measured_js"])
+            await client.send("unsubscribe", topic="/PSM1/measured_js", id="b")
+            await client.handled()
+            await console.wait(2 / RATE)
+            await client.handled()
+            return with_one, len(client.heard["/PSM1/measured_js"])
+
+    with_one, after = asyncio.run(watch())
+    assert with_one >= 3
+    assert after == with_one
 
 
 def test_pedals_scale_and_grip(scene):

@@ -22,7 +22,7 @@ from twin.analysis import measure
 from twin.analysis.cluster import each
 from twin.api.robot import Robot, load
 from twin.core import compute_device
-from twin.core.compute_device import PROCESSOR
+from twin.core.compute_device import PROCESSOR, Choice
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonMapping, JsonObject
@@ -540,9 +540,16 @@ def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[PoseKer
     return judge(robot, grid), grid
 
 
-def _remote(source: str, protocol: str | None, packed: bytes, first: int, last: int) -> np.ndarray:
-    """Evaluate a chunk of positions; called in a worker process, which caches the kernel for its next chunk."""
-    return evaluate(*_judge_of(source, protocol, packed), first, last)
+def _remote(
+    source: str, protocol: str | None, packed: bytes, first: int, last: int, choice: Choice
+) -> tuple[np.ndarray, str]:
+    """Evaluate a chunk of positions; return the values, and what has computed them (`ComputeDevice.name`).
+
+    This is called in a worker process, which caches the kernel for its next chunk.
+    """
+    with compute_device.computing_on(choice) as device:
+        found = evaluate(*_judge_of(source, protocol, packed), first, last)
+    return found, device.name
 
 
 def workspace(
@@ -574,15 +581,19 @@ def workspace(
     if client is not None:
         parts = list(chunks(grid))
         packed = pickle.dumps(grid)
-        tasks = [(source, protocol, packed, first, last) for first, last in parts]
-        for done, (i, result) in enumerate(each(client, _remote, tasks), 1):
+        choice = compute_device.current().choice
+        tasks = [(source, protocol, packed, first, last, choice) for first, last in parts]
+        names: set[str] = set()
+        for done, (i, (result, name)) in enumerate(each(client, _remote, tasks), 1):
             first, last = parts[i]
             values[first:last] = result
+            names.add(name)
             progress(label, done / len(parts))
     else:
         kernel = judge(robot, grid)
         for first, last in chunks(grid):
             values[first:last] = evaluate(kernel, grid, first, last)
             progress(label, last / grid.positions)
-    facts: JsonObject = {"device": compute_device.current().name, **limit_facts(robot, passive_check(robot))}
+        names = {compute_device.current().name}
+    facts: JsonObject = {"device": ", ".join(sorted(names)), **limit_facts(robot, passive_check(robot))}
     return Workspace(robot.name, grid, values, facts)

@@ -141,8 +141,8 @@ class ConsoleSession(Result):
             findings += self.outcome.findings()
         for machine in self.training:
             findings += machine.findings()
-        if find_spec("mcap_ros2") is None:
-            text = f"session.mcap and session-ros2.mcap are not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
+        if find_spec("mcap") is None or find_spec("mcap_ros2") is None:
+            text = f"session.mcap or session-ros2.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             findings.append(info("session.no_mcap", "", text))
         return findings
 
@@ -274,7 +274,7 @@ class ConsoleSession(Result):
             write_tracks(arm.mechanism, clip, folder / name / "tracks")
         if self._moved:
             self._write_objects(folder / "objects")
-        if find_spec("mcap_ros2") is not None:
+        if find_spec("mcap") is not None:
             self._write_mcap(folder / "session.mcap")
 
     def _columns(self) -> dict[str, Array]:
@@ -370,6 +370,8 @@ class ConsoleSession(Result):
             console[f"{hand}_grip"] = kept[f"{hand}.grip"][::_STRIDE, 0]
         t = self.t[::_STRIDE]
         write_mcap(path, t, links, joints, console)
+        if find_spec("mcap_ros2") is None:
+            return
         of_robots: dict[str, dict[str, Array]] = {}
         for name, values in joints.items():
             robot, _, joint = name.partition("/")

@@ -184,7 +184,8 @@ async def serve_until_stopped(
             from twin.ui.headset.operation import Operation
 
             assert isinstance(live, Operation)  # `_refuse` has refused the option for everything else
-            bridge = await _bridge(live, *args.ros)
+            ros_host, ros_port = args.ros
+            bridge = await _bridge(live, ros_host, ros_port, context)
             bridge.hurry = server.respond_soon
         if "/" not in own:
             print(
@@ -206,24 +207,34 @@ async def serve_until_stopped(
     print(next_command)
 
 
-async def _bridge(operation: Operation, host: str, port: int) -> RosBridge:
-    """Start the server for ROS clients, and print its address.
+async def _bridge(operation: Operation, host: str, port: int, context: ssl.SSLContext | None) -> RosBridge:
+    """Start the server for ROS clients, with TLS if the page has it, and print its address.
 
     Raises:
         TwinError: the port is in use.
     """
     from twin.ui.access.rules import AccessRules
 
-    def announce(token: str) -> None:
-        print(f"  address for the next ROS client: ws://{host}:{port}/?token={token}", flush=True)
-
-    bridge = operation.bridge(AccessRules(host, port, False, announce))
     try:
-        await bridge.start(host, port)
+        port = free_port(host, port)
+    except TwinError as error:
+        text = "the port is in use, or the host is not an address of this computer; choose another one"
+        raise TwinError(f"--ros {host}:{port}: {text}") from error
+    is_https = context is not None
+    url = PageAddress(host, port, is_https, "ROS", "").url.replace("http", "ws", 1).rstrip("/")
+
+    def announce(token: str) -> None:
+        print(f"  rosbridge for the next ROS client, once: {url}/?token={token}", flush=True)
+
+    rules = AccessRules(host, port, is_https, announce)
+    bridge = operation.bridge(rules)
+    try:
+        await bridge.start(host, port, context)
     except OSError as error:
         reason = error.strerror or error
         raise TwinError(f"--ros: cannot listen on {host}:{port}: {reason}; choose another port") from error
-    print(f"  rosbridge for ROS clients: ws://{host}:{bridge.port}", flush=True)
+    if not rules.needs_token:
+        print(f"  rosbridge for ROS clients: {url}", flush=True)
     return bridge
 
 

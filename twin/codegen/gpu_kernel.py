@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -37,24 +38,33 @@ class _Lane:
     def __init__(self, gpu: Gpu) -> None:
         self.stream = gpu.stream()
         self._gpu = gpu
-        self._arrays: dict[str, Array] = {}
-        self._addresses: dict[str, Address] = {}
+        self._array: Array | None = None
+        self._address: Address = 0
 
-    def memory(self, kind: str, count: int) -> tuple[Array, Address]:
-        """Return (array (count,), address on the GPU) for the numbers that samples take ("given") or give."""
-        array = self._arrays.get(kind)
-        if array is None or len(array) < count:
-            if array is not None:
-                self._gpu.release((self._addresses.pop(kind),), (self._arrays.pop(kind),), ())
-            array = self._gpu.pinned(count)
-            self._arrays[kind] = array
-            self._addresses[kind] = self._gpu.reserved(count)
-        return array[:count], self._addresses[kind]
+    def memory(self, count: int) -> tuple[Array, Address]:
+        """Return (array (count,), its address on the GPU); memory that is too small is replaced."""
+        if self._array is None or len(self._array) < count:
+            self.release()
+            address = self._gpu.reserved(count)
+            try:
+                self._array = self._gpu.pinned(count)
+            except BaseException:
+                self._gpu.release((address,), (), ())
+                raise
+            self._address = address
+        return self._array[:count], self._address
+
+    def release(self) -> None:
+        """Free the memory."""
+        if self._array is not None:
+            array = self._array
+            self._array = None
+            self._gpu.release((self._address,), (array,), ())
 
     @property
     def count(self) -> int:
         """Number of doubles that are reserved on the GPU."""
-        return sum(len(array) for array in self._arrays.values())
+        return 0 if self._array is None else len(self._array)
 
 
 class _Lanes:
@@ -101,9 +111,16 @@ class GpuKernel:
         self.text = ptx_text(sample_text(text, inputs, outputs))
         self.inputs = inputs
         self.outputs = outputs
+        self._seconds_per_sample = 0.0  # in the last call; 0: there was none
 
     def seconds(self, samples: int) -> float:
-        """Return the expected time of a call in s, at most: copies decide, not the arithmetic."""
+        """Return the expected time of a call in s: as in the last call, or, before the first one, that of the copies.
+
+        Cards for computing do the arithmetic of doubles faster than the copies; other cards may not, which the first
+        call shows.
+        """
+        if self._seconds_per_sample > 0:
+            return self._seconds_per_sample * samples
         numbers = self.inputs + self.outputs
         copying = 8 * numbers * samples / _BYTES_PER_S
         starting = _LAUNCH * math.ceil(samples / _BLOCK)
@@ -171,10 +188,11 @@ class GpuKernel:
             drain: copies their results out of it.
             by_rows: whether the numbers of a sample are neighbours in a lane; else, the samples of a number are.
         """
-        function = gpu.function(self.text, ENTRY)
         compute_device.current().used.add(gpu.name)
         lanes = _lanes(gpu)
         with lanes.lock:
+            begun = time.perf_counter()
+            function = gpu.function(self.text, ENTRY)
             size = self._size(gpu, lanes, end - begin)
             under_way: deque[_Block] = deque()
             try:
@@ -182,8 +200,10 @@ class GpuKernel:
                     if len(under_way) == _LANES:
                         self._finish(gpu, under_way, drain)
                     lane = lanes.lanes[turn % _LANES]
-                    given, given_address = lane.memory("given", size * self.inputs)
-                    computed, computed_address = lane.memory("computed", size * self.outputs)
+                    numbers, given_address = lane.memory(size * (self.inputs + self.outputs))
+                    given = numbers[: size * self.inputs]
+                    computed = numbers[size * self.inputs :]
+                    computed_address = int(given_address) + given.nbytes
                     block = _Block(lane, given, computed, first, min(first + size, end))
                     fill(block)
                     samples = block.last - first
@@ -205,6 +225,7 @@ class GpuKernel:
                 for block in under_way:
                     gpu.wait(block.lane.stream)
                 raise
+            self._seconds_per_sample = (time.perf_counter() - begun) / (end - begin)
 
     def _finish(self, gpu: Gpu, under_way: deque[_Block], drain: Callable[[_Block], None]) -> None:
         """Wait for the oldest block, and copy its results."""
@@ -220,7 +241,7 @@ class GpuKernel:
             GpuError: the memory is too small for a block of one sample per thread of the smallest launch.
         """
         bytes_per_sample = 8 * (self.inputs + self.outputs)
-        usable = _SHARE * gpu.free_bytes() + 8 * lanes.count
+        usable = _SHARE * (gpu.free_bytes() + 8 * lanes.count)
         most = int(usable / (_LANES * bytes_per_sample))
         if most < min(samples, THREADS):
             wanted = _LANES * bytes_per_sample * THREADS / _SHARE

@@ -18,6 +18,7 @@ from twin.codegen.emit import Stage, emit
 from twin.codegen.gpu_entry import computable
 from twin.codegen.gpu_kernel import GpuKernel
 from twin.core import compute_device, gpu
+from twin.core.errors import GpuError
 from twin.core.gpu import Gpu
 from twin.core.machine_code import compiled, lanes
 from twin.core.processors import usable
@@ -41,7 +42,7 @@ _MANY = 4096
 _LOADING = 1.0
 """Time in s for loading a kernel into a GPU. A kernel has taken as long on the processor before a GPU is considered.
 
-How many calls will follow is not known. With this rule, both together take at most twice the time of the better one.
+How many calls will follow is not known: with this rule, a GPU that is faster costs at most about this time in vain.
 """
 
 
@@ -97,6 +98,7 @@ class Kernel:
         self._stages = tuple(stages)
         self._exact = exact
         self._busy = 0.0  # computing time of the processor in s, where the choice is "auto"
+        self._fails_on_gpu = False  # where the choice is "auto"
 
     def __call__(
         self,
@@ -132,9 +134,7 @@ class Kernel:
         else:
             results = tuple(out)
             self._check_out(results, k)
-        card = self._gpu(k)
-        if card is not None and self.for_gpu is not None:
-            self.for_gpu.columns(card, given, results, 0, k)
+        if self._on_gpu(k, lambda card, kernel: kernel.columns(card, given, results, 0, k)):
             return results
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
@@ -142,29 +142,38 @@ class Kernel:
             self._run_rest(given, results, whole, carry)
         return results
 
-    def _gpu(self, samples: int, seconds: float | None = None) -> Gpu | None:
-        """Return the GPU that is to compute a number of samples; None: the processor computes them.
+    def _on_gpu(self, samples: int, compute: Callable[[Gpu, GpuKernel], None], seconds: float | None = None) -> bool:
+        """Let a GPU compute samples, if one is to do it; return whether it has.
 
-        `seconds` is the expected computing time of the processor in s; None: it is not known yet.
+        Args:
+            samples: number of samples.
+            compute: function that computes them, given the GPU and the kernel for it.
+            seconds: expected computing time of the processor in s; None: it is not known yet.
 
         Raises:
-            GpuError: a GPU is required, and there is none.
+            GpuError: a GPU is required, and there is none, or it fails.
         """
         choice = compute_device.current().choice
-        if choice == "cpu":
-            return None
         if choice == "gpu":
             card = gpu.required()
-            return card if samples >= _MANY and self.for_gpu is not None else None
-        if seconds is None:
-            return None
+            if samples < _MANY or self.for_gpu is None:
+                return False
+            compute(card, self.for_gpu)
+            return True
+        if choice == "cpu" or seconds is None or samples < _MANY or self._fails_on_gpu:
+            return False
         self._busy += seconds
         if self._busy < _LOADING:
-            return None
+            return False
         card, _ = gpu.found()
         if card is None or self.for_gpu is None or self.for_gpu.seconds(samples) >= seconds:
-            return None
-        return card
+            return False
+        try:
+            compute(card, self.for_gpu)
+        except GpuError:  # its memory may be taken by another program: the processor can compute all
+            self._fails_on_gpu = True
+            return False
+        return True
 
     @cached_property
     def for_gpu(self) -> GpuKernel | None:
@@ -222,9 +231,7 @@ class Kernel:
         if Z.shape != (k, count):
             raise ValueError(f"samples have shape {Z.shape}, not {(k, count)}")
         result = np.zeros((k, size))
-        card = self._gpu(k)
-        if card is not None and self.for_gpu is not None:
-            self.for_gpu.rows(card, Z, result, 0, k)
+        if self._on_gpu(k, lambda card, kernel: kernel.rows(card, Z, result, 0, k)):
             return result
         begins = deque(range(0, k, _BLOCK))
 
@@ -246,9 +253,8 @@ class Kernel:
         start = time.perf_counter()
         work(1)
         seconds = (time.perf_counter() - start) * len(begins)
-        card = self._gpu(k, seconds / usable())
-        if card is not None and self.for_gpu is not None:
-            self.for_gpu.rows(card, Z, result, begins[0], k)
+        rest = begins[0] if begins else k
+        if self._on_gpu(k - rest, lambda card, kernel: kernel.rows(card, Z, result, rest, k), seconds / usable()):
             return result
         _share(work, len(begins), seconds)
         return result
@@ -331,9 +337,10 @@ class Kernel:
         self._call(*chunks.popleft(), ins, outs, None)
         seconds = (time.perf_counter() - start) * len(chunks)
         workers = min(threads or usable(), usable())
-        card = self._gpu(end - begin - size, seconds / workers)
-        if card is not None and self.for_gpu is not None:
-            self.for_gpu.columns(card, given, results, begin + size, end)
+        rest = begin + size
+        if self._on_gpu(
+            end - rest, lambda card, kernel: kernel.columns(card, given, results, rest, end), seconds / workers
+        ):
             return
 
         # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, other

@@ -33,7 +33,7 @@ class ComputeDevice:
 
     Attributes:
         choice: see `Choice`.
-        used: names of the GPUs that have computed a kernel.
+        used: names of the GPUs that have computed a kernel in the block.
     """
 
     choice: Choice
@@ -45,6 +45,9 @@ class ComputeDevice:
         return ", ".join(sorted(self.used)) or PROCESSOR
 
 
+_of_environment: dict[str, ComputeDevice] = {}
+"""What has computed outside of `computing_on`, by the choice in the environment."""
+
 _current: ContextVar[ComputeDevice | None] = ContextVar("compute device", default=None)
 
 
@@ -52,7 +55,8 @@ _current: ContextVar[ComputeDevice | None] = ContextVar("compute device", defaul
 def computing_on(choice: Choice) -> Iterator[ComputeDevice]:
     """Let kernels that this thread calls in the block be computed by "cpu", "gpu" or "auto" (see `Choice`).
 
-    With "gpu", a kernel that no GPU can compute raises a `GpuError`.
+    With "gpu", a `GpuError` is raised if there is no GPU. The processor still computes a few samples (fewer than 4096),
+    kernels that take results of the sample before, and those that call the C library or must equal CasADi bit for bit.
 
     Raises:
         TwinError: there is no such choice.
@@ -74,7 +78,9 @@ def current() -> ComputeDevice:
     device = _current.get()
     if device is None:
         wanted = os.environ.get(DEVICE) or "cpu"
-        return ComputeDevice(checked(wanted))
+        if wanted not in _of_environment:
+            _of_environment[wanted] = ComputeDevice(checked(wanted))
+        return _of_environment[wanted]
     return device
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
+from collections import OrderedDict
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, Protocol
@@ -21,6 +22,12 @@ Address = Any
 """Address in the memory of a GPU, or handle of the driver (stream, function)."""
 
 _DRIVER = "cuda.bindings.driver"
+
+OLDEST = 7
+"""Oldest generation of GPUs (major number of the compute capability) that runs the PTX, see `twin.core.ptx`."""
+
+_MODULES = 64
+"""Maximum number of loaded kernels."""
 
 
 class Gpu(Protocol):
@@ -80,11 +87,14 @@ class CudaGpu:
         """
         self._driver = driver
         self._lock = threading.Lock()
-        self._functions: dict[tuple[str, str], Any] = {}
-        self._modules: list[Any] = []
+        self._loaded: OrderedDict[tuple[str, str], tuple[Any, Any]] = OrderedDict()  # module and function
         self._pinned: dict[int, Any] = {}
         self._do("start", driver.cuInit, 0)
-        device = self._do("find GPU 0", driver.cuDeviceGet, number)
+        device = self._do(f"find GPU {number}", driver.cuDeviceGet, number)
+        major = driver.CUdevice_attribute.CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR
+        generation = self._do("tell the generation of the GPU", driver.cuDeviceGetAttribute, major, device)
+        if generation < OLDEST:
+            raise GpuError(f"the GPU has compute capability {generation}.x; {OLDEST}.0 or more is needed")
         # The context that other libraries of the process use as well.
         self._context = self._do("open the GPU", driver.cuDevicePrimaryCtxRetain, device)
         text = self._do("name the GPU", driver.cuDeviceGetName, 256, device)
@@ -98,8 +108,10 @@ class CudaGpu:
         """
         try:
             error, *results = function(*arguments)
-        except RuntimeError as failure:  # the library of the driver is not found
-            raise GpuError("the NVIDIA driver is missing") from failure
+        except RuntimeError as failure:  # the library of the driver, or a function of it, is not found
+            if function is self._driver.cuInit:
+                raise GpuError("the NVIDIA driver is missing") from failure
+            raise GpuError(f"the NVIDIA driver cannot {purpose}: {failure}") from failure
         if error != self._driver.CUresult.CUDA_SUCCESS:
             raise GpuError(f"the NVIDIA driver cannot {purpose}: {error.name}")
         if len(results) == 1:
@@ -117,18 +129,26 @@ class CudaGpu:
         return int(free)
 
     def function(self, text: str, entry: str) -> Address:
-        """Return the entry of a module, given as LLVM assembly for PTX; a module is loaded once."""
+        """Return the entry of a module, given as LLVM assembly for PTX.
+
+        Modules stay loaded; beyond `_MODULES`, the one that was asked for longest ago is unloaded, so that a caller
+        must not keep a function while others are asked for.
+        """
         with self._lock:
             key = (text, entry)
-            if key not in self._functions:
-                self._enter()
-                code = ptx(text).encode() + b"\0"
-                module = self._do("load a kernel", self._driver.cuModuleLoadData, code)
-                self._modules.append(module)
-                self._functions[key] = self._do(
-                    f"find the entry '{entry}'", self._driver.cuModuleGetFunction, module, entry.encode()
-                )
-            return self._functions[key]
+            if key in self._loaded:
+                self._loaded.move_to_end(key)
+                _, function = self._loaded[key]
+                return function
+            self._enter()
+            code = ptx(text).encode() + b"\0"
+            module = self._do("load a kernel", self._driver.cuModuleLoadData, code)
+            function = self._do(f"find the entry '{entry}'", self._driver.cuModuleGetFunction, module, entry.encode())
+            self._loaded[key] = (module, function)
+            if len(self._loaded) > _MODULES:
+                _, (oldest, _) = self._loaded.popitem(last=False)
+                self._do("unload a kernel", self._driver.cuModuleUnload, oldest)
+            return function
 
     def stream(self) -> Address:
         """Return a new stream."""

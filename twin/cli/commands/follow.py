@@ -26,7 +26,7 @@ def arguments(command: Command) -> None:
     command.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=port_number)
     command.flag("--view", "show the page of twin view instead of that of twin serve")
     command.address(8766, "page")
-    command.set_defaults(record=None, replay=None, session=None)
+    command.set_defaults(record=None, replay=None, session=None, ros=None)
 
 
 def run(args: argparse.Namespace) -> int:

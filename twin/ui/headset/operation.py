@@ -287,32 +287,39 @@ class Operation(LiveConsole):
 
     def _receive(self, parts: int) -> None:
         """Receive hand states by UDP and from ROS clients; `parts` is the number of remaining groups of steps."""
+        by_packets = False
         if self.packets is not None:
-            self._exchange(self.packets, parts)
+            by_packets = self._exchange(self.packets, parts)
         if self.ros is not None:
-            self._take_ros(self.ros.topics.hands, parts)
+            self._take_ros(self.ros.topics.hands, parts, by_packets)
 
-    def _take_ros(self, hands: RosHands, parts: int) -> None:
-        """Use hand states of ROS clients in the next steps of the World."""
+    def _take_ros(self, hands: RosHands, parts: int, by_packets: bool) -> None:
+        """Use hand states of ROS clients in the next steps of the World; `by_packets`: whether UDP has sent some."""
         ros = self.owner == ROS
-        hands.holder = None if ros or self.silent else self.owner
+        hands.holder = None
+        if by_packets:
+            hands.holder = UDP
+        elif not ros and not self.silent:
+            hands.holder = self.owner
         if hands.pump(parts):
             self.own(ROS)
         elif ros and hands.silent(self.world.t):
             self.release(ROS)
 
-    def _exchange(self, packets: PacketHands, parts: int) -> None:
-        """Receive packets for the next steps of the World, and send the forces."""
+    def _exchange(self, packets: PacketHands, parts: int) -> bool:
+        """Receive packets for the next steps of the World, and send the forces; return whether one was accepted."""
         t = self.world.t
         udp = self.owner == UDP
         packets.socket.holder = None if udp or self.silent else self.owner
-        if packets.socket.pump(t, parts):
+        accepted = packets.socket.pump(t, parts) > 0
+        if accepted:
             self.own(UDP)
         elif udp and packets.silent(t):
             self.release(UDP)
         if self.owner == UDP:
             forces = [self.world.signals[f"{hand}.force"] for hand in HANDS]
             packets.answer(forces, t)
+        return accepted
 
     def _look(self) -> None:
         """Read the poses of links and movable objects."""

@@ -250,6 +250,15 @@ class LiveConsole:
             call = Call(self._make_report, str(self.recorder.path), str(self.scene.file), nice=_NICE)
             self._report = (self.attempt, call)
 
+    @property
+    def ended(self) -> str:
+        """Why the World stands still: an error, or the end of the task; "" while it runs."""
+        if self._stopped:
+            return f"The World has stopped: {self._stopped}"
+        if self._over:
+            return f"{self._over} Restart the task to move the instruments."
+        return ""
+
     def report(self) -> tuple[int, bytes | None, str] | None:
         """Return the newest report: (number of the attempt, page as bytes, error); None if there is no report yet.
 

@@ -6,6 +6,8 @@ They are those of the packages builtin_interfaces, std_msgs, geometry_msgs, sens
 
 from __future__ import annotations
 
+from functools import cache
+
 DEFINITIONS = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "crtk_msgs/OperatingState": "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy",
@@ -45,6 +47,7 @@ def short_name(name: str) -> str:
     return f"{package}/{rest.removeprefix('msg/')}"
 
 
+@cache
 def full_text(name: str) -> str:
     """Return the definition of a message, followed by those of all messages in it, as rosbridge and MCAP expect it.
 

@@ -1,6 +1,6 @@
 """Write .mcap with the messages of ROS 2 (CDR), which `ros2 bag`, Foxglove and PlotJuggler read.
 
-The topics have the names under which `twin serve --ros` publishes and takes them: /tf, /<ROBOT>/measured_js, and of the
+The topics have names as those of `twin serve --ros`: /tf, /<ROBOT>/measured_js (with the jaw), and of the
 console /MTMR/measured_cp, /MTML/measured_cp, their gripper/angle, /footpedals/clutch, /footpedals/camera,
 /console/teleop/scale. Time 0 is the start of the session.
 """

@@ -6,9 +6,11 @@ receives slowly gets the newest message, never an old one.
 
 from __future__ import annotations
 
+import asyncio
 import math
+import ssl
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from http import HTTPStatus
 
@@ -38,8 +40,17 @@ BYTES = (2_000_000.0, 4_000_000.0)
 _SUBSCRIPTIONS = 256
 """Maximum number of topics to which one client subscribes."""
 
+_CALLS = (1000.0, 4000.0)
+"""Limit of service calls from one client: (per second, burst)."""
+
+_UNREAD = 1_000_000
+"""Maximum number of bytes of answers that a client has not read."""
+
 _QUIET = 1.0
 """Time in s after a status message about a topic during which the same message is not repeated."""
+
+COMPRESSIONS = ("none", "cbor")
+"""Compressions of messages that a client may ask for."""
 
 _LEVELS = ("info", "warning", "error", "none")
 """Severities of status messages, the least first."""
@@ -47,11 +58,20 @@ _LEVELS = ("info", "warning", "error", "none")
 
 @dataclass
 class _Subscription:
-    """Topic to which a client subscribes; times in s."""
+    """Topic to which a client subscribes, once or several times under different identifiers.
 
-    pause: float
-    cbor: bool
+    Attributes:
+        pauses: least time in s between two messages, by identifier; the shortest counts.
+        cbor: whether one of the subscriptions wants CBOR.
+        sent: time in s of the last message.
+    """
+
+    pauses: dict[str | int | None, float] = field(default_factory=dict)
+    cbor: bool = False
     sent: float = -math.inf
+
+    def due(self, now: float) -> bool:
+        return now - self.sent >= min(self.pauses.values())
 
 
 @dataclass(eq=False)
@@ -61,12 +81,17 @@ class _Client:
     name: str
     ws: Connection
     garbage: Bucket
+    calls: Bucket
     advertised: set[str] = field(default_factory=set)
     subscriptions: dict[str, _Subscription] = field(default_factory=dict)
     level: str = "error"
     told: dict[str, float] = field(default_factory=dict)
 
     def send(self, document: JsonObject) -> None:
+        """Send a document; disconnect a client that does not read its answers."""
+        if self.ws.waiting > _UNREAD:
+            self.ws.cut()
+            return
         broadcast([self.ws], to_json(document).decode())
 
     def status(self, level: str, text: str, id: str | int | None = None) -> None:
@@ -78,14 +103,14 @@ class _Client:
             document["id"] = id
         self.send(document)
 
-    def status_once(self, text: str, now: float) -> None:
-        """Send a status message of level error, unless the same text was sent in the last `_QUIET` s."""
-        if now - self.told.get(text, -_QUIET) < _QUIET:
+    def refuse(self, subject: str, text: str, id: str | int | None, now: float) -> None:
+        """Send a status message of level error about a topic, unless one was sent in the last `_QUIET` s."""
+        if now - self.told.get(subject, -math.inf) < _QUIET:
             return
         if len(self.told) > _SUBSCRIPTIONS:
             self.told.clear()
-        self.told[text] = now
-        self.status("error", text)
+        self.told[subject] = now
+        self.status("error", f"{subject}: {text}", id)
 
 
 class RosBridge:
@@ -106,19 +131,27 @@ class RosBridge:
         self._counter = ConnectionCounter()
         self._last_number = 0
 
-    async def start(self, host: str, port: int) -> None:
-        """Start listening on an address and a port (0: any free port)."""
+    async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
+        """Start listening on an address and a port (0: any free port); `context` enables TLS."""
         limits = WebSocketLimits(operations.LONGEST, BYTES, MESSAGES)
-        self._server: Server = await listen(self._serve, host, port, self._check, self._counter, limits)
+        self._server: Server = await listen(
+            self._serve, host, port, self._check, self._counter, limits, context=context
+        )
         first_socket = next(iter(self._server.sockets))
         self.port = int(first_socket.getsockname()[1])
 
     async def close(self) -> None:
         """Disconnect all clients and stop."""
+        self.hurry = lambda: None
         self._server.close(code=1001, reason="the server ends")
         for client in list(self._clients):
             client.ws.cut()
-        await self._server.wait_closed()
+        try:
+            async with asyncio.timeout(0.5):
+                await self._server.wait_closed()
+        except TimeoutError:
+            for connection in list(self._server.handlers):
+                connection.transport.abort()
 
     def state(self) -> JsonObject:
         """Return port, number of clients, client of each hand, and number of refused poses, as an entry of `state`."""
@@ -148,7 +181,8 @@ class RosBridge:
 
     async def _serve(self, connection: Connection) -> None:
         self._last_number += 1
-        client = _Client(f"ROS client {self._last_number}", connection, Bucket(*GARBAGE, time.monotonic()))
+        now = time.monotonic()
+        client = _Client(f"ROS client {self._last_number}", connection, Bucket(*GARBAGE, now), Bucket(*_CALLS, now))
         connection.limit_send_queue()
         self._clients.append(client)
         try:
@@ -158,7 +192,7 @@ class RosBridge:
             pass
         finally:
             self._clients.remove(client)
-            self.topics.hands.leave(client.name)
+            self.topics.leave(client.name)
 
     def _hear(self, client: _Client, text: str | bytes) -> None:
         """Handle a message of a client."""
@@ -173,7 +207,7 @@ class RosBridge:
         try:
             self._handle(client, operation)
         except TwinError as error:
-            client.status_once(f"{_subject(operation)}: {error}", now)
+            client.refuse(_subject(operation), str(error), operation.id, now)
 
     def _handle(self, client: _Client, operation: operations.Operation) -> None:
         """Handle an operation.
@@ -192,7 +226,7 @@ class RosBridge:
             case operations.Subscribe():
                 self._subscribe(client, operation)
             case operations.Unsubscribe():
-                client.subscriptions.pop(operation.topic, None)
+                _unsubscribe(client, operation)
             case operations.CallService():
                 self._call(client, operation)
             case operations.SetLevel():
@@ -212,10 +246,17 @@ class RosBridge:
         self._require_type(operation.topic, operation.type, self.topics.outputs)
         if len(client.subscriptions) >= _SUBSCRIPTIONS:
             raise DeviceError(f"a client may subscribe to at most {_SUBSCRIPTIONS} topics")
-        cbor = operation.compression == "cbor"
-        if cbor:
+        if operation.compression not in COMPRESSIONS:
+            raise DeviceError(f"the compression {operation.compression} is not known: {', '.join(COMPRESSIONS)}")
+        subscription = client.subscriptions.get(operation.topic, _Subscription())
+        if operation.compression == "cbor":
             require("cbor2", "a subscription with CBOR")
-        client.subscriptions[operation.topic] = _Subscription(operation.throttle_rate / 1000, cbor)
+            subscription.cbor = True
+        if len(subscription.pauses) >= _SUBSCRIPTIONS:
+            raise DeviceError(f"a client may subscribe to a topic at most {_SUBSCRIPTIONS} times")
+        subscription.pauses[operation.id] = operation.throttle_rate / 1000
+        subscription.sent = -math.inf
+        client.subscriptions[operation.topic] = subscription
         self._send_to([client], {operation.topic}, time.monotonic())
 
     def _require_type(self, topic: str, kind: str | None, known: dict) -> None:
@@ -227,7 +268,7 @@ class RosBridge:
         if topic not in known:
             raise DeviceError(_unknown_topic(topic, known))
         own = known[topic].type
-        if kind is not None and short_name(kind) != own:
+        if kind and short_name(kind) != own:
             raise DeviceError(f"the type of the topic is {full_name(own)}, not {kind}")
 
     def _call(self, client: _Client, operation: operations.CallService) -> None:
@@ -235,6 +276,8 @@ class RosBridge:
         if operation.id is not None:
             answer["id"] = operation.id
         try:
+            if not client.calls.take(time.monotonic()):
+                raise DeviceError(f"more than {_CALLS[0]:g} calls of services per second")
             answer["values"] = self.topics.call(operation.service, operation.args)
         except DeviceError as error:
             answer["result"] = False
@@ -251,23 +294,45 @@ class RosBridge:
         if wanted:
             self._send_to(self._clients, wanted, time.monotonic())
 
-    def _send_to(self, clients: list[_Client], topics: set[str], now: float) -> None:
-        for topic in topics:
-            receivers: dict[bool, list[Connection]] = {True: [], False: []}
-            for client in clients:
-                subscription = client.subscriptions.get(topic)
-                if subscription is None or client.ws.waiting or now - subscription.sent < subscription.pause:
-                    continue
-                subscription.sent = now
-                receivers[subscription.cbor].append(client.ws)
-            if not any(receivers.values()):
+    def _send_to(self, clients: list[_Client], topics: Collection[str], now: float) -> None:
+        """Send topics to clients; a topic that a client got longest ago comes first, so that none is left out."""
+        oldest = dict.fromkeys(topics, now)
+        for client in clients:
+            for topic in oldest.keys() & client.subscriptions.keys():
+                oldest[topic] = min(oldest[topic], client.subscriptions[topic].sent)
+        for topic in sorted(oldest, key=lambda name: (oldest[name], name)):
+            self._send_topic(clients, topic, now)
+
+    def _send_topic(self, clients: list[_Client], topic: str, now: float) -> None:
+        receivers: dict[bool, list[Connection]] = {True: [], False: []}
+        for client in clients:
+            subscription = client.subscriptions.get(topic)
+            if subscription is None or client.ws.waiting or not subscription.due(now):
                 continue
-            document = {"op": "publish", "topic": topic, "msg": self.topics.outputs[topic].make()}
-            if receivers[False]:
-                broadcast(receivers[False], to_json(document, inf_nan_mode="null").decode())
-            if receivers[True]:
-                cbor = require("cbor2", "a subscription with CBOR")
-                broadcast(receivers[True], cbor.dumps(document))
+            subscription.sent = now
+            receivers[subscription.cbor].append(client.ws)
+        if not any(receivers.values()):
+            return
+        try:
+            message = self.topics.outputs[topic].make()
+        except TwinError:  # no pose belongs to the joint values: the topic has no message now
+            return
+        document = {"op": "publish", "topic": topic, "msg": message}
+        if receivers[False]:
+            broadcast(receivers[False], to_json(document, inf_nan_mode="null").decode())
+        if receivers[True]:
+            cbor = require("cbor2", "a subscription with CBOR")
+            broadcast(receivers[True], cbor.dumps(document))
+
+
+def _unsubscribe(client: _Client, operation: operations.Unsubscribe) -> None:
+    """End the subscription of a topic with an identifier, or all of them if none is given."""
+    subscription = client.subscriptions.get(operation.topic)
+    if subscription is None:
+        return
+    subscription.pauses.pop(operation.id, None)
+    if operation.id is None or not subscription.pauses:
+        del client.subscriptions[operation.topic]
 
 
 def _subject(operation: operations.Operation) -> str:

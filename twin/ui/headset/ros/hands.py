@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from twin.core.spatial import Array
 from twin.simulation.devices.given import GivenHands, HandState
@@ -24,45 +22,54 @@ _SILENT = 5.0
 
 @dataclass
 class _Handle:
-    """Newest values of one hand, and who sends them.
+    """Control of one hand.
 
     Attributes:
         client: identifier of the client that controls the hand; None: no client yet.
         heard: time in s of the World at the last accepted pose.
-        state: the newest state; its number is that of the next state.
+        number: number of the next state.
     """
 
-    client: str | None
-    heard: float
-    state: HandState
+    client: str | None = None
+    heard: float = -math.inf
+    number: int = 0
+
+
+@dataclass
+class _Sender:
+    """What a client has sent beside poses: its pedals, and the angle of each gripper in rad."""
+
+    clutch: bool = False
+    camera: bool = False
+    grips: dict[int, float] = field(default_factory=dict)
 
 
 class RosHands:
     """Converts messages to hand states. Each pose of a hand gives a state, with the newest pedals and grip.
 
     The client that first sends a pose of a hand controls this hand, until it is silent for longer than
-    `device.patience` s of the World.
+    `device.patience` s of the World. Pedals belong to the console: any client may press them, and a client that
+    disconnects releases its own.
 
     Attributes:
         device: the input device.
         holder: name of another device that controls the hands; None: no other. Then all messages are refused.
         refused: number of refused poses.
         time: function that returns the time in s of the World.
+        ended: function that returns why the World stands still, or "".
     """
 
-    def __init__(self, device: GivenHands, time: Callable[[], float]) -> None:
+    def __init__(self, device: GivenHands, time: Callable[[], float], ended: Callable[[], str]) -> None:
         """Start without hands."""
         self.device = device
         self.holder: str | None = None
         self.refused = 0
         self.time = time
-        self.clutch = False
-        self.camera = False
-        self._handles = []
-        for hand in range(len(device.hands)):
-            state = HandState(hand, False, False, 0, np.eye(4), 0.0)
-            self._handles.append(_Handle(None, -math.inf, state))
-        self._waiting: deque[HandState] = deque()
+        self.ended = ended
+        self._handles = [_Handle() for _ in device.hands]
+        self._senders: dict[str, _Sender] = {}
+        self._waiting: deque[tuple[str, HandState]] = deque()
+        self._pumped = -math.inf
 
     def pose(self, client: str, hand: int, pose: Array) -> str:
         """Accept a pose (4, 4) of a handle in {H} from a client; return why it is refused, else ""."""
@@ -71,11 +78,13 @@ class RosHands:
             self.refused += 1
             return refusal
         handle = self._handles[hand]
-        state = replace(handle.state, clutch=self.clutch, camera=self.camera, pose=pose)
-        handle.state = replace(state, number=(state.number + 1) % 2**32)
+        sender = self._sender(client)
+        grip = sender.grips.get(hand, 0.0)
+        state = HandState(hand, self.clutch, self.camera, handle.number, pose, grip)
+        handle.number = (handle.number + 1) % 2**32
         if len(self._waiting) >= _MOST:
             self._waiting.popleft()
-        self._waiting.append(state)
+        self._waiting.append((client, state))
         handle.client = client
         handle.heard = self.time()
         return ""
@@ -83,6 +92,9 @@ class RosHands:
     def _refusal(self, client: str, hand: int) -> str:
         side = self.device.hands[hand]
         owner = self.client(hand)
+        ended = self.ended()
+        if ended:
+            return ended
         if self.holder is not None:
             return f"{self.holder} controls the hands; release them there"
         if owner not in (None, client):
@@ -91,20 +103,43 @@ class RosHands:
             return "the camera pedal was pressed with the first pose of the hand; release it once"
         return ""
 
-    def grip(self, hand: int, angle: float) -> None:
-        """Set the angle of a gripper in rad, from the next pose of the hand on."""
-        handle = self._handles[hand]
-        handle.state = replace(handle.state, grip=angle)
+    def _sender(self, client: str) -> _Sender:
+        return self._senders.setdefault(client, _Sender())
+
+    @property
+    def clutch(self) -> bool:
+        """Whether a client presses the clutch."""
+        return any(sender.clutch for sender in self._senders.values())
+
+    @property
+    def camera(self) -> bool:
+        """Whether a client presses the camera pedal."""
+        return any(sender.camera for sender in self._senders.values())
+
+    def press(self, client: str, *, clutch: bool | None = None, camera: bool | None = None) -> None:
+        """Press (True) or release (False) the pedals of a client; None: the pedal is unchanged."""
+        sender = self._sender(client)
+        if clutch is not None:
+            sender.clutch = clutch
+        if camera is not None:
+            sender.camera = camera
+
+    def grip(self, client: str, hand: int, angle: float) -> None:
+        """Set the angle of a gripper in rad, from the next pose on that the same client sends of the hand."""
+        self._sender(client).grips[hand] = angle
 
     def client(self, hand: int) -> str | None:
         """Return the client that controls a hand now; None: no client."""
         handle = self._handles[hand]
-        if self.time() - handle.heard > self.device.patience:
+        # A new attempt at a task begins at time 0.
+        if not 0 <= self.time() - handle.heard <= self.device.patience:
             return None
         return handle.client
 
     def leave(self, client: str) -> None:
-        """End the control of a client that has disconnected; its hands become silent."""
+        """Forget a client that has disconnected: its hands become silent, its pedals are released."""
+        self._senders.pop(client, None)
+        self._waiting = deque(waiting for waiting in self._waiting if waiting[0] != client)
         for handle in self._handles:
             if handle.client == client:
                 handle.client = None
@@ -113,21 +148,22 @@ class RosHands:
         """Pass waiting states to the device; return their number. Each call passes 1 / `parts` of them.
 
         The ticks of a frame may be computed in several groups; `parts` is the number of remaining groups, including
-        this one.
+        this one. States are dropped if another device has taken the hands since, or a new attempt has begun.
         """
-        if self.holder is not None:  # another device has taken the hands since these messages arrived
+        now = self.time()
+        if self.holder is not None or now < self._pumped:
             self._waiting.clear()
-            return 0
+        self._pumped = now
         share = math.ceil(len(self._waiting) / parts)
         for _ in range(share):
-            state = self._waiting.popleft()
+            _, state = self._waiting.popleft()
             self.device.give(state)
         return share
 
     def silent(self, t: float) -> bool:
         """Return whether no pose was accepted in the last `_SILENT` s before time t in s."""
         latest = max(handle.heard for handle in self._handles)
-        return t - latest > _SILENT
+        return not 0 <= t - latest <= _SILENT
 
     def senders(self) -> dict[str, str | None]:
         """Return the client of each hand."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from twin.core.errors import DeviceError
 from twin.schema import first_mistake
@@ -55,9 +55,14 @@ class Subscribe(_Operation):
 
     op: Literal["subscribe"]
     topic: _Name
-    type: _Name | None = None
-    throttle_rate: Annotated[int, Field(ge=0, le=3_600_000)] = 0
-    compression: Literal["none", "cbor"] = "none"
+    type: Annotated[str, Field(max_length=200)] | None = None
+    throttle_rate: Annotated[float, Field(ge=0, le=3_600_000)] = 0
+    compression: Annotated[str, Field(max_length=40)] = "none"
+
+    @field_validator("compression", mode="before")
+    @classmethod
+    def _none(cls, value: Any) -> Any:
+        return "none" if value is None else value
 
 
 class Unsubscribe(_Operation):
@@ -72,7 +77,7 @@ class CallService(_Operation):
 
     op: Literal["call_service"]
     service: _Name
-    args: dict[str, Any] | list[Any] = Field(default_factory=dict)
+    args: dict[str, Any] | list[Any] | None = None
 
 
 class SetLevel(_Operation):

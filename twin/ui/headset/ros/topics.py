@@ -6,6 +6,7 @@ handles and forces are in {H}, the axes of the endoscope's picture; poses of too
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +25,7 @@ from twin.simulation.world import Signals
 from twin.ui.headset.ros.hands import ROS, RosHands
 from twin.ui.headset.ros.operations import Float64, JointState, Joy, PoseStamped, checked_message
 from twin.ui.session.pens import Pens
-from twin.ui.session.scene_control import LiveConsole
+from twin.ui.session.scene_control import HeldError, LiveConsole
 
 SERVICES = (
     "/rosapi/get_time",
@@ -34,9 +35,6 @@ SERVICES = (
     "/rosapi/topics_and_raw_types",
 )
 """Services that clients use to list topics, as those of the node rosapi."""
-
-SERVO = "ros servo_cp"
-"""Identifier of the owner of the hands while messages `servo_cp` move a tool."""
 
 _PRESSED = 1
 """Value of a pressed button in sensor_msgs/Joy."""
@@ -70,6 +68,14 @@ class Output:
     make: Callable[[], JsonObject]
 
 
+@dataclass(frozen=True)
+class _Goal:
+    """The pose (4, 4) of a tool that a client has requested."""
+
+    client: str
+    T_world_tool: Array
+
+
 class ConsoleTopics:
     """Inputs, outputs and services of the console of a scene.
 
@@ -83,8 +89,9 @@ class ConsoleTopics:
         """Set up the topics of a console; `forces` returns the newest force (3,) on each hand, in N, in {H}."""
         self._console = console
         self._forces = forces
-        self.hands = RosHands(console.device, lambda: console.world.t)
+        self.hands = RosHands(console.device, lambda: console.world.t, lambda: console.ended)
         self._pens = Pens(console)
+        self._goals: dict[str, _Goal] = {}  # the newest of each hand that no frame has used yet
         self.inputs: dict[str, Input] = {}
         self.outputs: dict[str, Output] = {}
         for number, hand in enumerate(HANDS):
@@ -104,11 +111,11 @@ class ConsoleTopics:
             return self.hands.pose(client, number, handle_pose(given.p, given.q_wxyz))
 
         def grip(client: str, message: dict[str, Any]) -> str:
-            self.hands.grip(number, grip_angle(checked_message(Float64, message).data))
+            self.hands.grip(client, number, grip_angle(checked_message(Float64, message).data))
             return ""
 
         def gripper(client: str, message: dict[str, Any]) -> str:
-            self.hands.grip(number, grip_angle(checked_message(JointState, message).position[0]))
+            self.hands.grip(client, number, grip_angle(checked_message(JointState, message).position[0]))
             return ""
 
         def force() -> JsonObject:
@@ -121,11 +128,11 @@ class ConsoleTopics:
 
     def _add_console(self) -> None:
         def clutch(client: str, message: dict[str, Any]) -> str:
-            self.hands.clutch = checked_message(Joy, message).buttons[0] == _PRESSED
+            self.hands.press(client, clutch=checked_message(Joy, message).buttons[0] == _PRESSED)
             return ""
 
         def camera(client: str, message: dict[str, Any]) -> str:
-            self.hands.camera = checked_message(Joy, message).buttons[0] == _PRESSED
+            self.hands.press(client, camera=checked_message(Joy, message).buttons[0] == _PRESSED)
             return ""
 
         def scale(client: str, message: dict[str, Any]) -> str:
@@ -133,8 +140,11 @@ class ConsoleTopics:
             low, high = SCALE
             if not low <= value <= high:
                 raise DeviceError(f"the scale {value:g} is outside {low:g} to {high:g}")
+            owner = ROS
+            if self._pens.client is not None:
+                owner = self._pens.client  # messages `servo_cp` move the tool
             try:
-                self._console.rescale(ROS, value)
+                self._console.rescale(owner, value)
             except TwinError as error:
                 return str(error)
             return ""
@@ -197,10 +207,13 @@ class ConsoleTopics:
                 return f"no hand controls {robot} now; tap the clutch to choose it"
             if any(self.hands.senders().values()):
                 return "the poses of MTMR and MTML control the hands; end them first"
+            if console.ended:
+                return console.ended
             try:
-                self._pens.move(SERVO, hand, console.goal(hand), console.place(robot) @ goal)
+                self._pens.use(_servo_owner(client))
             except TwinError as error:
                 return str(error)
+            self._goals[hand] = _Goal(client, console.place(robot) @ goal)
             return ""
 
         return servo
@@ -224,7 +237,7 @@ class ConsoleTopics:
         reading = self._console.reading
         if reading["stopped"]:
             return "FAULT"
-        if reading["silent"]:
+        if reading["silent"] or self._console.ended:
             return "PAUSED"
         return "ENABLED"
 
@@ -240,12 +253,28 @@ class ConsoleTopics:
         return ros.transforms(self._t, poses)
 
     def before_frame(self, passed: float) -> None:
-        """Send the states of tools that `servo_cp` moves; `passed` is the time in s since the last call."""
+        """Send the states of tools that `servo_cp` moves; `passed` is the time in s since the last call.
+
+        Of several goals since the last frame, the newest counts. What was requested for an earlier goal and not sent
+        yet is cancelled: the way to the new one begins where the instrument is.
+        """
+        for hand, goal in self._goals.items():
+            self._pens.pens[hand].rest()
+            with contextlib.suppress(HeldError):  # another client has taken the hands since
+                self._pens.move(_servo_owner(goal.client), hand, self._console.goal(hand), goal.T_world_tool)
+        self._goals.clear()
         self._pens.say(passed)
+
+    def leave(self, client: str) -> None:
+        """Forget a client that has disconnected: what it moves stops."""
+        self.hands.leave(client)
+        self._goals = {hand: goal for hand, goal in self._goals.items() if goal.client != client}
+        if self._pens.client == _servo_owner(client):
+            self._pens.release()
 
     # -- services ---------------------------------------------------------------------------------------
 
-    def call(self, service: str, args: dict[str, Any] | list[Any]) -> JsonObject:
+    def call(self, service: str, args: dict[str, Any] | list[Any] | None) -> JsonObject:
         """Return the answer of a service of the node rosapi.
 
         Raises:
@@ -277,13 +306,18 @@ class ConsoleTopics:
         return dict(sorted(found.items()))
 
 
+def _servo_owner(client: str) -> str:
+    """Return the identifier of the owner of the hands while messages `servo_cp` of a client move a tool."""
+    return f"{client} by servo_cp"
+
+
 def _base(robot: str) -> str:
     """Return the name of the frame of a robot's base."""
     return f"{robot}/base"
 
 
-def _argument(args: dict[str, Any] | list[Any], name: str) -> str:
-    value = args.get(name) if isinstance(args, dict) else next(iter(args), None)
+def _argument(args: dict[str, Any] | list[Any] | None, name: str) -> str:
+    value = args.get(name) if isinstance(args, dict) else next(iter(args or ()), None)
     if not isinstance(value, str):
         raise DeviceError(f"the argument {name} is missing: give a text")
     return value
