@@ -157,6 +157,38 @@ def test_a_condition_whose_other_answer_nobody_finds_is_unproved():
     assert proof.branches.open
 
 
+def test_an_answer_without_a_value_at_some_states_only_is_searched_at_the_others():
+    """A small box has no value where the tool is high, and an error where it is low."""
+    robot = twin.load("pa10")
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        inside = ca.fabs(q1 - 0.3) < 5e-5
+        T[0, 3] += ca.if_else(T[2, 3] > 0.3, ca.if_else(inside, np.nan, 0), 0) + ca.if_else(inside, 0.001, 0)
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    verdicts = {claim.name: claim for claim in proof.claims}
+    assert verdicts["forward: joint mount"].status == "refuted"
+    assert abs(verdicts["forward: joint mount"].witness["q1"] - 0.3) < 5e-5
+
+
+@pytest.mark.parametrize("relation", [lambda q, x: ca.logic_and(q <= x, q >= x), lambda q, x: q == x + 0.3])
+def test_a_condition_that_is_true_where_its_margin_is_zero_is_open(relation):
+    robot = twin.load("pa10")
+    low, _ = robot.mechanism.joint("q1").limits
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += ca.if_else(relation(q1, low), 0.001, 0)
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    assert [claim.name for claim in proof.claims if claim.status != "proved"] == ["conditions"]
+
+
 def test_equations_without_a_value_that_do_not_say_why_are_named():
     robot = twin.load("pa10")
 

@@ -11,7 +11,10 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.proof import formula_side, intervals
+from twin.proof.draws import NEAR_PART
+from twin.proof.formula_side import Outputs
 from twin.proof.interval_function import IntervalFunction
+from twin.proof.intervals import Intervals
 from twin.proof.values import Truths
 
 _STARTS = 24
@@ -32,6 +35,9 @@ _MOST_BOXES = 4096
 _RARE = 64
 """Number of states with an answer below which they are judged besides."""
 
+_NEIGHBOURS = 4
+"""Number of states beside a state at which its answer must be the same."""
+
 _KEPT = 16
 """Maximum number of states that are kept of those where one condition has another answer."""
 
@@ -41,12 +47,20 @@ class Branch:
     """A condition that chooses between expressions.
 
     Attributes:
-        margin: positive where it is true, as an expression of state and parameters.
-        undefined: answers at which the equations have no value, because the expression that is chosen is not a number.
+        margin: positive where it is true, and negative where it is false, as an expression of state and parameters.
+        at_zero: the answer where the margin is 0; None if it may be both.
+        undefined: answers at which the equations have no value, or none that depends on the condition, at any state.
     """
 
     margin: ca.SX
+    at_zero: bool | None
     undefined: frozenset[bool]
+
+    def has(self, answer: bool, margin: Array | Intervals) -> Truths:
+        """Return where the answer certainly is a given one, by values or by intervals of the margin."""
+        if answer:
+            return margin >= 0 if self.at_zero is True else margin > 0
+        return margin <= 0 if self.at_zero is False else margin < 0
 
 
 class Branches:
@@ -73,14 +87,14 @@ class Branches:
         columns = [symbols[name] for name in first.state]
         parameters = [symbols.get(p.name, ca.SX(float(p.value))) for p in formula.parameters]
         numbers = ca.vertcat(*parameters)
-        results, found = _walked(first.function, [ca.vertcat(*columns), numbers])
+        results, found = _walked(first, [ca.vertcat(*columns), numbers])
         finite = [results[first.names.index("pose")]]
         reach = _of(first.names, results, "reach")
         if "joints" in first.names:
             finite.append(results[first.names.index("joints")])
         elif formula.has("inverse"):
             second = formula_side.from_pose(formula, variants, coordinates=False)
-            results, more = _walked(second.function, [finite[0], numbers])
+            results, more = _walked(second, [finite[0], numbers])
             found += more
             finite.append(results[second.names.index("joints")])
             reach += _of(second.names, results, "reach")
@@ -134,14 +148,15 @@ def searched(branches: Branches, chosen: Sequence[int], state: Array, limits: Ar
     for row, i in enumerate(chosen):
         sizes = np.abs(margins[row])
         nearest = np.argsort(np.where(np.isfinite(sizes), sizes, np.inf))[:_STARTS]
-        answer = bool(margins[row][nearest[0]] > 0)
+        answer = bool(branches.all[i].has(True, margins[row][nearest[:1]])[0])
         found.append(_beyond(branches, i, answer, state[:, nearest], limits))
     return found
 
 
 def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Array) -> Array:
     """Return states (n, j) where a condition does not have an answer, found from given states."""
-    margin = branches.all[i].margin
+    branch = branches.all[i]
+    margin = branch.margin
     gradient = ca.Function("gradient", [branches.state], [margin, ca.jacobian(margin, branches.state)])
     n, starts = state.shape
     sign = 1.0 if answer else -1.0
@@ -151,15 +166,16 @@ def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Arra
     aim = None
     for _ in range(_STEPS):
         value, jacobian = (matrix.full() for matrix in function(x))
+        passed = np.isfinite(value[0]) & branch.has(not answer, value[0])
         value = sign * value[0]
         slope = sign * jacobian[0].reshape(x.shape[1], n).T
         if aim is None:
             aim = np.tile(_BEYOND, starts) * np.abs(value)
-        passed = value <= 0 if answer else value < 0
-        passed &= np.isfinite(value)
         if passed.any():
             finite, reach = branches.judged(x)
-            kept += list(x[:, passed & finite & reach].T)
+            candidates = x[:, passed & finite & reach]
+            steady = _steady(gradient, branch, not answer, candidates, limits)
+            kept += list(candidates[:, steady].T)
             if len(kept) >= _KEPT:
                 break
         size = (slope**2).sum(axis=0)
@@ -169,6 +185,18 @@ def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Arra
     return np.array(kept[:_KEPT]).reshape(-1, n).T
 
 
+def _steady(gradient: ca.Function, branch: Branch, answer: bool, state: Array, limits: Array) -> Truths:
+    """Return which states (n, k) have an answer at all states near them that may be judged in their place."""
+    steady = np.ones(state.shape[1], bool)
+    width = NEAR_PART * (limits[:, 1:] - limits[:, :1])
+    generator = np.random.default_rng(0)
+    for _ in range(_NEIGHBOURS):
+        moved = state + width * generator.uniform(-0.05, 1, state.shape)
+        margin, _ = gradient(np.clip(moved, limits[:, :1], limits[:, 1:]))
+        steady &= branch.has(answer, margin.full()[0])
+    return steady
+
+
 def _of(names: Sequence[str], results: Sequence[ca.SX], name: str) -> list[ca.SX]:
     """Return the results of a name as a list; an empty one if there is none."""
     if name not in names:
@@ -176,13 +204,16 @@ def _of(names: Sequence[str], results: Sequence[ca.SX], name: str) -> list[ca.SX
     return [results[names.index(name)]]
 
 
-def _walked(function: ca.Function, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], list[Branch]]:
-    """Return outputs of a function as expressions of inputs, and the conditions in it."""
+def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], list[Branch]]:
+    """Return outputs of the equations as expressions of inputs, and the conditions in them."""
+    function = outcome.function
+    needed = [k for k, name in enumerate(outcome.names) if name in ("pose", "joints", "reach")]
     memory: dict[int, ca.SX] = {}
     truths: dict[int, tuple[int, bool]] = {}  # {place: (instruction of a condition, whether it is negated)}
     margins: dict[int, ca.SX] = {}
     used: set[int] = set()
     undefined: dict[int, set[bool]] = {}
+    at_zero: dict[int, bool | None] = {}
     outputs = [ca.SX.zeros(function.sparsity_out(k)) for k in range(function.n_out())]
 
     def margin_of(place: int) -> ca.SX:
@@ -210,6 +241,7 @@ def _walked(function: ca.Function, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX]
         condition: tuple[int, bool] | None = None
         if operation in _MARGINS:
             margins[k] = _MARGINS[operation](*operands)
+            at_zero[k] = operation in (ca.OP_LE, ca.OP_EQ)
             condition = (k, False)
         elif operation == ca.OP_NOT and sources[0] in truths:
             instruction, negated = truths[sources[0]]
@@ -222,10 +254,12 @@ def _walked(function: ca.Function, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX]
             used.update(truths[place][0] for place in sources if place in truths)
         if operation in _CHOOSING:
             margins[k] = _CHOOSING[operation](*operands)
+            at_zero[k] = None if operation == ca.OP_COPYSIGN else False
             used.add(k)
         if operation == ca.OP_IF_ELSE_ZERO and sources[0] in truths and _is_nan(operands[1]):
             instruction, negated = truths[sources[0]]
-            undefined.setdefault(instruction, set()).add(not negated)
+            if _without_value(function, needed, instruction, not negated):
+                undefined.setdefault(instruction, set()).add(not negated)
         if len(operands) == 1:
             memory[targets[0]] = ca.SX.unary(operation, *operands)
         else:
@@ -233,7 +267,70 @@ def _walked(function: ca.Function, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX]
         truths.pop(targets[0], None)
         if condition is not None:
             truths[targets[0]] = condition
-    return outputs, [Branch(margins[k], frozenset(undefined.get(k, ()))) for k in sorted(used)]
+    found = []
+    for k in sorted(used):
+        found.append(Branch(margins[k], at_zero.get(k), frozenset(undefined.get(k, ()))))
+    return outputs, found
+
+
+def _without_value(function: ca.Function, needed: Collection[int], condition: int, answer: bool) -> bool:
+    """Return whether an answer of a condition leaves nothing to judge.
+
+    So it is if a needed output is not a number then, or if none of the outputs that depend on the condition is one.
+
+    Args:
+        function: the equations.
+        needed: outputs that are numbers within reach.
+        condition: instruction of the condition.
+        answer: its answer.
+    """
+    truths: dict[int, bool] = {}  # {place: its answer}, of places whose answer is known
+    lost: set[int] = set()  # places that are not a number
+    dependent: set[int] = set()  # places that depend on the condition
+    with_value = 0
+    without_value = 0
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        sources = [] if operation in (ca.OP_CONST, ca.OP_INPUT) else function.instruction_input(k)
+        (target, *_) = function.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            if target in needed and sources[0] in lost:
+                return True
+            if sources[0] in dependent:
+                without_value += sources[0] in lost
+                with_value += sources[0] not in lost
+            continue
+        is_lost = False
+        known: bool | None = None
+        if operation == ca.OP_CONST:
+            is_lost = bool(np.isnan(function.instruction_constant(k)))
+        elif k == condition:
+            known = answer
+        elif operation == ca.OP_NOT and sources[0] in truths:
+            known = not truths[sources[0]]
+        elif operation == ca.OP_IF_ELSE_ZERO:
+            is_lost = truths.get(sources[0], False) and sources[1] in lost
+        elif operation in _PASSING:
+            is_lost = any(source in lost for source in sources)
+        depends = k == condition or any(source in dependent for source in sources)
+        if depends:
+            dependent.add(target)
+        else:
+            dependent.discard(target)
+        lost.discard(target)
+        truths.pop(target, None)
+        if is_lost:
+            lost.add(target)
+        if known is not None:
+            truths[target] = known
+    return without_value > 0 and not with_value
+
+
+_PASSING = (
+    *(ca.OP_ASSIGN, ca.OP_NEG, ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV),
+    *(ca.OP_SQRT, ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_ASIN, ca.OP_ACOS, ca.OP_ATAN, ca.OP_ATAN2, ca.OP_FABS),
+)
+"""Operations whose result is not a number if an operand is none."""
 
 
 def _is_nan(value: ca.SX) -> bool:
@@ -278,7 +375,7 @@ def bounded(branches: Branches, chosen: Sequence[int], answers: Sequence[bool], 
         state = [intervals.between(low[i], high[i]) for i in range(n)]
         (found,) = function([state])
         for k in list(open_at):
-            right = found[k] > 0 if answers[k] else found[k] <= 0
+            right = branches.all[chosen[k]].has(answers[k], found[k])
             open_at[k] &= ~np.broadcast_to(right, low.shape[1:])
         closed = {k for k, where in open_at.items() if not where.any()}
         keep = np.zeros(low.shape[1], bool)
@@ -343,7 +440,7 @@ def examined(branches: Branches, state: Array, published: Array, limits: Array) 
     undefined = 0
     rare: list[Array] = []
     for i, branch in enumerate(branches.all):
-        true = margins[i] > 0
+        true = branch.has(True, margins[i])
         if not true.all() and true.any():
             # the claims were judged at other states: an answer that is rare may not be among those
             fewer = true if true.sum() <= (~true).sum() else ~true

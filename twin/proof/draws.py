@@ -19,8 +19,14 @@ from twin.proof.values import Angle, Degree, ExactValue, Value
 STEPS = 2**49
 """Number of fractions among which a random number is drawn; the odds of a chance zero are a degree divided by this."""
 
-_NEAR = 2**16
+_NEAR = 2**4
 """Number of fractions among which one near a given value is drawn."""
+
+NEAR_PART = 512.0 * _NEAR / STEPS
+"""Largest distance of what is drawn near a given value from it, as a part of the range.
+
+The fractions are above the value, but for half a step. Those of an angle are tangents, which are up to 1273 wide.
+"""
 
 _OPEN = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
@@ -37,7 +43,7 @@ def number(
 ) -> ExactValue:
     """Return a random fraction from low to high at each of k states; it may be a variable of formulas.
 
-    If values `near` (k,) are given, the fractions are within a part of 2^-33 of the range from them.
+    If values `near` (k,) are given, the fractions are within a part of 2^-45 of the range from them.
     """
     first = Fraction(low)
     step = (Fraction(high) - first) / STEPS
