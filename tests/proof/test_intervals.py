@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import casadi as ca
@@ -146,6 +147,27 @@ def test_products_of_matrices_contain_the_exact_ones(size):
     row = Intervals(found.low.ravel(), found.high.ravel())
     assert not _escapes(row, list(exact.entries()))
     assert np.all(found.radius <= 1e-8 * np.abs(A) @ np.abs(B))
+
+
+def test_subnormal_numbers_do_not_escape():
+    """The radius of a subnormal number is rounded to the smallest number, which a large factor makes large."""
+    generator = np.random.default_rng(0)
+    least = 5e-324
+    for _ in range(100):
+        # products of 1e-24 that cancel but for their rounding
+        counts = generator.integers(1, 9, 4)
+        A = generator.normal(size=4) * 1e300
+        A[3] = -float((A[:3] * counts[:3]).sum() / counts[3])
+        B = counts * least
+        found = intervals.product(intervals.exactly(A[None]), intervals.exactly(B[:, None]))
+        exact = sum(flint.arb(float(a)) * flint.arb(float(b)) for a, b in zip(A, B, strict=True))
+        assert not _escapes(Intervals(found.low.ravel(), found.high.ravel()), [exact])
+    tiny = intervals.fraction(Fraction(3, 2) * Fraction(5e-324))
+    assert Fraction(float(tiny.low)) <= Fraction(3, 2) * Fraction(5e-324) <= Fraction(float(tiny.high))
+    for x in (-744.0, -740.3, -709.9):
+        found = intervals.exponential(intervals.exactly(np.array([x])))
+        assert not _escapes(found, [flint.arb(x).exp()])
+        assert found.low[0] == 0.0
 
 
 def test_results_are_narrow():

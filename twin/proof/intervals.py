@@ -216,7 +216,7 @@ def around(centre: ArrayLike, radius: ArrayLike) -> Intervals:
 
 def decimals(numbers: ArrayLike) -> Intervals:
     """Return intervals that contain the decimals of which the numbers are the nearest double precision numbers."""
-    return _rounded(np.asarray(numbers, float), np.asarray(numbers, float))
+    return _rounded(np.asarray(numbers, float), np.asarray(numbers, float), _UNDERFLOW)
 
 
 def fraction(number: Fraction) -> Intervals:
@@ -344,7 +344,8 @@ def exponential(x: Intervals) -> Intervals:
     with np.errstate(all="ignore"):
         low = np.exp(x.low)
         high = np.exp(x.high)
-        return Intervals(np.maximum(low - low * _LIBRARY_SHARE - _UNDERFLOW, 0.0), high * (1 + _LIBRARY_SHARE) + 1e-300)
+        # results below the smallest normal number have no relative bound
+        return Intervals(np.maximum(low - low * _LIBRARY_SHARE - 1e-300, 0.0), high * (1 + _LIBRARY_SHARE) + 1e-300)
 
 
 def logarithm(x: Intervals) -> Intervals:
@@ -405,6 +406,10 @@ def product(A: Intervals | Array, B: Intervals | Array) -> Intervals:
         spread = magnitude @ (B_radius + share * np.abs(B_middle)) + A_radius @ (np.abs(B_middle) + B_radius)
         # the rounding of this line, and of the sums below
         spread = spread * (1 + 4 * share) + np.abs(centre) * _NEXT + (terms + 1) * _UNDERFLOW
+        # a radius or a share of a subnormal number may be wrong by the smallest number, times the other factor
+        rows = (magnitude + A_radius).sum(axis=-1, keepdims=True)
+        columns = (np.abs(B_middle) + B_radius).sum(axis=-2, keepdims=first.low.ndim > 1)
+        spread = spread + 4 * (rows + columns) * _UNDERFLOW
         return Intervals(centre - spread, centre + spread)
 
 
