@@ -51,7 +51,8 @@ def tool_pose(
     found = dict(zip(outputs.names, outputs.function(*symbols), strict=True))
     parameters: list[Operand] = []
     place = len(formula.joints)
-    used = ca.which_depends(found["pose"], symbols[1], 1) if formula.parameters else []
+    results = ca.vertcat(ca.vec(found["pose"]), ca.vec(found.get("passive", ca.SX(0, 1))))
+    used = ca.which_depends(results, symbols[1], 1) if formula.parameters else []
     for parameter, needed in zip(formula.parameters, used, strict=True):
         value = float(parameter.value)
         tolerance = tolerances.get(parameter.name, 0.0)

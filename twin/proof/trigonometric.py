@@ -81,9 +81,7 @@ class TrigonometricSum:
 
     def __mul__(self, other: TrigonometricSum) -> TrigonometricSum:
         """Return the product of two sums of numbers."""
-        degree = self.degree + other.degree
-        if degree > _LARGEST_EXPONENT:
-            raise TwinError(f"a term has the exponent {degree}; at most {_LARGEST_EXPONENT} are possible")
+        degree = self._degree_with(other)
         keys = (self.keys[:, None] + other.keys).ravel()
         centre = (self.centre[:, None] * other.centre).ravel()
         size = np.abs(self.centre)
@@ -93,7 +91,12 @@ class TrigonometricSum:
         return _collected(keys, centre, radius.ravel(), degree)
 
     def matrix_product(self, other: TrigonometricSum) -> TrigonometricSum:
-        """Return the product of two sums of matrices (n, 4, 4)."""
+        """Return the product of two sums of matrices (n, 4, 4).
+
+        Raises:
+            TwinError: an exponent would be too large for its digit.
+        """
+        degree = self._degree_with(other)
         keys = (self.keys[:, None] + other.keys).ravel()
         centre = self.centre[:, None] @ other.centre
         size = np.abs(self.centre)[:, None]
@@ -102,7 +105,18 @@ class TrigonometricSum:
         # each entry is the sum of four products
         radius = radius * (1 + 16 * _SHARE) + 8 * _SHARE * (size @ other_size)
         shape = (keys.size, *centre.shape[2:])
-        return _collected(keys, centre.reshape(shape), radius.reshape(shape), self.degree + other.degree)
+        return _collected(keys, centre.reshape(shape), radius.reshape(shape), degree)
+
+    def _degree_with(self, other: TrigonometricSum) -> int:
+        """Return a bound of the exponents of the product with another sum, of each variable by itself."""
+        largest = np.abs(self.exponents()).max(axis=0, initial=0) + np.abs(other.exponents()).max(axis=0, initial=0)
+        degree = int(largest.max())
+        if degree > _LARGEST_EXPONENT:
+            raise TwinError(
+                f"a product of sines and cosines would have the exponent {degree} of one joint; at most "
+                f"{_LARGEST_EXPONENT} are possible"
+            )
+        return degree
 
     def pruned(self, limit: float) -> TrigonometricSum:
         """Return the sum without terms below a limit; an unknown constant, as large as their sum, replaces them."""
@@ -182,8 +196,17 @@ def variable(place: int, middle: float, spread: float) -> TrigonometricSum:
 
 
 def wave(angle: AngleSum, sine: bool) -> TrigonometricSum:
-    """Return the cosine or the sine of an angle."""
+    """Return the cosine or the sine of an angle.
+
+    Raises:
+        TwinError: a multiple is too large for its digit.
+    """
     exponents = angle.multiples
+    for multiple in exponents.values():
+        if abs(multiple) > _LARGEST_EXPONENT:
+            raise TwinError(
+                f"a sine or cosine of {multiple} times a joint angle; at most {_LARGEST_EXPONENT} times are possible"
+            )
     key = sum(_unit(place) * exponent for place, exponent in exponents.items())
     half = 0.5 * np.exp(1j * angle.phase)
     if sine:
@@ -232,8 +255,10 @@ def length_bound(vectors: TrigonometricSum, lengths: Sequence[int]) -> float:
             size = np.sort(np.abs(column.centre).max(axis=(1, 2)))
             limit = max(_NEGLIGIBLE * smallest, float(size[-min(_TERMS, size.size)]))
             large = column.pruned(limit)
-            square = transposed(large).matrix_product(large)
-            smallest = min(smallest, float(np.sqrt(square.bound()) * (1 + _SHARE)))
+            # the square has twice the exponents; without it the bound is only less sharp
+            if 2 * int(np.abs(large.exponents()).max(initial=0)) <= _LARGEST_EXPONENT:
+                square = transposed(large).matrix_product(large)
+                smallest = min(smallest, float(np.sqrt(square.bound()) * (1 + _SHARE)))
         total += smallest
     return total * (1 + 100 * _SHARE)
 
