@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ import numpy as np
 from twin.api.path_samples import SampledPath, sampled
 from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import MechanismError, ProtocolError
-from twin.core.findings import Finding, disagreement, error
+from twin.core.findings import Finding, disagreement, error, info
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity, si
 from twin.core.result import TextTable
@@ -65,7 +65,8 @@ class ProvedMotion:
         samples: the same values of the plan and of the reference model at sampled times.
         clearances: smallest distances by phase; empty if they were not asked for, or no bodies are tested.
         digest: SHA-256 of the protocol's file; "" without a file.
-        findings: a disagreement for each refuted claim, an error for each that is not proved.
+        findings: a disagreement for each refuted claim, an error for each claim and each distance that is not proved.
+        open_phases: {phase: why no distance was found in it}; an empty reason if no two bodies are compared.
     """
 
     proof: MotionProof
@@ -73,6 +74,7 @@ class ProvedMotion:
     clearances: tuple[ProvedClearance, ...]
     digest: str
     findings: tuple[Finding, ...]
+    open_phases: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def protocol(self) -> str:
@@ -241,14 +243,16 @@ def prove_motion(
     progress(f"{protocol.name}: samples", 0.0)
     samples = sampled(model, trajectory, path)
     clearances: tuple[ProvedClearance, ...] = ()
+    open_phases: dict[str, str] = {}
     if clearance:
-        clearances = _clearances(trajectory, kinematics, progress)
+        clearances, open_phases = _clearances(trajectory, kinematics, progress)
     digest = ""
     if robot.files is not None:
         file = Path(name) if Path(name).suffix == ".toml" else robot.files.protocol(str(name))
         digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    motion = ProvedMotion(proof, samples, clearances, digest, ())
-    return ProvedMotion(proof, samples, clearances, digest, tuple(_findings(motion)))
+    motion = ProvedMotion(proof, samples, clearances, digest, (), open_phases)
+    findings = (*_findings(motion), *_clearance_findings(motion))
+    return ProvedMotion(proof, samples, clearances, digest, findings, open_phases)
 
 
 def timed_path(
@@ -307,10 +311,15 @@ def _timed_phase(name: str, span: PhaseSpan, protocol: Protocol) -> TimedPhase:
     )
 
 
-def _clearances(trajectory: Trajectory, kinematics: PathKinematics, progress: Progress) -> tuple[ProvedClearance, ...]:
-    """Return the proved distances between the bodies of a robot in each phase, by the certificate of planning."""
+def _clearances(
+    trajectory: Trajectory, kinematics: PathKinematics, progress: Progress
+) -> tuple[tuple[ProvedClearance, ...], dict[str, str]]:
+    """Return (proved distances between the bodies of a robot by phase, {phase without one: reason}).
+
+    The distances are those of the certificate of planning.
+    """
     if kinematics.space is None:
-        return ()
+        return (), {span.name: "" for span in trajectory.phases}
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
         """Accept every state: the limits are proved elsewhere."""
@@ -319,6 +328,7 @@ def _clearances(trajectory: Trajectory, kinematics: PathKinematics, progress: Pr
     progress("clearance: shapes of the bodies", 0.0)
     space = kinematics.space("", _CLEARANCE, keep)
     out = []
+    open_phases = {}
     for k, span in enumerate(trajectory.phases):
         progress(f"clearance: phase {span.name}", k / len(trajectory.phases))
         assert span.curve is not None  # see `_timed_phase`
@@ -329,11 +339,40 @@ def _clearances(trajectory: Trajectory, kinematics: PathKinematics, progress: Pr
             if np.isfinite(found.found) and found.found > _TIGHT * found.proven and found.found > 1e-6:
                 within = found.found * (1.0 - 1.0 / _TIGHT)
                 found = space.certify(span.curve.joints, within)
-        except MechanismError:
-            continue  # a limit is exceeded, which another claim says
+        except MechanismError as problem:
+            open_phases[span.name] = str(problem)
+            continue
         if np.isfinite(found.found):
             out.append(ProvedClearance(span.name, found.proven, found.found, found.bodies))
-    return tuple(out)
+        else:
+            open_phases[span.name] = ""
+    return tuple(out), open_phases
+
+
+def _clearance_findings(motion: ProvedMotion) -> list[Finding]:
+    """Return an error for each phase in which bodies may touch, and a note where no bodies are compared."""
+    out = []
+    for clearance in motion.clearances:
+        if not clearance.proved > 0:
+            names = " and ".join(clearance.bodies)
+            text = (
+                f"{motion.protocol}: not proved: distance between {names}; the bound is "
+                f"{shown(clearance.proved, 'm')}, and {shown(clearance.found, 'm')} was found"
+            )
+            out.append(error("prove.open", motion.protocol, text, when=f"phase '{clearance.phase}'"))
+    apart = []
+    for phase, reason in motion.open_phases.items():
+        if reason:
+            text = f"{motion.protocol}: not proved: distance between bodies; {reason}"
+            out.append(error("prove.open", motion.protocol, text, when=f"phase '{phase}'"))
+        else:
+            apart.append(phase)
+    if apart:
+        text = (
+            f"{motion.protocol}: no two bodies are compared in phase {', '.join(apart)}: nothing is said of collisions"
+        )
+        out.append(info("prove.clearance", motion.protocol, text))
+    return out
 
 
 def _findings(motion: ProvedMotion) -> list[Finding]:

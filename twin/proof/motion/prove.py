@@ -8,7 +8,7 @@ the mechanism of the CAD carries them, with closed loops. Its numbers are taken 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,9 @@ _MOST_PIECES = 6000
 
 SPEEDS = ("joint speed", "motor speed", "tool speed")
 """Groups of values that depend on the timing."""
+
+DRIVEN = ("joint limit", "joint speed", "motor limit", "motor speed", "gap")
+"""Groups of values that follow from the driven joints alone."""
 
 MARGINS = ("joint limit", "motor limit", "passive limit", "gap")
 """Groups of values that must not be below their limit."""
@@ -253,7 +256,7 @@ def _proof(path: TimedPath, judged: _Round) -> MotionProof:
         times[own[-1] + 1] = phase.start + phase.duration
     claims = []
     curves = {}
-    for enclosure in judged.found:
+    for enclosure in _continued(judged):
         claims.append(_claim(path, judged, enclosure, times))
         low = enclosure.low
         high = enclosure.high
@@ -264,6 +267,26 @@ def _proof(path: TimedPath, judged: _Round) -> MotionProof:
     last = path.phases[-1]
     duration = last.start + last.duration
     return MotionProof(path.protocol, tuple(claims), curves, len(judged.pieces), len(cells.piece), duration)
+
+
+def _continued(judged: _Round) -> list[Enclosure]:
+    """Return the enclosures, of which those of bodies are unknown after the motion is no longer proved to go on.
+
+    The motion of the passive joints is that which begins at the start. After a piece on which it may have jumped to
+    another assembly, values of that other assembly say nothing about it.
+    """
+    breaks = np.flatnonzero(~judged.goes_on)
+    if not len(breaks):
+        return judged.found
+    after = judged.cells.piece > breaks[0]
+    found = []
+    for enclosure in judged.found:
+        if enclosure.group not in DRIVEN:
+            low = np.where(after, -np.inf, enclosure.low)
+            high = np.where(after, np.inf, enclosure.high)
+            enclosure = replace(enclosure, low=low, high=high)
+        found.append(enclosure)
+    return found
 
 
 def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) -> MotionClaim:
@@ -288,9 +311,6 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
     if enclosure.group in SPEEDS and averaged:
         status = "unproved"
         reason = "the motion is averaged over time to keep a jerk limit"
-    if enclosure.group in ("loop gap", "determinant") and status == "proved" and not judged.goes_on.all():
-        status = "unproved"
-        reason = "it is not proved that the motion on one piece goes on in that of the next"
     smallest, largest = certain, bound
     if enclosure.smallest:
         smallest, largest = -bound, -certain
@@ -314,9 +334,14 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
 
 def _open(path: TimedPath, judged: _Round, times: Array) -> str:
     """Return why a value is unknown somewhere."""
-    if judged.closed.all():
+    if judged.closed.all() and judged.goes_on.all():
         return "the bound is infinite"
-    piece = int(np.flatnonzero(~judged.closed)[0])
+    if judged.closed.all():
+        piece = int(np.flatnonzero(~judged.goes_on)[0]) + 1
+        text = "it is not proved that the motion of the passive joints goes on in that of the piece before"
+    else:
+        piece = int(np.flatnonzero(~judged.closed)[0])
+        text = "no motion of the passive joints is proved to exist"
     cell = int(np.flatnonzero(judged.cells.piece == piece)[0])
     name = path.phases[judged.pieces.phase[piece]].name
-    return f"in phase '{name}' near t = {times[cell]:.3f} s, no motion of the passive joints is proved to exist"
+    return f"in phase '{name}' near t = {times[cell]:.3f} s, {text}"
