@@ -94,6 +94,30 @@ def test_products_cancel_and_keep_their_radius():
     assert (c + trigonometric.constant(0.0, 0.01)).bound() == pytest.approx(1.01)
 
 
+def test_exponents_that_leave_their_digit_are_refused():
+    """32 q1 - q2 would be the constant 1: the exponent 32 is the digit 1 of the next joint."""
+    with pytest.raises(TwinError, match="32 times a joint angle"):
+        trigonometric.wave(AngleSum({0: 32, 1: -1}, 0.0, 0.0), sine=False)
+    fast = trigonometric.wave(AngleSum({0: 9}, 0.0, 0.0), sine=True)
+    zero = trigonometric.constant(0.0)
+    column = trigonometric.stacked([[fast], [zero], [zero]])
+    with pytest.raises(TwinError, match="exponent 18"):
+        trigonometric.transposed(column).matrix_product(column)
+    assert 1.0 <= length_bound(column, range(7, 12)) < 1.0 + 1e-9
+
+
+def test_a_long_frame_has_a_long_rounding():
+    """The inverse of a frame at 1000 m is rounded by more than 4e-15 m; the radius says so."""
+    first = twin.load("pa10").mechanism
+    far = np.eye(4)
+    far[:3, :3] = spatial.exp_so3([0.3, -1.1, 0.7])
+    far[:3, 3] = 1000.0, -777.7, 333.3
+    joints = list(first.joints)
+    joints[2] = replace(joints[2], T_child_joint=far)
+    pose = chain.tool_pose(replace(first, joints=tuple(joints)), _angles(first))
+    assert pose.radius.max() > 1e-13
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

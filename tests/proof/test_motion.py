@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.motion_proof import prove_motion, timed_path
-from twin.api.path_samples import sampled
+from twin.api.motion_proof import ProvedClearance, ProvedMotion, _clearance_findings, prove_motion, timed_path
+from twin.api.path_samples import SampledPath, sampled
 from twin.core.errors import ProtocolError, TwinError
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 from twin.proof.motion import prove
 from twin.proof.motion.closure import nodes
 from twin.proof.motion.path import TimedPath
+from twin.proof.motion.pieces import first_pieces
 from twin.proof.motion.prove import MotionProof
+from twin.proof.motion.quantities import Cells, Enclosure, cells_of
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import TaylorModel
 from twin.reference import ReferenceModel
@@ -231,6 +233,82 @@ def test_loops_that_cannot_close_are_unproved() -> None:
     assert claim(proof, "tool speed", "tip").status == "unproved"
     assert "no motion of the passive joints" in claim(proof, "loop gap", "loops").reason
     assert claim(proof, "joint limit", "q1").status == "proved"
+
+
+def test_after_a_break_nothing_is_said_of_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the motion may jump to another assembly, all that rests on it is unproved, and never refuted."""
+    mechanism, path = sils()
+    monkeypatch.setattr(prove, "DEEPEST", 0)
+    whole = proved(mechanism, path)
+    curve = whole.curves["determinant", "loops"]
+    assert curve.low[0] < 1.0 < curve.high[0]  # the value at the start is known within bounds
+    assert claim(whole, "passive limit", "s1").status == "proved"
+    pieces = 15
+
+    def broken(closed: object, linkage: object, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        goes_on = np.ones(pieces - 1, bool)
+        goes_on[3] = False
+        return goes_on
+
+    monkeypatch.setattr(prove, "connected", broken)
+    for one in proved(mechanism, path).claims:
+        if one.group in ("joint limit", "joint speed", "gap"):
+            assert one.status == "proved", one
+        else:
+            assert one.status == "unproved", one
+            assert "goes on in that of the piece before" in one.reason
+
+
+def test_a_break_before_a_violation_hides_it() -> None:
+    """A value beyond its limit counts before a break; after it, it is that of another assembly."""
+    cells = 4
+    high = np.array([1.0, 1.0, 5.0, 5.0])
+    over = Enclosure("enforced", "RCM", "m", high - 0.5, high, 2.0, smallest=False)
+    driven = replace(over, group="joint speed")
+    index = np.arange(cells)
+    pieces = first_pieces(1).some(index)
+    span = np.linspace(0.0, 1.0, cells + 1)
+    square = TaylorModel(np.zeros((2, cells)), np.zeros(cells))
+    ones = np.ones(cells)
+    made = Cells(index, 0 * index, span[:-1], span[1:], 0 * ones, ones, square)
+    goes_on = np.array([True, False, True])
+    judged = prove._Round(pieces, made, [over, driven], np.ones(cells, bool), goes_on)
+    _, path = sils()
+    of_body, of_joint = prove._proof(path, judged).claims
+    assert of_body.status == "unproved"
+    assert of_joint.status == "refuted"
+
+
+def test_cells_reach_their_grid_points() -> None:
+    """A grid point just before the end of a piece begins a cell: (ds/dt)^2 is linear on each side of it only."""
+    _, path = sils()
+    edge = 1.0 / 15
+    grid = np.array([0.0, edge - 3e-11, 1.0])
+    rates = np.array([0.0, 1.0, 0.0])
+    phase = replace(path.phases[0], grid=grid, rates=rates)
+    cells = cells_of(first_pieces(1), (phase,), 5)
+    assert grid[1] in cells.first
+    low, high = cells.square.range()
+    for k in range(len(cells.piece)):
+        for s in np.linspace(cells.first[k], cells.last[k], 5):
+            exact = np.interp(s, grid, rates**2)
+            assert low[k] - 1e-15 <= exact <= high[k] + 1e-15
+    for k in range(len(cells.piece) - 1):
+        assert cells.middle[k] + cells.width[k] > -1
+
+
+def test_clearances_that_are_not_proved_are_findings() -> None:
+    """Bodies that may touch, and a phase without a distance, change the verdict; nothing to compare is a note."""
+    proof = MotionProof("p", (), {}, 0, 0, 1.0)
+    touching = ProvedClearance("insert", 0.0, 1e-4, ("bar1", "bar2"))
+    apart = ProvedClearance("sweep", 1e-3, 2e-3, ("bar1", "bar2"))
+    samples = SampledPath(np.zeros(0), {})
+    motion = ProvedMotion(proof, samples, (touching, apart), "", (), {"lift": "the loops do not close", "rest": ""})
+    found = _clearance_findings(motion)
+    assert [finding.code for finding in found] == ["prove.open", "prove.open", "prove.clearance"]
+    assert [finding.severity for finding in found] == ["error", "error", "info"]
+    assert "bar1 and bar2" in found[0].message
+    assert "the loops do not close" in found[1].message
 
 
 # ------------------------------------------------------------------------------------------- bad input

@@ -13,7 +13,7 @@ from twin.analysis.proven_workspace import proven_workspace
 from twin.cli import main
 from twin.core.errors import TwinError
 from twin.proof import intervals, krawczyk
-from twin.proof.interval_pose import IntervalPose, fixed
+from twin.proof.interval_pose import IntervalPose, identity
 from twin.proof.loops import LoopEquations, ToolBox
 
 CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
@@ -81,7 +81,7 @@ def test_derivatives_are_those_of_the_conditions(sils):
     loops = LoopEquations(sils.mechanism)
     generator = np.random.default_rng(3)
     x = generator.uniform(-0.8, 0.8, (1, len(loops.names)))
-    T = fixed(np.eye(4))
+    T = identity()
     tool = ToolBox(IntervalPose(T.R[None], intervals.exactly(generator.uniform(0.1, 0.3, (1, 3)))))
     J = loops.jacobian(loops.closures, intervals.exactly(x), tool, range(len(loops.names) + 3)).middle[0]
     for column in range(J.shape[1]):

@@ -130,7 +130,7 @@ class ProvenWorkspace(Result):
 
 _REASONS = {
     "no assembly": "no assembly was enclosed; near the edge of reach, or where a limb is nearly singular",
-    "other conditions": "a loop may not close, although the conditions that determine the joints hold",
+    "other conditions": "a loop may not close, or only with a joint turned over, although enough conditions hold",
     "limit": "a limit may be exceeded in a part of the box",
     "other assembly": "the assembly is not the one that the equations prefer",
     "singular": "the tool might move while the joints are at rest",

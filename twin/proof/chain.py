@@ -6,16 +6,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof import trigonometric
+from twin.proof.rigid_frame import RigidFrame, joint_frames, rigid_frame
 from twin.proof.trigonometric import AngleSum, Operand, TrigonometricSum
-
-_ROUNDED_POSE = 4e-15
-"""Rounding error of an entry of the inverse of a pose whose entries are at most 10."""
 
 
 def tool_pose(mechanism: Mechanism, joints: Mapping[str, Operand]) -> TrigonometricSum:
@@ -40,7 +37,8 @@ def _steps(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Iterator[Trig
     before = np.eye(4)
     radius = np.zeros((4, 4))
     for joint in mechanism.path(tool.body):
-        before, radius = _product(before, radius, joint.T_parent_joint)
+        on_parent, on_child = joint_frames(mechanism.name, joint.name, joint.T_parent_joint, joint.T_child_joint)
+        before, radius = _product(before, radius, on_parent)
         if joint.type != "fixed":
             if joint.name not in joints:
                 raise TwinError(
@@ -51,18 +49,20 @@ def _steps(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Iterator[Trig
             yield _motion(mechanism, joint, joints[joint.name])
             before = np.eye(4)
             radius = np.zeros((4, 4))
-        before, radius = _product(before, radius, spatial.inverse(joint.T_child_joint))
-    before, radius = _product(before, radius, tool.T_body_frame)
+        before, radius = _product(before, radius, on_child.inverse())
+    on_body = rigid_frame(tool.T_body_frame, f"{mechanism.name}: frame {mechanism.tool}")
+    before, radius = _product(before, radius, on_body)
     yield trigonometric.matrix(before, radius)
 
 
-def _product(T: Array, radius: Array, other: Array) -> tuple[Array, Array]:
-    """Return the product of two poses and its radius, of which the second one has the rounding error of an inverse."""
-    error = np.full((4, 4), _ROUNDED_POSE)
-    error[3] = 0.0
-    size = np.abs(other)
+def _product(T: Array, radius: Array, frame: RigidFrame) -> tuple[Array, Array]:
+    """Return the product (4, 4) of a pose, known within a radius (4, 4), and a frame, and its radius."""
+    error = np.zeros((4, 4))
+    error[:3, :3] = frame.R_radius
+    error[:3, 3] = frame.p_radius
+    size = np.abs(frame.T)
     spread = np.abs(T) @ error + radius @ (size + error) + 8 * 2.0**-52 * (np.abs(T) @ size)
-    return T @ other, spread * (1 + 1e-14)
+    return T @ frame.T, spread * (1 + 1e-14)
 
 
 def _motion(mechanism: Mechanism, joint: Joint, value: Operand) -> TrigonometricSum:

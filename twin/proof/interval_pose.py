@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.core.spatial import Array
 from twin.proof import intervals
 from twin.proof.intervals import Intervals
+from twin.proof.rigid_frame import RigidFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class IntervalPose:
         return IntervalPose(self.R, self.p + self.R[..., 2] * distance[..., None])
 
     def inverse(self) -> IntervalPose:
-        """Return the inverse poses; the rotations must be orthogonal."""
+        """Return the inverse poses, of those in the intervals whose rotations are orthogonal."""
         R = intervals.transposed(self.R)
         return IntervalPose(R, -column(intervals.product(R, self.p[..., None])))
 
@@ -56,13 +56,18 @@ def column(matrix: Intervals) -> Intervals:
     return matrix[..., 0]
 
 
-def fixed(T: Array, tolerance: float = 0.0) -> IntervalPose:
-    """Return a pose (4, 4) whose entries are exact, or known within a tolerance in m and rad."""
-    R = np.asarray(T[:3, :3], float)
-    p = np.asarray(T[:3, 3], float)
-    if tolerance:
-        return IntervalPose(intervals.around(R, tolerance), intervals.around(p, tolerance))
-    return IntervalPose(intervals.exactly(R), intervals.exactly(p))
+def fixed(frame: RigidFrame) -> IntervalPose:
+    """Return the pose of a frame of the CAD; it contains one whose rotation is orthogonal."""
+    R = frame.T[:3, :3]
+    p = frame.T[:3, 3]
+    rotation = intervals.around(R, frame.R_radius) if frame.R_radius > 0 else intervals.exactly(R)
+    position = intervals.around(p, frame.p_radius) if frame.p_radius.any() else intervals.exactly(p)
+    return IntervalPose(rotation, position)
+
+
+def identity() -> IntervalPose:
+    """Return the pose of a frame in itself."""
+    return IntervalPose(intervals.exactly(np.eye(3)), intervals.exactly(np.zeros(3)))
 
 
 def cross(a: Intervals, b: Intervals) -> Intervals:

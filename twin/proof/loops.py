@@ -18,7 +18,8 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof import interval_pose, intervals
 from twin.proof.interval_pose import IntervalPose, cross
-from twin.proof.intervals import Intervals
+from twin.proof.intervals import Certainty, Intervals
+from twin.proof.rigid_frame import joint_frames, rigid_frame
 
 _PLACING = ("revolute", "prismatic", "fixed")
 """Types of joints that place a body."""
@@ -136,7 +137,8 @@ class LoopEquations:
         """Place the bodies.
 
         Raises:
-            TwinError: a coupling, a free joint, or a body that no joint places.
+            TwinError: a coupling, a free joint, a body that no joint places, or a frame that is no rotation but for
+                rounding.
         """
         if mechanism.couplings:
             raise TwinError(
@@ -146,7 +148,9 @@ class LoopEquations:
         self.mechanism = mechanism
         tool = mechanism.frame(mechanism.tool)
         self._tool_body = tool.body
-        self._T_tool_body = interval_pose.fixed(tool.T_body_frame).inverse()
+        self._T_tool_body = interval_pose.fixed(
+            rigid_frame(tool.T_body_frame, f"{mechanism.name}: frame {mechanism.tool}")
+        ).inverse()
         self._paths: dict[str, tuple[PathStep, ...]] = {mechanism.base: (), tool.body: ()}
         self._roots = {mechanism.base: mechanism.base, tool.body: tool.body}
         self.names: list[str] = []
@@ -203,8 +207,7 @@ class LoopEquations:
         if joint.type != "fixed":
             number = len(self.names)
             self.names.append(joint.name)
-        first = interval_pose.fixed(joint.T_parent_joint)
-        second = interval_pose.fixed(joint.T_child_joint)
+        first, second = self._frames(joint)
         turns = joint.type == "revolute"
         if joint.parent in self._paths:
             step = PathStep(first, second.inverse(), number, 1, turns)
@@ -214,6 +217,11 @@ class LoopEquations:
             step = PathStep(second, first.inverse(), number, -1, turns)
             self._paths[joint.parent] = (*self._paths[joint.child], step)
             self._roots[joint.parent] = self._roots[joint.child]
+
+    def _frames(self, joint: Joint) -> tuple[IntervalPose, IntervalPose]:
+        """Return the frames of a joint on its parent and its child."""
+        frames = joint_frames(self.mechanism.name, joint.name, joint.T_parent_joint, joint.T_child_joint)
+        return interval_pose.fixed(frames[0]), interval_pose.fixed(frames[1])
 
     def _closure(self, joint: Joint) -> Closure:
         """Return a joint between two placed bodies, with paths from their last common body."""
@@ -228,10 +236,8 @@ class LoopEquations:
             second = second[shared:]
             by_tool = [False, False]
         ends = []
-        for steps, from_tool, T in zip(
-            (first, second), by_tool, (joint.T_parent_joint, joint.T_child_joint), strict=True
-        ):
-            pose = self._T_tool_body if from_tool else interval_pose.fixed(np.eye(4))
+        for steps, from_tool, frame in zip((first, second), by_tool, self._frames(joint), strict=True):
+            pose = self._T_tool_body if from_tool else interval_pose.identity()
             joints = []
             for step in steps:
                 pose = pose.then(step.before)
@@ -240,7 +246,7 @@ class LoopEquations:
                     pose = step.after
                 else:
                     pose = pose.then(step.after)
-            ends.append(FramePath(from_tool, tuple(joints), pose.then(interval_pose.fixed(T))))
+            ends.append(FramePath(from_tool, tuple(joints), pose.then(frame)))
         if joint.type == "spherical":
             ends = _in_carrier(ends[0], ends[1])
         return Closure(joint, ends[0], ends[1], intervals.exactly(self._resting_axes(joint, first, by_tool[0])))
@@ -252,10 +258,10 @@ class LoopEquations:
         """
         if from_tool or joint.type == "spherical":
             return np.eye(3)
-        pose = interval_pose.fixed(np.eye(4))
+        pose = interval_pose.identity()
         for step in first:
             pose = pose.then(step.before).then(step.after)
-        return pose.then(interval_pose.fixed(joint.T_parent_joint)).R.middle
+        return pose.then(self._frames(joint)[0]).R.middle
 
     def residual(self, closures: Sequence[Closure], x: Intervals, tool: ToolBox) -> Intervals:
         """Return the closing conditions (n, rows), in m and as sines, at joint values (n, k) in m and rad."""
@@ -302,9 +308,27 @@ class LoopEquations:
             found.append((closure.joint, intervals.total(product, -1)))
         return found
 
+    def aligned(self, x: Intervals, tool: ToolBox) -> Certainty:
+        """Return where (n,) no closing joint can be turned by half a turn, which its conditions do not show.
+
+        The conditions are sines: they are zero too where the two z axes of a joint, or the y axes of one that cannot
+        turn, are opposite.
+        """
+        found = np.ones(len(x), bool)
+        for closure in self.closures:
+            kind = closure.joint.type
+            if kind == "spherical":
+                continue
+            first = self._moved(closure.first, x, tool).pose.R
+            second = self._moved(closure.second, x, tool).pose.R
+            found &= intervals.total(first[..., 2] * second[..., 2], -1) > 0.0
+            if kind in ("prismatic", "fixed"):
+                found &= intervals.total(first[..., 1] * second[..., 1], -1) > 0.0
+        return found
+
     def _moved(self, path: FramePath, x: Intervals, tool: ToolBox) -> _Motion:
         """Return a frame at the end of a path, and how the coordinates move it."""
-        motion = _Motion(interval_pose.fixed(np.eye(4)))
+        motion = _Motion(interval_pose.identity())
         zero = intervals.exactly(np.zeros(3))
         pose = motion.pose
         if path.from_tool:

@@ -8,14 +8,16 @@ from typing import Protocol
 
 import numpy as np
 
+from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.proof import intervals, krawczyk
+from twin.proof import interval_pose, intervals, krawczyk
 from twin.proof.interval_pose import IntervalPose
 from twin.proof.intervals import Certainty, Intervals
 from twin.proof.krawczyk import Solutions
 from twin.proof.limits import LinearLimit
 from twin.proof.loops import Closure, LoopEquations, ToolBox, independent_rows
+from twin.proof.rigid_frame import rigid_frame
 
 BATCH = 2048
 """Number of boxes at once."""
@@ -52,12 +54,13 @@ class RegularWorkspace:
         low, high: corners (k, 3) in m of the proved boxes.
         orientation: (3, 3) rotation of the tool in base, the same at all positions.
         volume: volume in m3 of the proved boxes, which do not overlap.
-        outside: volume in m3 where a limit is certainly exceeded.
+        outside: volume in m3 where a limit is certainly exceeded by the joint values of the equations, or by the
+            assembly near them; another assembly may keep it.
         open: {reason: volume in m3} of the smallest boxes where nothing is proved.
         edges: (3,) edges in m of the smallest boxes.
         boxes: number of boxes that were examined.
         redundant: largest value of the closing conditions that follow from the others only if the CAD is ideal, in m
-            or as a sine; NaN if there is none.
+            or as a sine; 0 if there is none.
     """
 
     low: Array
@@ -115,10 +118,14 @@ class BoxJudge:
         """Choose independent conditions at the position p (3,).
 
         Raises:
-            TwinError: the equations have no joint values there, or the loops leave joint values free.
+            TwinError: the equations have no joint values there, the loops leave joint values free, or the orientation
+                is no rotation but for rounding.
         """
         self.loops = loops
         self.R = R
+        self._orientation = interval_pose.fixed(
+            rigid_frame(spatial.pose(R, np.zeros(3)), f"{loops.mechanism.name}: orientation of the tool")
+        ).R
         self.limits = limits
         self.equations = equations
         x = equations.values(p[None])
@@ -146,8 +153,11 @@ class BoxJudge:
         self.least = np.array([limit.least for limit in limits])
 
     def _tool(self, low: Array, high: Array) -> ToolBox:
-        R = np.broadcast_to(self.R, (len(low), 3, 3))
-        return ToolBox(IntervalPose(intervals.exactly(R), intervals.between(low, high)))
+        R = intervals.Intervals(
+            np.broadcast_to(self._orientation.low, (len(low), 3, 3)),
+            np.broadcast_to(self._orientation.high, (len(low), 3, 3)),
+        )
+        return ToolBox(IntervalPose(R, intervals.between(low, high)))
 
     def judge(self, low: Array, high: Array) -> _Judged:
         """Return the verdicts of boxes with corners low, high (n, 3) in m."""
@@ -189,13 +199,14 @@ class BoxJudge:
             outside |= cosine < limit
         rest = self._redundant(x, tool)
         # conditions that do not follow from the others, as where a pose is impossible, are not small
-        closed = assembled & (rest <= CLOSED)
+        closed = assembled & (rest <= CLOSED) & self.loops.aligned(x, tool)
         worth = closed & kept
         regular = np.zeros(len(low), bool)
         if worth.any():
             some = ToolBox(IntervalPose(tool.pose.R[worth], tool.pose.p[worth]))
             regular[worth] = self._regular(x[worth], some)
-        # in a regular box the assembly stays the same: its middle and its corners tell which one it is
+        # in a regular box the assembly stays the same; which one the equations prefer is evaluated at its middle and
+        # its corners, with rounding: no proof
         branch = np.ones(len(low), bool)
         for share in (0.5, *_CORNERS):
             branch &= self.equations.preferred(low + share * (high - low))

@@ -20,6 +20,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.proof.motion.linkage import Linkage, PlacedLinkage, rotation_of
+from twin.proof.motion.pieces import OVERLAP
 from twin.proof.motion.taylor import TaylorModel, constant, joined
 
 _ITERATIONS = 6
@@ -27,6 +28,9 @@ _ITERATIONS = 6
 
 _SOLVED = 1e-13
 """Step in m or rad below which a state is solved."""
+
+_UNIT = 2.0**-53
+"""Largest relative rounding error of one operation."""
 
 _BOXES = 4
 """Number of boxes that are tried on a piece."""
@@ -213,6 +217,7 @@ def _enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, Tay
     box[:, passive] = np.where(closed[:, None], np.minimum(image, radius), 0.0)
     coordinates = prediction.widened(box)
     placed = linkage.place(coordinates, balls)
+    closed = closed & linkage.aligned(placed)
     full = linkage.jacobian(placed)
     within = (full[:, :, passive].sizes() @ np.where(closed[:, None], image, 0.0)[..., None])[..., 0]
     gap = np.where(closed, (gaps.sizes() + within).max(axis=1) * (1.0 + 1e-12), np.inf)
@@ -258,12 +263,17 @@ def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Arr
         R_end = np.einsum("ak,kaij->aij", powers_after, R.c)[:-1]
         R_start = np.einsum("ak,kaij->aij", powers_before, R.c)[1:]
         turn = np.linalg.norm(np.swapaxes(R_start, 1, 2) @ R_end - np.eye(3), axis=(1, 2))
-        turn = turn + R.r.max(axis=(1, 2))[:-1] + R.r.max(axis=(1, 2))[1:]
+        # the norm of a matrix is at most 3 times its largest entry; and the rounding of these products
+        errors = 3.0 * R.r.max(axis=(1, 2)) + 256 * _UNIT * np.abs(R.c).sum(axis=(0, 2, 3))
+        turn = turn + 2.0 * (errors[:-1] + errors[1:])
         for column, i in enumerate(linkage.passive):
             if linkage.places[i].joint == name:
                 away[:, column] = 1.1 * turn
-    first = away + 2.0 * closed.image[:-1] + 1e-15
-    second = away + 2.0 * closed.image[1:] + 1e-15
+    # the rounding of the values of the polynomials, and of the full turns that are subtracted
+    sizes = np.abs(closed.prediction.c).sum(axis=0)[:, linkage.passive]
+    away = away + 64 * _UNIT * (sizes[:-1] + sizes[1:])
+    first = away + 2.0 * closed.image[:-1]
+    second = away + 2.0 * closed.image[1:]
     same = (first <= closed.box[1:]).all(axis=1) | (second <= closed.box[:-1]).all(axis=1)
     return same & closed.closed[:-1] & closed.closed[1:]
 
@@ -333,16 +343,12 @@ def determinant(closed: ClosedLinkage) -> tuple[TaylorModel, Array] | None:
     return trace + logs, error
 
 
-def start_determinant(closed: ClosedLinkage) -> float:
-    """Return the logarithm of the determinant of `determinant` at the beginning of the first piece, rounded."""
-    assert closed.jacobian is not None
-    order = closed.jacobian.order
-    signs = (-1.0) ** np.arange(order + 1)
-    J = np.einsum("k,kij->ij", signs, closed.jacobian.c[:, 0])
-    if not np.isfinite(J).all():
-        return 0.0
-    sizes = np.linalg.svd(J, compute_uv=False)
-    return float(np.log(np.maximum(sizes, 1e-300)).sum())
+def start_determinant(logs: TaylorModel, error: Array) -> tuple[float, float]:
+    """Return bounds of the logarithm of `determinant` at the start, -1 / (1 + OVERLAP) on the first piece."""
+    low, high = logs.on_parts(np.asarray(-1.0 + OVERLAP), np.asarray(0.9 * OVERLAP))[0].range()
+    if not (np.isfinite(low) and np.isfinite(high) and np.isfinite(error[0])):
+        return -np.inf, np.inf
+    return float(low - error[0]), float(high + error[0])
 
 
 def stacked_trace(E: TaylorModel) -> TaylorModel:

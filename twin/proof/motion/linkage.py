@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof.motion.taylor import TaylorModel, constant, cross, stacked
+from twin.proof.rigid_frame import RigidFrame, joint_frames, rigid_frame
 
 ARM = 0.1
 """Length in m by which gaps of directions, in rad, are multiplied."""
@@ -29,10 +29,16 @@ class PlacedFrame:
     R: TaylorModel
     p: TaylorModel
 
-    def then(self, T: Array) -> PlacedFrame:
-        """Return the frame at the constant pose T (4, 4) in this frame."""
-        shift = (self.R @ T[:3, 3:])[..., 0]
-        return PlacedFrame(self.R @ T[:3, :3], self.p + shift)
+    def then(self, frame: RigidFrame) -> PlacedFrame:
+        """Return the frame at a constant pose in this frame."""
+        T = frame.T
+        R = self.R @ T[:3, :3]
+        p = self.p + (self.R @ T[:3, 3:])[..., 0]
+        if frame.R_radius > 0 or frame.p_radius.any():
+            sizes = self.R.sizes()
+            R = R.widened((sizes.sum(axis=-1) * frame.R_radius)[..., None])
+            p = p.widened(sizes @ frame.p_radius)
+        return PlacedFrame(R, p)
 
 
 @dataclass(frozen=True)
@@ -83,9 +89,15 @@ class Linkage:
         mechanism: the mechanism.
         places: the coordinates, in the order of the tree.
         driven, passive: indices of the driven coordinates, in the order of q, and of the others.
+        tool: the tool frame on its body.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
+        """Find the coordinates.
+
+        Raises:
+            TwinError: a frame of a joint, or that of the tool, is no rotation but for rounding.
+        """
         self.mechanism = mechanism
         self.places: list[Place] = []
         for joint in mechanism.tree:
@@ -95,6 +107,13 @@ class Linkage:
         names = [place.joint for place in self.places]
         self.driven = [names.index(joint.name) for joint in mechanism.active]
         self._moved = self._masks()
+        self._frames: dict[str, tuple[RigidFrame, RigidFrame]] = {}
+        for joint in mechanism.joints:
+            self._frames[joint.name] = joint_frames(
+                mechanism.name, joint.name, joint.T_parent_joint, joint.T_child_joint
+            )
+        tool = mechanism.frame(mechanism.tool)
+        self.tool = rigid_frame(tool.T_body_frame, f"{mechanism.name}: frame {mechanism.tool}")
 
     @property
     def closes(self) -> bool:
@@ -128,7 +147,8 @@ class Linkage:
         centres = []
         i = 0
         for joint in self.mechanism.tree:
-            frame = frames[joint.parent].then(joint.T_parent_joint)
+            on_parent, on_child = self._frames[joint.name]
+            frame = frames[joint.parent].then(on_parent)
             if joint.name in balls:
                 frame = PlacedFrame(frame.R @ balls[joint.name], frame.p)
             for part in _parts(joint):
@@ -143,7 +163,7 @@ class Linkage:
                 axes.append(axis)
                 centres.append(frame.p)
                 i += 1
-            frames[joint.child] = frame.then(spatial.inverse(joint.T_child_joint))
+            frames[joint.child] = frame.then(on_child.inverse())
         if not axes:
             return PlacedLinkage(frames, Columns(origin.p[:, None, :], origin.p[:, None, :]))
         return PlacedLinkage(frames, Columns(stacked(axes, -2), stacked(centres, -2)))
@@ -155,8 +175,9 @@ class Linkage:
 
         Offset and rotation are those of the second frame in the first.
         """
-        first = placed.frames[joint.parent].then(joint.T_parent_joint)
-        second = placed.frames[joint.child].then(joint.T_child_joint)
+        on_parent, on_child = self._frames[joint.name]
+        first = placed.frames[joint.parent].then(on_parent)
+        second = placed.frames[joint.child].then(on_child)
         turned = first.R.swapped()
         offset = (turned @ (second.p - first.p)[..., None])[..., 0]
         return first, second, offset, turned @ second.R
@@ -173,6 +194,22 @@ class Linkage:
                 total = total + coordinates[:, self.index(name)] * ratio
             rows.append(total * self._scale(coupling.joints[0]))
         return stacked(rows)
+
+    def aligned(self, placed: PlacedLinkage) -> np.ndarray:
+        """Return (N,) where no loop joint can be turned by half a turn, which its gaps do not show.
+
+        The gaps are sines: they are zero too where the two z axes of a joint, or the y axes of one that cannot turn,
+        are opposite.
+        """
+        found = np.ones(placed.columns.axes.shape[0], bool)
+        for joint in self.mechanism.loops:
+            if joint.type not in ("revolute", "cylindrical", "prismatic", "fixed"):
+                continue
+            _, _, _, R = self.relative(placed, joint)
+            found &= R[:, 2, 2].range()[0] > 0
+            if joint.type in ("prismatic", "fixed"):
+                found &= R[:, 1, 1].range()[0] > 0
+        return found
 
     def jacobian(self, placed: PlacedLinkage) -> TaylorModel:
         """Return the derivatives (N, rows, m) of the gaps with respect to the coordinates."""

@@ -14,6 +14,9 @@ import numpy as np
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
 
+_NEAREST = 1e-12
+"""Smallest distance in s of two grid points."""
+
 
 @dataclass(frozen=True)
 class TimedPhase:
@@ -89,7 +92,9 @@ class TimedPath:
                         f"{self.protocol}: phase '{phase.name}': {what} has a value that is not a finite number; "
                         "plan the protocol again"
                     )
-            if len(phase.grid) < 2 or not (np.diff(phase.grid) > 0).all():
-                raise ProtocolError(f"{self.protocol}: phase '{phase.name}': the grid points do not increase")
+            if len(phase.grid) < 2 or not (np.diff(phase.grid) > _NEAREST).all():
+                raise ProtocolError(
+                    f"{self.protocol}: phase '{phase.name}': the grid points do not increase by {_NEAREST:g} or more"
+                )
         if not (np.isfinite(self.T_tool_frame).all() and np.isfinite(self.shaft_axis).all()):
             raise ProtocolError(f"{self.protocol}: the moved frame or its shaft axis is not a finite number")

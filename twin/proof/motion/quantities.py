@@ -10,18 +10,23 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
 from twin.proof.motion.closure import ClosedLinkage, determinant, rates, start_determinant
 from twin.proof.motion.linkage import Linkage, PlacedFrame
 from twin.proof.motion.path import TimedPath, TimedPhase
 from twin.proof.motion.pieces import Pieces
 from twin.proof.motion.taylor import TaylorModel, cross
+from twin.proof.rigid_frame import rigid_frame
 
 _UNIT = 2.0**-53
 
 _CELL_OVERLAP = 1e-12
 """Fraction by which a cell is longer than the interval that it stands for."""
 
-_FUNCTION_ERROR = 1e-15
+_SHORTEST_CELL = 16 * _UNIT
+"""Distance in s from the end of a piece within which a grid point is no new cell: it is that end, rounded."""
+
+_FUNCTION_ERROR = 4e-15
 """Bound of the error of NumPy's inverse functions for angles within a turn, in rad."""
 
 
@@ -84,8 +89,7 @@ def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Cell
         a = first_of_pieces[i]
         b = last_of_pieces[i]
         grid = phases[pieces.phase[i]].grid
-        tolerance = 1e-9 * (b - a)  # a grid point at a border is no new cell
-        inside = grid[(grid > a + tolerance) & (grid < b - tolerance)]
+        inside = grid[(grid > a + _SHORTEST_CELL) & (grid < b - _SHORTEST_CELL)]
         edges = np.concatenate([[a], inside, [b]])
         piece.append(np.full(len(edges) - 1, i))
         first.append(edges[:-1])
@@ -93,7 +97,8 @@ def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Cell
     index = np.concatenate(piece)
     start = np.concatenate(first)
     end = np.concatenate(last)
-    half = 0.5 * (end - start) * (1.0 + _CELL_OVERLAP)
+    # longer by the rounding of its middle as well
+    half = 0.5 * (end - start) * (1.0 + _CELL_OVERLAP) + 4 * _UNIT
     centre = 0.5 * (start + end)
     scale = pieces.half[index]
     phase = pieces.phase[index]
@@ -116,11 +121,15 @@ def _squares(phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, h
         own = phase == k
         x = timed.rates**2
         i = np.clip(np.searchsorted(timed.grid, centre[own], side="right") - 1, 0, len(x) - 2)
-        slope = (x[i + 1] - x[i]) / (timed.grid[i + 1] - timed.grid[i])
+        slopes = np.diff(x) / np.diff(timed.grid)
+        slope = slopes[i]
+        # near an end the cell may reach into the next segment by the rounding of s
+        beside = np.abs(np.concatenate([slopes[:1], slopes, slopes[-1:]]))
+        steepest = np.maximum(np.maximum(beside[i], beside[i + 1]), beside[i + 2])
         c[0, own] = x[i] + (centre[own] - timed.grid[i]) * slope
         if order > 0:
             c[1, own] = slope * half[own]
-        r[own] = 32 * _UNIT * (x[i] + x[i + 1])
+        r[own] = 32 * _UNIT * (x[i] + x[i + 1]) + 4 * _SHORTEST_CELL * steepest
     return TaylorModel(c, r)
 
 
@@ -162,23 +171,43 @@ def _driven(
         low, high = _speed(rate[:, j], cells)
         limit = np.inf if joint.max_speed is None else joint.max_speed
         yield Enclosure(joint.name, "joint speed", f"{unit}/s", low, high, limit, smallest=False)
-    # rows of the motors: exact to the rounding of the inverse of the motor matrix
-    rows = mechanism.motors(np.eye(len(mechanism.active))).T
+    rows, row_errors = _motor_rows(mechanism)
     actuators = {actuator.name: actuator for actuator in mechanism.actuators}
-    for row, name in zip(rows, mechanism.motor_names, strict=True):
+    for row, row_error, name in zip(rows, row_errors, mechanism.motor_names, strict=True):
         if name not in actuators:
             continue
         actuator = actuators[name]
         unit = "rad" if actuator.is_angle else "m"
         if actuator.limits is not None:
-            motor = (values @ row[:, None])[:, 0]
+            motor = (values @ row[:, None])[:, 0].widened(values.sizes() @ row_error)
             yield _margin(name, "motor limit", unit, motor.range(), actuator.limits)
-        low, high = _speed((rate @ row[:, None])[:, 0], cells)
+        motor_rate = (rate @ row[:, None])[:, 0].widened(rate.sizes() @ row_error)
+        low, high = _speed(motor_rate, cells)
         limit = np.inf if actuator.max_speed is None else actuator.max_speed
         yield Enclosure(name, "motor speed", f"{unit}/s", low, high, limit, smallest=False)
     for i, j, smallest, name in path.gaps:
         low, high = _absolute((values[:, i] - values[:, j]).range())
         yield Enclosure(name, "gap", "m", low, high, smallest, smallest=True)
+
+
+def _motor_rows(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Return (rows (n, n) from joint to motor coordinates, bounds (n, n) of their rounding).
+
+    The rows X are the inverse of the motor matrix M but for rounding: with E = 1 - M X and |E| < 1, the inverse differs
+    from X by X E + X E^2 + ..., at most |X| |E| / (1 - |E|) in the norm of the largest sum of a row.
+    """
+    M = mechanism.motor_matrix
+    X = mechanism.motors(np.eye(len(M))).T
+    if np.array_equal(M, np.eye(len(M))):
+        return X, np.zeros_like(X)
+    rounding = (len(M) + 4) * 2 * _UNIT * (np.abs(M) @ np.abs(X) + np.eye(len(M)))
+    E = np.abs(np.eye(len(M)) - M @ X) + rounding
+    norm = float(E.sum(axis=1).max())
+    if not norm < 0.5:
+        return X, np.full_like(X, np.inf)
+    # |X| |E|, and what follows is at most the norms of X and E^2 / (1 - E)
+    beyond = float(np.abs(X).sum(axis=1).max()) * norm**2 / (1.0 - norm)
+    return X, (np.abs(X) @ E + beyond) * (1.0 + 1e-9)
 
 
 def _margin(name: str, group: str, unit: str, bounds: tuple[Array, Array], limits: tuple[float, float]) -> Enclosure:
@@ -221,7 +250,8 @@ def _of_mechanism(
     for joint in mechanism.limited:
         yield from _passive(linkage, cells, closed, joint)
     tool = mechanism.frame(mechanism.tool)
-    moved = closed.placed.frames[tool.body].then(tool.T_body_frame).then(path.T_tool_frame)
+    in_tool = rigid_frame(path.T_tool_frame, f"{path.protocol}: pose of the moved frame")
+    moved = closed.placed.frames[tool.body].then(linkage.tool).then(in_tool)
     yield from _rcm(path, cells, moved)
     yield from _tip(linkage, path, cells, slopes, closed, moved)
     if linkage.closes:
@@ -230,9 +260,10 @@ def _of_mechanism(
     found = determinant(closed)
     if found is not None:
         logs, error = found
-        low, high = (cells.of(logs) - start_determinant(closed)).range()
+        first, last = start_determinant(logs, error)
+        low, high = cells.of(logs).range()
         error = error[cells.piece]
-        yield Enclosure("loops", "determinant", "1", low - error, high + error, -np.inf, smallest=True)
+        yield Enclosure("loops", "determinant", "1", low - error - last, high + error - first, -np.inf, smallest=True)
 
 
 def _passive(linkage: Linkage, cells: Cells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
