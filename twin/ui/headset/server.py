@@ -40,6 +40,9 @@ STATE = 6
 GAP = 0.004
 """Minimum time in s between two frames; after a message `hands`, a frame may also be sent between two ticks."""
 
+SHORT_GAP = 0.001
+"""Minimum time in s between two frames after a message to another server, whose programs send 500 per second."""
+
 SILENCE = 5.0
 """Time in s since the last message of a client after which its grab is released."""
 
@@ -87,7 +90,7 @@ class StreamServer:
         now = time.monotonic()
         self._begin = now
         self._framed = now
-        self._pause = GAP
+        self._took = 0.0
         self._response: asyncio.TimerHandle | None = None
         self._last_number = 0
         self.source = source
@@ -170,7 +173,7 @@ class StreamServer:
         self._at = tick
         frame = self.source.frame(tick, server_time)
         self._framed = time.monotonic()
-        self._pause = min(max(GAP, self._framed - begun), 1 / RATE)
+        self._took = self._framed - begun
         if frame is None:
             return
         self._frame = frame
@@ -180,21 +183,22 @@ class StreamServer:
             client.behind = True
 
     def respond_soon(self) -> None:
-        """Send a frame as soon as `GAP` allows: a message to another server has moved the robots."""
+        """Send a frame as soon as `SHORT_GAP` allows: a message to another server has moved the robots."""
         if self._response is None:
-            self._respond(time.monotonic())
+            self._respond(time.monotonic(), SHORT_GAP)
 
-    def _respond(self, now: float) -> None:
-        """Send the effect of a message `hands` as soon as `GAP` allows, instead of at the next tick.
+    def _respond(self, now: float, gap: float = GAP) -> None:
+        """Send the effect of a message `hands` as soon as `gap` allows, instead of at the next tick.
 
-        The pause before a frame is as long as the computation of the last frame, but at least `GAP` and at most a tick.
+        The pause before a frame is as long as the computation of the last frame, but at least `gap` and at most a tick.
         Without the pause, more and more messages would wait on a slow machine, and the delay would grow without limit.
         """
         self._response = None
-        wait = self._pause - (now - self._framed)
+        pause = min(max(gap, self._took), 1 / RATE)
+        wait = pause - (now - self._framed)
         if wait > 0:
             loop = asyncio.get_running_loop()
-            self._response = loop.call_later(wait, lambda: self._respond(time.monotonic()))
+            self._response = loop.call_later(wait, lambda: self._respond(time.monotonic(), gap))
             return
         tick = (now - self._begin) * RATE
         self._advance(max(tick, self._tick), now)
