@@ -19,7 +19,9 @@ from twin.cli import main
 from twin.core.errors import TwinError
 from twin.formula import flow
 from twin.kinematics.compile import compile_formula
+from twin.proof.claims import judged
 from twin.proof.prove import prove
+from twin.proof.values import Degree, ExactValue, RootMark
 
 STATES = 1024
 MUTANTS = int(os.environ.get("TWIN_PROOF_MUTANTS", "12"))
@@ -248,6 +250,53 @@ def test_an_error_below_rounding_at_half_of_the_states_is_no_proof():
     proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
     verdicts = {claim.name: claim.status for claim in proof.claims}
     assert verdicts["forward: joint mount"] == "unproved"
+
+
+@pytest.mark.parametrize("size", [4e-7, 4e-16])
+def test_a_root_with_the_wrong_sign_is_no_proof_however_small_its_effect(size):
+    """In the field both signs are roots: half of the exact values are zero, as if the claim were true."""
+    robot = twin.load("pa10")
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += size * (ca.sqrt(1 - ca.cos(q1) ** 2) / ca.sin(q1) - 1)
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
+    assert claim.status == "unproved"
+    assert claim.zeros > 8
+    assert "sign" in claim.reason
+
+
+def test_states_that_a_search_found_judge_claims_with_roots():
+    """In a box of 10 micrometres is an error that only exact values see; none of them is zero there."""
+    robot = twin.load("pa10")
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += ca.sqrt(1 - ca.cos(q1) ** 2) - ca.fabs(ca.sin(q1))
+        T[1, 3] += ca.if_else(ca.fabs(q1 - 0.3) < 5e-6, 1e-11, 0)
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
+    assert claim.status == "unproved"
+    assert "where a condition has one of its answers" in claim.reason
+
+
+@pytest.mark.parametrize(
+    ("share", "known", "different"), [(0.5, 32, True), (0.5, 8, False), (1.0, 1, True), (None, 32, False)]
+)
+def test_no_zero_among_found_states_is_luck_or_none_by_the_share_at_drawn_states(share, known, different):
+    residue = np.ones(known, np.uint64)
+    mark = RootMark(residue, np.ones(known, bool))
+    number = ExactValue(residue, np.ones(known, bool), np.full(known, 1e-11), Degree(1, roots=frozenset({mark})))
+    claim = judged("a", "it is zero", [number], np.ones(known, bool), {}, [], known, share=share)
+    assert claim.status == "unproved"
+    assert claim.different == different
 
 
 @pytest.mark.slow

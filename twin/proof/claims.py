@@ -51,6 +51,9 @@ class JudgedClaim:
         roots: the roots in its numbers.
         different: whether the claim is unproved because exact values are not zero.
         luckless: whether the claim is unproved because few states have all roots in the field.
+        undefined: number of states within reach where a value is undefined.
+        doubtful: {name of a random number: its real value} at states where exact values are not zero, of a claim with
+            roots: a root has another sign in the field, or the claim is wrong there.
     """
 
     name: str
@@ -68,6 +71,13 @@ class JudgedClaim:
     luckless: bool = False
     roots: frozenset[RootMark] = frozenset()
     different: bool = False
+    undefined: int = 0
+    doubtful: tuple[Mapping[str, float], ...] = ()
+
+    @property
+    def share(self) -> float:
+        """Share of the exact values that are zero; it is not all of them if roots have other signs."""
+        return self.zeros / self.known if self.known else 0.0
 
 
 def judged(
@@ -79,6 +89,7 @@ def judged(
     reasons: Sequence[str],
     drawn: int,
     sides: Sequence[Truths] = (),
+    share: float | None = None,
 ) -> JudgedClaim:
     """Return the verdict on a claim.
 
@@ -91,6 +102,7 @@ def judged(
         reasons: texts of what has no exact form, for a claim that is not proved.
         drawn: number of states that were drawn; those without roots may have been left out.
         sides: the states (k,) with each answer of each condition: with roots, zeros must be among them as often.
+        share: share of the exact values that are zero at other states, if it is known; None: that at these.
     """
     found = _together(numbers, inside)
     known, zero, largest, roots = found.known, found.zero, found.largest, found.roots
@@ -100,7 +112,7 @@ def judged(
     undefined = int(np.isnan(largest).sum())
     largest[np.isnan(largest)] = 0
     worst = int(largest.argmax())
-    missed = bool(roots) and _missed(known & zero, known, sides)
+    missed = bool(roots) and _missed(known & zero, known, sides, share)
     log_odds = _log_odds(zeros, drawn, found.degree)
     status: Status = "unproved"
     witness: dict[str, float] = {}
@@ -109,13 +121,15 @@ def judged(
         reason = "no drawn state is within reach"
     elif largest[worst] > ROUNDING:
         status = "refuted"
-        witness = {name: float(values[worst]) for name, values in state.items()}
+        witness = _at(state, worst)
     elif undefined:
         reason = f"a value is undefined, or has no real form, at {undefined} of {int(inside.sum())} states within reach"
     elif not roots and zeros < exact:
         reason = (
             f"{exact - zeros} of {exact} exact values are not zero: a difference below 1e-6, at some states at least"
         )
+    elif roots and largest[worst] > _ROUNDING_OF_ROOTS:
+        reason = f"a value is {largest[worst]:.1g}: rounding, or roots with other signs; the exact values do not tell"
     elif missed:
         reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
     elif zeros >= ENOUGH and log_odds < _SURE:
@@ -138,9 +152,18 @@ def judged(
     few = zeros < ENOUGH or _SURE <= log_odds < 0
     luckless = open_claim and bool(roots) and few and (zeros > 0 or exact < _MANY)
     different = open_claim and (missed if roots else zeros < exact)
+    doubtful = ()
+    if roots and status == "proved":
+        doubtful = tuple(_at(state, int(place)) for place in np.flatnonzero(known & ~zero)[:_DOUBTFUL])
     numbers_of = (zeros, exact, log_odds, float(largest[worst]), witness)
     verdict = (name, sentence, status, *numbers_of, reason, found.error, kept)
-    return JudgedClaim(*verdict, luckless=luckless, roots=roots, different=different)
+    more = {"luckless": luckless, "different": different, "undefined": undefined}
+    return JudgedClaim(*verdict, roots=roots, doubtful=doubtful, **more)
+
+
+def _at(state: Mapping[str, Array], place: int) -> dict[str, float]:
+    """Return the real values of the random numbers at a state."""
+    return {name: float(values[place]) for name, values in state.items()}
 
 
 @dataclass(frozen=True)
@@ -177,12 +200,13 @@ def _together(numbers: Iterable[ExactValue], inside: Truths) -> _Together:
     return _Together(known, zero, largest, degree, roots, error, nodes)
 
 
-def _missed(zero: Truths, known: Truths, sides: Sequence[Truths]) -> bool:
+def _missed(zero: Truths, known: Truths, sides: Sequence[Truths], share: float | None) -> bool:
     """Return whether no zeros are on one side of a condition, although chance would have put one there."""
-    if not zero.any():
-        return False
-    share = zero.sum() / known.sum()
-    for side in sides:
+    if share is None:
+        if not zero.any():
+            return False
+        share = float(zero.sum() / known.sum())
+    for side in (known, *sides):
         there = int((known & side).sum())
         if not (zero & side).any() and (1 - share) ** there < _CHANCE:
             return True
@@ -191,6 +215,12 @@ def _missed(zero: Truths, known: Truths, sides: Sequence[Truths]) -> bool:
 
 _SURE = -12.0
 """Largest decimal logarithm of the odds of chance with which a claim is proved."""
+
+_ROUNDING_OF_ROOTS = 1e-9
+"""The same as `ROUNDING`, for a claim with roots: a wrong sign may be as small as that."""
+
+_DOUBTFUL = 16
+"""Maximum number of states that are kept to look at the signs of roots with more digits."""
 
 _MANY = 64
 """Number of exact values of which one would be zero by chance if a claim is true, but for roots with other signs."""

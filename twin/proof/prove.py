@@ -24,6 +24,7 @@ from twin.proof.constants import exact_angle, exact_number
 from twin.proof.drawing import Drawing
 from twin.proof.formula_side import Outputs
 from twin.proof.mechanism import ExactMechanism
+from twin.proof.precise import certainly_not_zero
 from twin.proof.program import ProgramStep
 from twin.proof.replay import Notes, RootedStates, replay
 from twin.proof.transforms import Matrix
@@ -52,6 +53,9 @@ _ROOTED_STATES = 256
 
 _CONDITION_STATES = 2048
 """Number of states at which conditions have their answers, before others are searched."""
+
+_BESIDES = 16
+"""How often each state that was found is judged, because roots do not exist in the field at all of them."""
 
 _REASONS = 3
 """Number of numbers without an exact form that a claim names."""
@@ -123,6 +127,7 @@ class _Work:
     rooted: Sequence[RootGroup] = ()
     drawn_states: int = 0
     near: Mapping[str, Array] | None = None
+    zero_shares: Mapping[str, float] = made(default_factory=dict)
     rootless: bool = False
     roots: list[tuple[int, RootMark, int]] = made(default_factory=list)
     parameters: dict[str, Value] = made(default_factory=dict)
@@ -168,10 +173,11 @@ def prove(
         formulas: bool = False,
         rooted: Sequence[RootGroup] = (),
         near: Mapping[str, Array] | None = None,
+        zero_shares: Mapping[str, float] = {},
     ) -> Proof:
         while True:
             generator = np.random.default_rng(seed)
-            work = _Work(formula, variants, robot, count, generator, formulas, rooted, count, near)
+            work = _Work(formula, variants, robot, count, generator, formulas, rooted, count, near, zero_shares)
             with field.modulo(primes[0]):
                 proof = _attempt(work, drawn)
             works[:] = [work]
@@ -212,8 +218,12 @@ def prove(
     report = _examined(formula, variants, proof, seed)
     count = len(next(iter(report.states.values())))
     if count:
-        proof = _judged_besides(proof, attempt(proof.drawn, count, near=report.states))
-    return _with_branches(proof, report)
+        near = {name: np.tile(numbers, _BESIDES) for name, numbers in report.states.items()}
+        shares = {claim.name: claim.share for claim in proof.claims if claim.status == "proved" and claim.roots}
+        besides = attempt(proof.drawn, _BESIDES * count, near=near, zero_shares=shares)
+        proof = _judged_besides(proof, besides)
+    progress("the signs of roots", 0.98)
+    return _with_branches(_with_signs(proof), report)
 
 
 def _examined(formula: Formula, variants: Mapping[str, str], proof: Proof, seed: int) -> BranchReport:
@@ -237,10 +247,24 @@ def _judged_besides(proof: Proof, found: Proof) -> Proof:
     for claim, other in zip(proof.claims, found.claims, strict=True):
         if other.status == "refuted":
             claims.append(other)
-        elif claim.status == "proved" and other.different:
+        elif claim.status == "proved" and (other.different or other.undefined):
             claims.append(replace(claim, status="unproved", reason=other.reason, nodes=()))
         else:
             claims.append(claim)
+    return replace(proof, claims=tuple(claims))
+
+
+def _with_signs(proof: Proof) -> Proof:
+    """Return the proof without the claims that are wrong with the signs of their roots, by however little."""
+    claims = []
+    for claim in proof.claims:
+        wrong = 0.0
+        if claim.status == "proved":
+            wrong = certainly_not_zero(claim.nodes, claim.doubtful)
+        if wrong:
+            reason = f"with the signs of its roots, a value is {wrong:.3g} at a drawn state: a difference below 1e-6"
+            claim = replace(claim, status="unproved", reason=reason, nodes=())
+        claims.append(claim)
     return replace(proof, claims=tuple(claims))
 
 
@@ -598,5 +622,6 @@ def _claim(
     reasons = [f"parameter {key}" for key in work.inexact]
     reasons += dict.fromkeys(exact.drawing.unrecognised)
     reasons += dict.fromkeys(work.notes.inexact)
-    claim = judged(name, sentence, numbers, inside, reals, reasons[:_REASONS], work.drawn_states, work.sides)
+    share = work.zero_shares.get(name)
+    claim = judged(name, sentence, numbers, inside, reals, reasons[:_REASONS], work.drawn_states, work.sides, share)
     work.claims.append(replace(claim, reach=tuple(work.reach)))

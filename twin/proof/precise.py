@@ -1,0 +1,155 @@
+"""The numbers of a claim with 60 digits: roots have their signs there, and a wrong sign shows however small it is.
+
+In the prime field, both signs of a root are roots; in double precision, a small error may be rounding. Here each number
+has a bound of its rounding error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Context, Decimal, localcontext
+from fractions import Fraction
+
+from twin.proof import program
+from twin.proof.program import ProgramStep, Row
+
+_DIGITS = 60
+"""Number of digits."""
+
+_UNIT = 1e-58
+"""Bound of the relative rounding error of an operation."""
+
+_SLACK = 1 + 1e-12
+"""Factor by which bounds are increased, because they are computed in double precision."""
+
+_ANGLE = 1e-14
+"""Error in rad of an angle, which has double precision."""
+
+
+@dataclass(frozen=True)
+class PreciseNumber:
+    """A number, and a bound of the distance from its exact value."""
+
+    value: Decimal
+    error: float
+
+    @property
+    def size(self) -> float:
+        """Magnitude in double precision."""
+        return abs(float(self.value))
+
+
+_Result = PreciseNumber | bool | None
+"""A number or a condition; None where the expression is not defined."""
+
+
+def certainly_not_zero(nodes: Iterable[ProgramStep], states: Iterable[Mapping[str, float]]) -> float:
+    """Return the largest of the numbers that certainly are not zero at one of some states; 0 if there is none.
+
+    Args:
+        nodes: the operations of numbers that must be zero.
+        states: {name of a random number: its value} at each state, in m and rad.
+    """
+    rows, places = program.rows(nodes)
+    largest = 0.0
+    with localcontext(Context(prec=_DIGITS)):
+        constants = {i: _constant(row) for i, row in enumerate(rows) if row[0] in ("number", "real")}
+        for state in states:
+            results: list[_Result] = []
+            for i, row in enumerate(rows):
+                results.append(constants[i] if i in constants else _evaluated(row, results, state))
+            for place in places:
+                found = results[place]
+                if isinstance(found, PreciseNumber) and abs(found.value) > Decimal(found.error):
+                    largest = max(largest, found.size)
+    return largest
+
+
+def _constant(row: Row) -> PreciseNumber | None:
+    """Return a constant of the equations or of the mechanism."""
+    text = str(row[1])
+    if row[0] == "real":
+        return PreciseNumber(Decimal(text), 0.0) if Decimal(text).is_finite() else None
+    total = PreciseNumber(Decimal(0), 0.0)
+    for word in text.split(" + "):
+        fraction, radicand = word.split("*sqrt(")
+        exact = Fraction(fraction)
+        part = Decimal(exact.numerator) / Decimal(exact.denominator) * Decimal(radicand.rstrip(")")).sqrt()
+        total = _sum(total, PreciseNumber(part, abs(float(part)) * _UNIT))
+    return total
+
+
+def _evaluated(row: Row, results: Sequence[_Result], state: Mapping[str, float]) -> _Result:
+    """Return the result of an operation at a state."""
+    name = str(row[0])
+    if name == "input":
+        return PreciseNumber(Decimal(state[str(row[1])]), 0.0)
+    if name in ("cosine", "sine"):
+        # the tangent of half of the angle is taken as exact: another state near this one
+        t = Decimal(math.tan(math.remainder(state[str(row[1])], math.tau) / 2))
+        part = 1 - t * t if name == "cosine" else 2 * t
+        return PreciseNumber(part / (1 + t * t), _UNIT)
+    operands = [results[int(place)] for place in row[1:]]
+    if name == "choose":
+        if operands[0] is None:
+            return None
+        return operands[1] if operands[0] else operands[2]
+    if None in operands:
+        return None
+    if name in _LOGIC:
+        return _LOGIC[name](*operands)
+    numbers = []
+    for operand in operands:
+        numbers.append(operand if isinstance(operand, PreciseNumber) else PreciseNumber(Decimal(bool(operand)), 0.0))
+    return _NUMERIC[name](*numbers)
+
+
+def _sum(a: PreciseNumber, b: PreciseNumber) -> PreciseNumber:
+    value = a.value + b.value
+    return PreciseNumber(value, (a.error + b.error + abs(float(value)) * _UNIT) * _SLACK)
+
+
+def _product(a: PreciseNumber, b: PreciseNumber) -> PreciseNumber:
+    value = a.value * b.value
+    error = a.size * b.error + b.size * a.error + a.error * b.error
+    return PreciseNumber(value, (error + abs(float(value)) * _UNIT) * _SLACK)
+
+
+def _reciprocal(a: PreciseNumber) -> PreciseNumber | None:
+    """Return 1 / a; it is not defined where a may be 0."""
+    if not a.size > 2 * a.error:
+        return None
+    value = 1 / a.value
+    return PreciseNumber(value, (2 * a.error / a.size**2 + abs(float(value)) * _UNIT) * _SLACK)
+
+
+def _root(a: PreciseNumber) -> PreciseNumber | None:
+    """Return the root of a; a number below 0 by rounding alone is 0."""
+    if a.value < -Decimal(a.error):
+        return None
+    value = max(a.value, Decimal(0)).sqrt()
+    spread = math.sqrt(2 * a.error)  # the root of a sum is at most the sum of the roots
+    if a.error < float(a.value):
+        spread = min(spread, a.error / float(value))
+    return PreciseNumber(value, (spread + float(value) * _UNIT) * _SLACK)
+
+
+_NUMERIC: dict[str, Callable[..., _Result]] = {
+    "add": _sum,
+    "multiply": _product,
+    "negative": lambda a: PreciseNumber(-a.value, a.error),
+    "inverse": _reciprocal,
+    "root": _root,
+    "angle": lambda x, y: PreciseNumber(Decimal(math.atan2(y.value, x.value)), _ANGLE),
+    "less": lambda a, b: a.value < b.value,
+    "at most": lambda a, b: a.value <= b.value,
+    "equal": lambda a, b: a.value == b.value,
+}
+
+_LOGIC: dict[str, Callable[..., bool]] = {
+    "both": lambda a, b: bool(a and b),
+    "one of": lambda a, b: bool(a or b),
+    "not": lambda a: not a,
+}
