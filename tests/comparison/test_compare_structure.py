@@ -184,3 +184,19 @@ def test_rounded_points_near_to_each_other_are_a_hinge() -> None:
         assert compare_pair(*pair, TOLERANCE).kinematics == "agree"
     # beside the line by more than the tolerance
     assert compare_pair(loop(), points(0.02, rough=2e-5), TOLERANCE).kinematics == "disagree"
+
+
+def slide(offset: Array) -> RobotSide:
+    """Return the linkage with a slide on its coupler, which carries a hinge at an offset in m from its place."""
+    axes = [*loop("slide").axes[:3]]
+    axes.append(Axis("s", "prismatic", 2, 4, B, Y, 0.0))
+    axes.append(Axis("t", "revolute", 4, 5, B + 0.02 * Y + offset, Z, 0.0))
+    return side("slide", [*axes, hinge("h", 2, 3, B, closing=True)], 6)
+
+
+def test_what_a_slide_carries_moves_along_it_only() -> None:
+    assert compare_pair(slide(np.zeros(3)), slide(0.001 * Y), TOLERANCE).agrees  # another zero of the slide
+    pair = compare_pair(slide(np.zeros(3)), slide(0.001 * X), TOLERANCE)
+    assert pair.kinematics == "disagree"
+    assert pair.differences
+    assert pair.differences[0].shift == pytest.approx(0.001, abs=1e-6)

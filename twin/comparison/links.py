@@ -75,19 +75,20 @@ class _Links:
         kind = self.problem.kinds[i]
         if where != "both":
             return self._place(T, i, axis.parent if where == "parent" else axis.child)
-        J = np.zeros((3, 6 * self.groups))
+        along = self.problem.target_directions[i]
+        on_parent, moved_parent = self._point(T, i, axis.parent)
+        on_child, moved_child = self._point(T, i, axis.child)
+        apart = on_parent - on_child
+        moved = moved_parent - moved_child
         if kind == "prismatic":
+            J = np.zeros((3, 6 * self.groups))
             between = T[axis.parent, :3, :3] @ T[axis.child, :3, :3].T
             J[:, 6 * axis.parent : 6 * axis.parent + 3] = np.eye(3)
             J[:, 6 * axis.child : 6 * axis.child + 3] = -np.eye(3)
-            return spatial.log_so3(between), J
-        along = self.problem.target_directions[i]
-        points = []
-        for group, sign in ((axis.parent, 1.0), (axis.child, -1.0)):
-            point, moved = self._point(T, i, group)
-            points.append(point)
-            J[:1] += sign * along @ moved
-        return np.array([along @ (points[0] - points[1])]), J[:1]
+            # a slide may begin anywhere, but the child moves only along it
+            rows = [spatial.log_so3(between), np.cross(apart, along)]
+            return np.concatenate(rows), np.vstack([J, -spatial.hat(along) @ moved])
+        return np.array([along @ apart]), (along @ moved)[None]
 
     def _point(self, T: Array, i: int, group: int) -> tuple[Array, Array]:
         """Return the point (3,) of a joint on a link, and its derivatives (3, 6 groups)."""
@@ -135,10 +136,8 @@ class _Links:
     def misfit(self, T: Array, i: int, where: Where) -> float:
         """Return by how much a place differs, in units of the tolerance."""
         r = self.block(T, i, where)[0]
-        if where == "both":
-            unit = self.problem.tolerance if self.problem.kinds[i] == "revolute" else self.problem.angle_tolerance
-            return float(np.linalg.norm(r)) / unit
-        if self.problem.kinds[i] == "spherical":
+        along = where == "both" and self.problem.kinds[i] == "revolute"
+        if along or self.problem.kinds[i] == "spherical":
             return float(np.linalg.norm(r)) / self.problem.tolerance
         turn = float(np.linalg.norm(r[:3])) / self.problem.angle_tolerance
         return max(turn, float(np.linalg.norm(r[3:])) / self.problem.tolerance)
@@ -188,11 +187,13 @@ class _Links:
             if sine > 0.0:
                 turn = np.arctan2(sine, target @ direction) * across / sine
             shift = shift - target * (shift @ target)
-        if kind == "revolute" and where != "both":
-            other = axis.parent if where == "child" else axis.child
-            shift = shift + target * (target @ (point - self._point(T, i, other)[0]))
         if kind == "prismatic":
-            shift = np.zeros(3)
+            shift = np.zeros(3)  # a slide has no place by itself, but its two links have one across it
+        if kind in ONE_COORDINATE and where != "both":
+            other = axis.parent if where == "child" else axis.child
+            apart = point - self._point(T, i, other)[0]
+            along = target * (target @ apart)
+            shift = shift + (along if kind == "revolute" else apart - along)
         return JointPlace(i, where, shift, turn)
 
 
