@@ -16,7 +16,7 @@ from twin.core.errors import TwinError
 from twin.formula import flow
 from twin.model.mechanism import Mechanism
 from twin.proof import chain, formula_chain, trigonometric
-from twin.proof.trigonometric import AngleSum, length_bound, part
+from twin.proof.trigonometric import AngleSum, TrigonometricSum, length_bound, part
 
 CHAINS = ["pa10", "raven_left", "davinci_psm", *[pytest.param(n, marks=pytest.mark.nightly) for n in ("davinci_ecm",)]]
 
@@ -104,6 +104,30 @@ def test_exponents_that_leave_their_digit_are_refused():
     with pytest.raises(TwinError, match="exponent 18"):
         trigonometric.transposed(column).matrix_product(column)
     assert 1.0 <= length_bound(column, range(7, 12)) < 1.0 + 1e-9
+
+
+def test_a_tolerance_of_a_length_that_only_a_passive_joint_needs_counts():
+    """The pose does not contain `slide_up`; a passive slide does, and the mechanism's side uses the slide."""
+    robot = twin.load("davinci_psm_si")
+    formula = robot.formula
+
+    def longer(q2, q3, slide_up):
+        return -q2, q2, q3 / 2 + slide_up, q3 / 2
+
+    equations = []
+    for equation in formula.equations:
+        known = equation.name == "bands"
+        equations.append(replace(equation, variants={equation.default: longer}) if known else equation)
+    changed = replace(formula, equations=tuple(equations))
+    sliding = {}
+    for joint in formula.joints:
+        if joint.kind == "prismatic":
+            sliding[joint.name] = chain.sliding_range(robot.mechanism, joint.name)
+    _, joints = formula_chain.tool_pose(changed, flow.choose(changed, None), sliding, {"slide_up": 1e-5})
+    slide = joints["slide1"]
+    assert isinstance(slide, TrigonometricSum)
+    own = slide.exponents()[:, len(formula.joints)] != 0
+    assert slide.centre[own].real.tolist() == [1e-5]
 
 
 def test_a_long_frame_has_a_long_rounding():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,10 +20,12 @@ from twin.proof.motion.closure import nodes
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import first_pieces
 from twin.proof.motion.prove import MotionProof
-from twin.proof.motion.quantities import Cells, Enclosure, cells_of
+from twin.proof.motion.quantities import Cells, Enclosure, _motor_rows, cells_of
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import TaylorModel
 from twin.reference import ReferenceModel
+
+flint = pytest.importorskip("flint", reason="python-flint is in the group dev")
 
 
 @cache
@@ -53,6 +56,11 @@ def limited(mechanism: Mechanism, joint: str, **changes: object) -> Mechanism:
     for old in mechanism.joints:
         joints.append(replace(old, **changes) if old.name == joint else old)
     return replace(mechanism, joints=tuple(joints))
+
+
+def _fraction(x: float) -> Any:
+    """Return a number exactly."""
+    return flint.fmpq(*float(x).as_integer_ratio())
 
 
 # ------------------------------------------------------------------------------------------- arithmetic
@@ -295,6 +303,19 @@ def test_cells_reach_their_grid_points() -> None:
             assert low[k] - 1e-15 <= exact <= high[k] + 1e-15
     for k in range(len(cells.piece) - 1):
         assert cells.middle[k] + cells.width[k] > -1
+
+
+def test_rows_of_motors_contain_the_exact_inverse() -> None:
+    """The inverse of a motor matrix, in exact fractions, is within the bounds of its rounded rows."""
+    mechanism = twin.load("raven_left").mechanism
+    rows, errors = _motor_rows(mechanism)
+    exact = flint.fmpq_mat([[_fraction(x) for x in row] for row in mechanism.motor_matrix.tolist()]).inv()
+    assert (mechanism.motor_matrix != np.eye(len(rows))).any()
+    for i in range(len(rows)):
+        for j in range(len(rows)):
+            off = exact[i, j] - _fraction(rows[i, j])
+            assert abs(off) <= _fraction(errors[i, j])
+    assert errors.max() < 1e-10
 
 
 def test_clearances_that_are_not_proved_are_findings() -> None:

@@ -263,9 +263,11 @@ def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Arr
         R_end = np.einsum("ak,kaij->aij", powers_after, R.c)[:-1]
         R_start = np.einsum("ak,kaij->aij", powers_before, R.c)[1:]
         turn = np.linalg.norm(np.swapaxes(R_start, 1, 2) @ R_end - np.eye(3), axis=(1, 2))
-        # the norm of a matrix is at most 3 times its largest entry; and the rounding of these products
-        errors = 3.0 * R.r.max(axis=(1, 2)) + 256 * _UNIT * np.abs(R.c).sum(axis=(0, 2, 3))
-        turn = turn + 2.0 * (errors[:-1] + errors[1:])
+        # a power of x, its product with a coefficient and the sum are rounded at most 2 order + 1 times
+        entries = R.r + 2 * (order + 1) * _UNIT * np.abs(R.c).sum(axis=0)
+        errors = 1.01 * np.linalg.norm(entries, axis=(1, 2))
+        # and the product of two rotations, 1 less, and its norm
+        turn = turn + errors[:-1] + errors[1:] + 64 * _UNIT
         for column, i in enumerate(linkage.passive):
             if linkage.places[i].joint == name:
                 away[:, column] = 1.1 * turn
