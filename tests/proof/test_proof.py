@@ -20,6 +20,8 @@ from twin.core.errors import TwinError
 from twin.formula import flow
 from twin.kinematics.compile import compile_formula
 from twin.proof.claims import judged
+from twin.proof.precise import certainly_not_zero
+from twin.proof.program import ProgramStep
 from twin.proof.prove import prove
 from twin.proof.values import Degree, ExactValue, RootMark
 
@@ -179,7 +181,7 @@ def test_an_answer_without_a_value_at_some_states_only_is_searched_at_the_others
 @pytest.mark.parametrize("relation", [lambda q, x: ca.logic_and(q <= x, q >= x), lambda q, x: q == x + 0.3])
 def test_a_condition_that_is_true_where_its_margin_is_zero_is_open(relation):
     robot = twin.load("pa10")
-    low, _ = robot.mechanism.joint("q1").limits
+    low = robot.mechanism.joint("q1").limits[0]
 
     def shifted(T, q1):
         T = ca.SX(T)
@@ -285,6 +287,15 @@ def test_states_that_a_search_found_judge_claims_with_roots():
     claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
     assert claim.status == "unproved"
     assert "where a condition has one of its answers" in claim.reason
+
+
+def test_a_number_of_60_digits_is_not_zero_beyond_its_own_error():
+    x = ProgramStep("input", text="x")
+    square = ProgramStep("root", (ProgramStep("multiply", (x, x)),))
+    difference = ProgramStep("add", (square, ProgramStep("negative", (x,))))
+    small = ProgramStep("multiply", (difference, ProgramStep("number", text=f"1/{10**30}*sqrt(1)")))
+    assert certainly_not_zero([small], [{"x": 0.1}, {"x": 0.3}]) == 0
+    assert certainly_not_zero([small], [{"x": 0.1}, {"x": -0.3}]) == pytest.approx(6e-31)
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ class JudgedClaim:
         nodes: the operations of the numbers that are zero, if the claim is proved and all of them are known.
         reach: those of the margins that are not negative where it is claimed.
         roots: the roots in its numbers.
-        different: whether the claim is unproved because exact values are not zero.
+        different: whether the claim is unproved because exact values are not zero, or may not be.
         luckless: whether the claim is unproved because few states have all roots in the field.
         undefined: number of states within reach where a value is undefined.
         doubtful: {name of a random number: its real value} at states where exact values are not zero, of a claim with
@@ -113,6 +113,7 @@ def judged(
     largest[np.isnan(largest)] = 0
     worst = int(largest.argmax())
     missed = bool(roots) and _missed(known & zero, known, sides, share)
+    unclear = bool(roots) and bool(largest[worst] > _ROUNDING_OF_ROOTS)
     log_odds = _log_odds(zeros, drawn, found.degree)
     status: Status = "unproved"
     witness: dict[str, float] = {}
@@ -128,7 +129,7 @@ def judged(
         reason = (
             f"{exact - zeros} of {exact} exact values are not zero: a difference below 1e-6, at some states at least"
         )
-    elif roots and largest[worst] > _ROUNDING_OF_ROOTS:
+    elif unclear:
         reason = f"a value is {largest[worst]:.1g}: rounding, or roots with other signs; the exact values do not tell"
     elif missed:
         reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
@@ -151,7 +152,7 @@ def judged(
     # where many exact values are known and none is zero, luck is no reason
     few = zeros < ENOUGH or _SURE <= log_odds < 0
     luckless = open_claim and bool(roots) and few and (zeros > 0 or exact < _MANY)
-    different = open_claim and (missed if roots else zeros < exact)
+    different = open_claim and (missed or unclear if roots else zeros < exact)
     doubtful = ()
     if roots and status == "proved":
         doubtful = tuple(_at(state, int(place)) for place in np.flatnonzero(known & ~zero)[:_DOUBTFUL])

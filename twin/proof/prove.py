@@ -57,6 +57,9 @@ _CONDITION_STATES = 2048
 _BESIDES = 16
 """How often each state that was found is judged, because roots do not exist in the field at all of them."""
 
+_PRECISE = 64
+"""Maximum number of states that were found at which signs of roots are judged with more digits."""
+
 _REASONS = 3
 """Number of numbers without an exact form that a claim names."""
 
@@ -223,7 +226,7 @@ def prove(
         besides = attempt(proof.drawn, _BESIDES * count, near=near, zero_shares=shares)
         proof = _judged_besides(proof, besides)
     progress("the signs of roots", 0.98)
-    return _with_branches(_with_signs(proof), report)
+    return _with_branches(_with_signs(proof, report), report)
 
 
 def _examined(formula: Formula, variants: Mapping[str, str], proof: Proof, seed: int) -> BranchReport:
@@ -254,15 +257,24 @@ def _judged_besides(proof: Proof, found: Proof) -> Proof:
     return replace(proof, claims=tuple(claims))
 
 
-def _with_signs(proof: Proof) -> Proof:
-    """Return the proof without the claims that are wrong with the signs of their roots, by however little."""
+def _with_signs(proof: Proof, report: BranchReport) -> Proof:
+    """Return the proof without the claims that are wrong with the signs of their roots, by however little.
+
+    They are judged where exact values were not zero, and where a search found rare answers of conditions.
+    """
     claims = []
+    count = len(next(iter(report.states.values())))
+    rare = []
+    for place in range(0, count, 1 + count // _PRECISE):
+        rare.append({name: float(numbers[place]) for name, numbers in report.states.items()})
     for claim in proof.claims:
         wrong = 0.0
-        if claim.status == "proved":
-            wrong = certainly_not_zero(claim.nodes, claim.doubtful)
+        if claim.status == "proved" and claim.roots:
+            wrong = certainly_not_zero(claim.nodes, [*claim.doubtful, *rare])
         if wrong:
-            reason = f"with the signs of its roots, a value is {wrong:.3g} at a drawn state: a difference below 1e-6"
+            reason = (
+                f"with the signs of its roots, a value is {wrong:.3g} at a state within reach: a difference below 1e-6"
+            )
             claim = replace(claim, status="unproved", reason=reason, nodes=())
         claims.append(claim)
     return replace(proof, claims=tuple(claims))
