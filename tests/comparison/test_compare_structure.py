@@ -105,6 +105,18 @@ def test_the_mass_of_a_light_link_between_a_joint_and_a_weld_does_not_count() ->
     assert masses == [[], [0.01]]
 
 
+def test_a_loop_that_does_not_close_is_no_closed_one() -> None:
+    mechanism = four_bar()
+    (pin,) = mechanism.loops
+    apart = replace(pin, T_child_joint=pin.T_child_joint @ spatial.pose(p=0.0005 * X))
+    joints = tuple(apart if joint.name == pin.name else joint for joint in mechanism.joints)
+    opened = from_mechanism(replace(mechanism, joints=joints), "opened")
+    pair = compare_pair(from_mechanism(mechanism, "drawn"), opened, TOLERANCE)
+    assert pair.kinematics == "disagree"
+    assert [(item.joint, round(item.shift, 9)) for item in pair.differences] == [(pin.name, 0.0005)]
+    assert compare_pair(opened, replace(opened, label="again"), TOLERANCE).kinematics == "agree"
+
+
 def _joints_at(mechanism: Mechanism, body: str) -> list[str]:
     return [joint.name for joint in mechanism.joints if body in (joint.parent, joint.child)]
 

@@ -220,7 +220,8 @@ def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         if distance < _APART:
             continue
         middle = (axes[0].point + axes[1].point) / 2
-        whole = replace(_whole(axes, "revolute", middle, between / distance), directed=False)
+        opened = (max(axis.opened[0] for axis in axes), 0.0)
+        whole = replace(_whole(axes, "revolute", middle, between / distance), directed=False, opened=opened)
         yield _JointParts(tuple(indices), whole)
 
 

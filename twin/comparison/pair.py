@@ -27,6 +27,7 @@ from twin.comparison.side import RobotSide
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
+from twin.core.quantity import deg, mm
 from twin.core.spatial import Array
 
 Kinematics = Literal["agree", "agree after conventions", "disagree", "unexplained"]
@@ -225,6 +226,29 @@ def _of_links(problem: Problem, explanations: Sequence[Sequence[JointPlace]]) ->
     return SidePair(problem.first, problem.second, "disagree", found, tuple(others), None, None, problem, None)
 
 
+def _opened(problem: Problem) -> tuple[ComparedItem, ...]:
+    """Return a difference for each joint that closes its loop on one side, and leaves it open on the other.
+
+    A loop that does not close at the drawn state closes nowhere near it: the line of its joint on one link says nothing
+    about that on the other.
+    """
+    found = []
+    for axis, partner in zip(problem.axes, problem.second.axes, strict=True):
+        distances = (axis.opened[0], partner.opened[0])
+        angles = (axis.opened[1], partner.opened[1])
+        shift = abs(distances[0] - distances[1])
+        turn = abs(angles[0] - angles[1])
+        if shift <= problem.tolerance and turn <= problem.angle_tolerance:
+            continue
+        texts = []
+        for side, distance, angle in zip((problem.first, problem.second), distances, angles, strict=True):
+            texts.append(f"{mm(distance)} and {deg(angle)} apart in {side.label}")
+        text = f"joint '{partner.name}' does not close its loop: its places on its two links are {', '.join(texts)}"
+        link = problem.second.groups[partner.child].bodies[-1]
+        found.append(ComparedItem("link", partner.name, text, link, shift, turn))
+    return tuple(found)
+
+
 def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance: float) -> SidePair:
     """Return the comparison of a linkage with a side whose mimic joints replace its loops."""
     found = mimic_conventions(mimic, tolerance)
@@ -247,6 +271,9 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
             raise
         return _of_mimic(first, second, found_mimic, tolerance)
     problem = Problem(remembering(first), remembering(second), matching, tolerance)
+    opened = _opened(problem)
+    if opened:
+        return SidePair(first, second, "disagree", opened, (), None, None, problem, None)
     found_solutions = conventions(problem)
     in_posture = posed(problem) if not found_solutions and first.looped else None
     if in_posture is not None:  # balls and bars between them have no coordinate that leads from one posture to another

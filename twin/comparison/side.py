@@ -46,6 +46,7 @@ class Axis:
             states nothing.
         max_speed: as in `model.joint.Joint`.
         directed: whether the description states which way along the line is positive.
+        opened: distance in m and angle in rad by which a joint that closes a loop leaves it open at the drawn state.
         joined: the joints that the description writes instead of this one, see the module `joined`.
     """
 
@@ -62,6 +63,7 @@ class Axis:
     max_speed: float | None = None
     directed: bool = True
     joined: tuple[Axis, ...] = ()
+    opened: tuple[float, float] = (0.0, 0.0)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -307,7 +309,7 @@ def from_mechanism(
             # a joint of the tree closes a loop if its child is welded to a link that other joints already reach
             closing = group in reached
             reached.add(group)
-            axis = _axis(joint, poses, coordinates, group_of, closing)
+            axis = replace(_axis(joint, poses, coordinates, group_of, closing), opened=_opened(joint, poses))
             if axis.limits is None and axis.name in unlimited:
                 axis = replace(axis, limits=UNLIMITED)
             axes.append(axis)
@@ -378,6 +380,22 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
                 group_of[body] = kept
     number = {group: k for k, group in enumerate(sorted(set(group_of.values())))}
     return {body: number[group] for body, group in group_of.items()}
+
+
+def _opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
+    """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
+    T_base_joint = poses[joint.parent] @ joint.T_parent_joint
+    M = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
+    shift = M[:3, 3].copy()
+    for k in joint.free_axes:
+        if k < 3:
+            shift[k] = 0.0
+    angle = 0.0
+    if 3 not in joint.free_axes:
+        angle = float(np.arctan2(np.linalg.norm(M[:2, 2]), M[2, 2]))  # of the two axes z
+        if 5 not in joint.free_axes:
+            angle = float(spatial.rotation_angle(M[:3, :3]))
+    return float(np.linalg.norm(shift)), angle
 
 
 def _axis(
