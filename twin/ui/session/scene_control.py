@@ -252,7 +252,7 @@ class LiveConsole:
 
     @property
     def ended(self) -> str:
-        """Why the World stands still: an error, or the end of the task; "" while it runs."""
+        """Why the World is at rest: an error, or the end of the task; "" while it runs."""
         if self._stopped:
             return f"The World has stopped: {self._stopped}"
         if self._over:

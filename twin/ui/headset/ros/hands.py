@@ -56,7 +56,7 @@ class RosHands:
         holder: name of another device that controls the hands; None: no other. Then all messages are refused.
         refused: number of refused poses.
         time: function that returns the time in s of the World.
-        ended: function that returns why the World stands still, or "".
+        ended: function that returns why the World is at rest, or "".
     """
 
     def __init__(self, device: GivenHands, time: Callable[[], float], ended: Callable[[], str]) -> None:
