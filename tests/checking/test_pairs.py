@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from comparison.test_compare_postures import TOLERANCE, spatial_four_bar
@@ -45,7 +46,10 @@ def test_links_of_a_loop_that_differ_are_told(monkeypatch: pytest.MonkeyPatch) -
 def test_the_error_of_mimic_joints_is_told_if_it_disagrees(agrees: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     side = spatial_four_bar("one", 0.5)
     link = LinkError("tip", 0.012, 0.3, 0.1, 0.1)
-    mimic = MimicError("a.xml", "a.urdf", "finger", (0.0, 0.8), (link,), (), (), ())
+    hinges = (("pin", 0.003),)
+    mimic = MimicError(
+        "a.xml", "a.urdf", "finger", (0.0, 0.8), (link,), hinges, (), (), np.eye(4), None, (None, (0.0, 0.8))
+    )
     pair = SidePair(side, side, "agree" if agrees else "disagree", (), (), None, None, None, None, mimic=mimic)
     found = told(pair, monkeypatch)
     if agrees:
@@ -54,6 +58,7 @@ def test_the_error_of_mimic_joints_is_told_if_it_disagrees(agrees: bool, monkeyp
     ((rule, message),) = found
     assert rule == "compare/kinematics"
     assert "12 mm" in message
+    assert "joint 'pin' is 3 mm away" in message
 
 
 @pytest.mark.parametrize("late", [True, False])

@@ -89,9 +89,11 @@ def _differences(result: Comparison, labels: tuple[str, str], subject: str) -> I
             "compare/kinematics", file, f"joint '{item.joint}'", text, _line(item, pair.second.label), _edit(item)
         )
     if pair.mimic is not None and not pair.agrees:
-        text = f"{pair.mimic.text()}, compared with {labels[0]}"
-        yield CheckFinding("compare/kinematics", file, f"joint '{pair.mimic.leader}'", text)
-    if pair.properties is None:  # links of loops differ, or mimic joints replace loops
+        texts = [f"{pair.mimic.text()}, compared with {labels[0]}"]
+        if pair.mimic.part_text():  # also a hinge in another place disagrees
+            texts.append(pair.mimic.part_text())
+        yield CheckFinding("compare/kinematics", file, f"joint '{pair.mimic.leader}'", "; ".join(texts))
+    if pair.properties is None:  # links of loops differ
         return
     rows = [row for row in pair.properties.rows if row.stated]
     for row in rows[:_SHOWN]:
