@@ -218,7 +218,7 @@ def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], lis
 
     def margin_of(place: int) -> ca.SX:
         if place not in truths:
-            return ca.fabs(memory[place]) - 0.5
+            return ca.fabs(memory[place])
         instruction, negated = truths[place]
         return -margins[instruction] if negated else margins[instruction]
 
@@ -256,7 +256,11 @@ def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], lis
             margins[k] = _CHOOSING[operation](*operands)
             at_zero[k] = None if operation == ca.OP_COPYSIGN else False
             used.add(k)
-        if operation == ca.OP_IF_ELSE_ZERO and sources[0] in truths and _is_nan(operands[1]):
+        if operation == ca.OP_IF_ELSE_ZERO and sources[0] not in truths:  # a number is a condition: false where it is 0
+            margins[k] = ca.fabs(operands[0])
+            at_zero[k] = False
+            used.add(k)
+        elif operation == ca.OP_IF_ELSE_ZERO and _is_nan(operands[1]):
             instruction, negated = truths[sources[0]]
             if _without_value(function, needed, instruction, not negated):
                 undefined.setdefault(instruction, set()).add(not negated)
