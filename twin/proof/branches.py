@@ -212,7 +212,6 @@ def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], lis
     truths: dict[int, tuple[int, bool]] = {}  # {place: (instruction of a condition, whether it is negated)}
     margins: dict[int, ca.SX] = {}
     used: set[int] = set()
-    undefined: dict[int, set[bool]] = {}
     at_zero: dict[int, bool | None] = {}
     outputs = [ca.SX.zeros(function.sparsity_out(k)) for k in range(function.n_out())]
 
@@ -260,10 +259,6 @@ def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], lis
             margins[k] = ca.fabs(operands[0])
             at_zero[k] = False
             used.add(k)
-        elif operation == ca.OP_IF_ELSE_ZERO and _is_nan(operands[1]):
-            instruction, negated = truths[sources[0]]
-            if _without_value(function, needed, instruction, not negated):
-                undefined.setdefault(instruction, set()).add(not negated)
         if len(operands) == 1:
             memory[targets[0]] = ca.SX.unary(operation, *operands)
         else:
@@ -271,10 +266,21 @@ def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], lis
         truths.pop(targets[0], None)
         if condition is not None:
             truths[targets[0]] = condition
-    found = []
-    for k in sorted(used):
-        found.append(Branch(margins[k], at_zero.get(k), frozenset(undefined.get(k, ()))))
-    return outputs, found
+    undefined = _undefined(function, needed, used)
+    return outputs, [Branch(margins[k], at_zero.get(k), undefined[k]) for k in sorted(used)]
+
+
+def _undefined(function: ca.Function, needed: Collection[int], used: Collection[int]) -> dict[int, frozenset[bool]]:
+    """Return, for each condition, its answers that leave nothing to judge; for the arguments see `_without_value`."""
+    constants = [k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CONST]
+    any_lost = any(np.isnan(function.instruction_constant(k)) for k in constants)
+    found = {}
+    for k in used:
+        answers: list[bool] = []
+        if any_lost and function.instruction_id(k) in (*_MARGINS, ca.OP_AND, ca.OP_OR):
+            answers = [answer for answer in (False, True) if _without_value(function, needed, k, answer)]
+        found[k] = frozenset(answers)
+    return found
 
 
 def _without_value(function: ca.Function, needed: Collection[int], condition: int, answer: bool) -> bool:
@@ -335,11 +341,6 @@ _PASSING = (
     *(ca.OP_SQRT, ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_ASIN, ca.OP_ACOS, ca.OP_ATAN, ca.OP_ATAN2, ca.OP_FABS),
 )
 """Operations whose result is not a number if an operand is none."""
-
-
-def _is_nan(value: ca.SX) -> bool:
-    """Return whether an expression is the constant that is not a number."""
-    return value.is_constant() and bool(np.isnan(float(value)))
 
 
 _MARGINS = {

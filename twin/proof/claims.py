@@ -135,16 +135,8 @@ def judged(
         reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
     elif zeros >= ENOUGH and log_odds < _SURE:
         status = "proved"
-    elif zeros >= ENOUGH and log_odds < 0:
-        reason = "the odds of chance are not below 1e-12; draw more states"
-    elif zeros >= ENOUGH:
-        reason = "the degree of the expressions is too high for a bound of the odds"
-    elif not exact and reasons:
-        reason = "no exact form: " + ", ".join(reasons)
-    elif exact < ENOUGH:
-        reason = f"only {exact} of {int(inside.sum())} states have roots in the field; draw more states"
     else:
-        reason = "the exact values are not zero: a difference below 1e-6, or roots with other signs"
+        reason = _shortage(zeros, exact, int(inside.sum()), log_odds, reasons)
     kept: tuple[ProgramStep, ...] = ()
     if status == "proved" and None not in found.nodes:
         kept = tuple(node for node in found.nodes if node is not None)
@@ -160,6 +152,19 @@ def judged(
     verdict = (name, sentence, status, *numbers_of, reason, found.error, kept)
     more = {"luckless": luckless, "different": different, "undefined": undefined}
     return JudgedClaim(*verdict, roots=roots, doubtful=doubtful, **more)
+
+
+def _shortage(zeros: int, exact: int, inside: int, log_odds: float, reasons: Sequence[str]) -> str:
+    """Return why too few exact values are zero for a proof, of those that are known at some states within reach."""
+    if zeros >= ENOUGH and log_odds < 0:
+        return "the odds of chance are not below 1e-12; draw more states"
+    if zeros >= ENOUGH:
+        return "the degree of the expressions is too high for a bound of the odds"
+    if not exact and reasons:
+        return "no exact form: " + ", ".join(reasons)
+    if exact < ENOUGH:
+        return f"only {exact} of {inside} states have roots in the field; draw more states"
+    return "the exact values are not zero: a difference below 1e-6, or roots with other signs"
 
 
 def _at(state: Mapping[str, Array], place: int) -> dict[str, float]:

@@ -219,12 +219,7 @@ def prove(
             proof = _completed(proof, attempt(general, factor * states, rooted=groups_of_roots))
     progress("conditions", 0.95)
     report = _examined(formula, variants, proof, seed)
-    count = len(next(iter(report.states.values())))
-    if count:
-        near = {name: np.tile(numbers, _BESIDES) for name, numbers in report.states.items()}
-        shares = {claim.name: claim.share for claim in proof.claims if claim.status == "proved" and claim.roots}
-        besides = attempt(proof.drawn, _BESIDES * count, near=near, zero_shares=shares)
-        proof = _judged_besides(proof, besides)
+    proof = _with_found_states(proof, report, attempt)
     progress("the signs of roots", 0.98)
     return _with_branches(_with_signs(proof, report), report)
 
@@ -242,6 +237,16 @@ def _examined(formula: Formula, variants: Mapping[str, str], proof: Proof, seed:
         if name in proof.drawn:
             published[place] = parameters[name]
     return examined(conditions, drawn, published, limits)
+
+
+def _with_found_states(proof: Proof, report: BranchReport, attempt: Callable[..., Proof]) -> Proof:
+    """Return the proof after its claims were judged at states with rare answers of conditions."""
+    near = {name: np.tile(numbers, _BESIDES) for name, numbers in report.states.items()}
+    count = len(next(iter(near.values())))
+    if not count:
+        return proof
+    shares = {claim.name: claim.share for claim in proof.claims if claim.status == "proved" and claim.roots}
+    return _judged_besides(proof, attempt(proof.drawn, count, near=near, zero_shares=shares))
 
 
 def _judged_besides(proof: Proof, found: Proof) -> Proof:
