@@ -20,7 +20,7 @@ from twin.proof.motion.closure import nodes
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import first_pieces
 from twin.proof.motion.prove import MotionProof
-from twin.proof.motion.quantities import Cells, Enclosure, _motor_rows, cells_of
+from twin.proof.motion.quantities import Enclosure, TimeCells, _motor_rows, cells_of
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import TaylorModel
 from twin.reference import ReferenceModel
@@ -278,7 +278,7 @@ def test_a_break_before_a_violation_hides_it() -> None:
     span = np.linspace(0.0, 1.0, cells + 1)
     square = TaylorModel(np.zeros((2, cells)), np.zeros(cells))
     ones = np.ones(cells)
-    made = Cells(index, 0 * index, span[:-1], span[1:], 0 * ones, ones, square)
+    made = TimeCells(index, 0 * index, span[:-1], span[1:], 0 * ones, ones, square)
     goes_on = np.array([True, False, True])
     judged = prove._Round(pieces, made, [over, driven], np.ones(cells, bool), goes_on)
     _, path = sils()

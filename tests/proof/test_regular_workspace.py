@@ -14,7 +14,7 @@ from twin.cli import main
 from twin.core.errors import TwinError
 from twin.proof import intervals, krawczyk
 from twin.proof.interval_pose import IntervalPose, identity
-from twin.proof.loops import LoopEquations, ToolBox
+from twin.proof.loops import ClosingConditions, ToolBox
 
 CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
 """A box around the best position of SILS, which is partly beyond its limits."""
@@ -78,7 +78,7 @@ def test_volumes_add_up(proven):
 
 
 def test_derivatives_are_those_of_the_conditions(sils):
-    loops = LoopEquations(sils.mechanism)
+    loops = ClosingConditions(sils.mechanism)
     generator = np.random.default_rng(3)
     x = generator.uniform(-0.8, 0.8, (1, len(loops.names)))
     T = identity()

@@ -14,7 +14,7 @@ from twin.core.errors import TwinError
 from twin.model.mechanism import Mechanism
 from twin.proof import intervals
 from twin.proof.interval_pose import IntervalPose
-from twin.proof.loops import LoopEquations, ToolBox
+from twin.proof.loops import ClosingConditions, ToolBox
 from twin.proof.motion.linkage import Linkage
 from twin.proof.motion.taylor import TaylorModel, constant
 from twin.proof.rigid_frame import rigid_frame
@@ -28,7 +28,7 @@ def changed(mechanism: Mechanism, name: str, shift: np.ndarray) -> Mechanism:
     return replace(mechanism, joints=tuple(joints))
 
 
-def at_rest(mechanism: Mechanism, loops: LoopEquations) -> tuple[intervals.Intervals, ToolBox]:
+def at_rest(mechanism: Mechanism, loops: ClosingConditions) -> tuple[intervals.Intervals, ToolBox]:
     """Return joint values (1, k) and tool pose of a mechanism as it is in the CAD."""
     values = []
     for name in loops.names:
@@ -59,7 +59,7 @@ def test_a_rotation_that_is_not_orthogonal_is_refused_by_name() -> None:
     skew = np.eye(4)
     skew[0, 1] = 5e-7
     bad = changed(mechanism, mechanism.joints[0].name, skew)
-    for made in (Linkage, LoopEquations):
+    for made in (Linkage, ClosingConditions):
         with pytest.raises(TwinError, match=rf"joint {bad.joints[0].name}, frame on its child: .* 5.0e-07 only"):
             made(bad)
 
@@ -71,7 +71,7 @@ def test_a_loop_that_is_turned_over_is_not_closed() -> None:
     half = np.diag([1.0, -1.0, -1.0, 1.0])
     over = changed(mechanism, loop.name, half)
     for one, expected in ((mechanism, True), (over, False)):
-        loops = LoopEquations(one)
+        loops = ClosingConditions(one)
         x, tool = at_rest(one, loops)
         assert loops.aligned(x, tool).tolist() == [expected]
         assert loops.residual(loops.closures, x, tool).largest.max() < 1e-9

@@ -22,7 +22,7 @@ from twin.formula import flow
 from twin.kinematics.closed_loops.dragging import bounds_of
 from twin.proof.formula_boxes import FormulaBoxes
 from twin.proof.limits import LinearLimit
-from twin.proof.loops import LoopEquations
+from twin.proof.loops import ClosingConditions
 from twin.proof.regular_workspace import BoxJudge, RegularWorkspace, cover
 
 _PARTS = 232
@@ -159,7 +159,7 @@ def proven_workspace(
     if robot.files is None or not robot.files.has_equations:
         raise TwinError(f"{robot.name} has no equations, which must predict the joint values")
     mechanism = robot.mechanism
-    loops = LoopEquations(mechanism)
+    loops = ClosingConditions(mechanism)
     T = sampled.centre(robot)
     start = T[:3, 3]
     if corners is None:
@@ -217,7 +217,7 @@ def _edge(edge: float | None, low: Array, high: Array) -> float:
     return edge
 
 
-def _limits(robot: Robot, loops: LoopEquations) -> tuple[list[LinearLimit], tuple[str, ...]]:
+def _limits(robot: Robot, loops: ClosingConditions) -> tuple[list[LinearLimit], tuple[str, ...]]:
     """Return the hard limits of joints, motors and rails, and the joints whose limits are not considered."""
     mechanism = robot.mechanism
     limits = []

@@ -123,7 +123,7 @@ class _Motion:
                 self.axes[number] = axis, lever + step
 
 
-class LoopEquations:
+class ClosingConditions:
     """The closing conditions of a mechanism.
 
     Attributes:

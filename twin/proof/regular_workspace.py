@@ -16,7 +16,7 @@ from twin.proof.interval_pose import IntervalPose
 from twin.proof.intervals import Certainty, Intervals
 from twin.proof.krawczyk import Solutions
 from twin.proof.limits import LinearLimit
-from twin.proof.loops import Closure, LoopEquations, ToolBox, independent_rows
+from twin.proof.loops import ClosingConditions, Closure, ToolBox, independent_rows
 from twin.proof.rigid_frame import rigid_frame
 
 BATCH = 2048
@@ -113,7 +113,7 @@ class BoxJudge:
     """
 
     def __init__(
-        self, loops: LoopEquations, R: Array, limits: Sequence[LinearLimit], equations: Prediction, p: Array
+        self, loops: ClosingConditions, R: Array, limits: Sequence[LinearLimit], equations: Prediction, p: Array
     ) -> None:
         """Choose independent conditions at the position p (3,).
 

@@ -42,7 +42,7 @@ class PlacedFrame:
 
 
 @dataclass(frozen=True)
-class Place:
+class LinkageCoordinate:
     """Where one coordinate stands in the mechanism.
 
     Attributes:
@@ -99,10 +99,10 @@ class Linkage:
             TwinError: a frame of a joint, or that of the tool, is no rotation but for rounding.
         """
         self.mechanism = mechanism
-        self.places: list[Place] = []
+        self.places: list[LinkageCoordinate] = []
         for joint in mechanism.tree:
             for part in _parts(joint):
-                self.places.append(Place(joint.name, part, joint.active))
+                self.places.append(LinkageCoordinate(joint.name, part, joint.active))
         self.passive = [i for i, place in enumerate(self.places) if not place.active]
         names = [place.joint for place in self.places]
         self.driven = [names.index(joint.name) for joint in mechanism.active]

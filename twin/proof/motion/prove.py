@@ -19,7 +19,7 @@ from twin.proof.motion.closure import Poses, closed_linkage, connected, nodes
 from twin.proof.motion.linkage import Linkage, supported
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import DEEPEST, OVERLAP, Pieces, first_pieces
-from twin.proof.motion.quantities import Cells, Enclosure, cells_of, enclosures
+from twin.proof.motion.quantities import Enclosure, TimeCells, cells_of, enclosures
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import joined
 
@@ -129,7 +129,7 @@ class _Round:
     """Everything on the pieces of one round."""
 
     pieces: Pieces
-    cells: Cells
+    cells: TimeCells
     found: list[Enclosure]
     closed: np.ndarray
     goes_on: np.ndarray

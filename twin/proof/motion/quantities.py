@@ -31,7 +31,7 @@ _FUNCTION_ERROR = 4e-15
 
 
 @dataclass(frozen=True)
-class Cells:
+class TimeCells:
     """M intervals in which values are enclosed, in the order of time.
 
     Attributes:
@@ -79,7 +79,7 @@ class Enclosure:
     smallest: bool
 
 
-def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Cells:
+def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> TimeCells:
     """Return the cells of pieces."""
     first_of_pieces, last_of_pieces = pieces.ends
     piece = []
@@ -102,7 +102,7 @@ def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Cell
     centre = 0.5 * (start + end)
     scale = pieces.half[index]
     phase = pieces.phase[index]
-    return Cells(
+    return TimeCells(
         piece=index,
         phase=phase,
         first=start,
@@ -134,7 +134,7 @@ def _squares(phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, h
 
 
 def enclosures(
-    linkage: Linkage, path: TimedPath, cells: Cells, q: TaylorModel, slopes: TaylorModel, closed: ClosedLinkage
+    linkage: Linkage, path: TimedPath, cells: TimeCells, q: TaylorModel, slopes: TaylorModel, closed: ClosedLinkage
 ) -> Iterator[Enclosure]:
     """Yield every value of a path on its cells.
 
@@ -158,7 +158,7 @@ def enclosures(
 
 
 def _driven(
-    linkage: Linkage, path: TimedPath, cells: Cells, q: TaylorModel, slopes: TaylorModel
+    linkage: Linkage, path: TimedPath, cells: TimeCells, q: TaylorModel, slopes: TaylorModel
 ) -> Iterator[Enclosure]:
     """Yield limits and speeds of driven joints and motors, and gaps between carriages."""
     mechanism = linkage.mechanism
@@ -220,7 +220,7 @@ def _margin(name: str, group: str, unit: str, bounds: tuple[Array, Array], limit
     return Enclosure(name, group, unit, smallest - spread, largest + spread, 0.0, smallest=True)
 
 
-def _speed(slope: TaylorModel, cells: Cells) -> tuple[Array, Array]:
+def _speed(slope: TaylorModel, cells: TimeCells) -> tuple[Array, Array]:
     """Return bounds (M,) of |dq/dt| from models of dq/ds."""
     return _root((slope * slope * cells.square).range())
 
@@ -243,7 +243,7 @@ def _absolute(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def _of_mechanism(
-    linkage: Linkage, path: TimedPath, cells: Cells, slopes: TaylorModel, closed: ClosedLinkage
+    linkage: Linkage, path: TimedPath, cells: TimeCells, slopes: TaylorModel, closed: ClosedLinkage
 ) -> Iterator[Enclosure]:
     """Yield limits of passive joints, distance from the RCM, speeds of the tool, gaps and determinant of the loops."""
     mechanism = linkage.mechanism
@@ -266,7 +266,7 @@ def _of_mechanism(
         yield Enclosure("loops", "determinant", "1", low - error - last, high + error - first, -np.inf, smallest=True)
 
 
-def _passive(linkage: Linkage, cells: Cells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
+def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
     """Yield the distances of a passive joint from its limits and its cone."""
     name = joint.name
     tree_joint = next((j for j in linkage.mechanism.tree if j.name == joint.name), None)
@@ -289,7 +289,7 @@ def _passive(linkage: Linkage, cells: Cells, closed: ClosedLinkage, joint: Joint
     yield _margin(name, "passive limit", "rad", _angle(joint, cells, R), joint.limits)
 
 
-def _angle(joint: Joint, cells: Cells, R: TaylorModel) -> tuple[Array, Array]:
+def _angle(joint: Joint, cells: TimeCells, R: TaylorModel) -> tuple[Array, Array]:
     """Return bounds (M,) of the angle about z of rotations R (N, 3, 3), within half a turn of the joint's limits."""
     on_cells = cells.of(R)
     middle = np.asarray(joint.angle(_as_poses(on_cells.c[0])), float)
@@ -314,7 +314,7 @@ def _as_poses(R: Array) -> Array:
     return spatial.pose(R, np.zeros((len(R), 3)))
 
 
-def _rcm(path: TimedPath, cells: Cells, moved: PlacedFrame) -> Iterator[Enclosure]:
+def _rcm(path: TimedPath, cells: TimeCells, moved: PlacedFrame) -> Iterator[Enclosure]:
     """Yield the distance of the shaft from the RCM, separately where it is enforced and where it is monitored."""
     axis = cells.of((moved.R @ path.shaft_axis[:, None])[..., 0])
     tip = cells.of(moved.p)
@@ -341,7 +341,7 @@ def _rcm(path: TimedPath, cells: Cells, moved: PlacedFrame) -> Iterator[Enclosur
 def _tip(
     linkage: Linkage,
     path: TimedPath,
-    cells: Cells,
+    cells: TimeCells,
     slopes: TaylorModel,
     closed: ClosedLinkage,
     moved: PlacedFrame,

@@ -41,7 +41,7 @@ _PRESSED = 1
 
 
 @dataclass(frozen=True)
-class Input:
+class InputTopic:
     """A topic to which clients publish.
 
     Attributes:
@@ -56,7 +56,7 @@ class Input:
 
 
 @dataclass(frozen=True)
-class Output:
+class OutputTopic:
     """A topic to which this program publishes.
 
     Attributes:
@@ -92,14 +92,14 @@ class ConsoleTopics:
         self.hands = RosHands(console.device, lambda: console.world.t, lambda: console.ended)
         self._pens = Pens(console)
         self._goals: dict[str, _Goal] = {}  # the newest of each hand that no frame has used yet
-        self.inputs: dict[str, Input] = {}
-        self.outputs: dict[str, Output] = {}
+        self.inputs: dict[str, InputTopic] = {}
+        self.outputs: dict[str, OutputTopic] = {}
         for number, hand in enumerate(HANDS):
             self._add_hand(number, hand)
         self._add_console()
         for robot in console.members:
             self._add_robot(robot)
-        self.outputs["/tf"] = Output("tf2_msgs/TFMessage", self._transforms)
+        self.outputs["/tf"] = OutputTopic("tf2_msgs/TFMessage", self._transforms)
 
     # -- topics -----------------------------------------------------------------------------------------
 
@@ -121,10 +121,10 @@ class ConsoleTopics:
         def force() -> JsonObject:
             return ros.wrench_stamped(self._t, "picture", np.array(self._forces()[hand]))
 
-        self.inputs[f"{name}/measured_cp"] = Input("geometry_msgs/PoseStamped", pose, moves=True)
-        self.inputs[f"{name}/gripper/measured_js"] = Input("sensor_msgs/JointState", gripper)
-        self.inputs[f"{name}/gripper/angle"] = Input("std_msgs/Float64", grip)
-        self.outputs[f"{name}/body/servo_cf"] = Output("geometry_msgs/WrenchStamped", force)
+        self.inputs[f"{name}/measured_cp"] = InputTopic("geometry_msgs/PoseStamped", pose, moves=True)
+        self.inputs[f"{name}/gripper/measured_js"] = InputTopic("sensor_msgs/JointState", gripper)
+        self.inputs[f"{name}/gripper/angle"] = InputTopic("std_msgs/Float64", grip)
+        self.outputs[f"{name}/body/servo_cf"] = OutputTopic("geometry_msgs/WrenchStamped", force)
 
     def _add_console(self) -> None:
         def clutch(client: str, message: dict[str, Any]) -> str:
@@ -152,10 +152,10 @@ class ConsoleTopics:
         def scale_now() -> JsonObject:
             return {"data": float(self._console.reading["scale"])}
 
-        self.inputs["/footpedals/clutch"] = Input("sensor_msgs/Joy", clutch)
-        self.inputs["/footpedals/camera"] = Input("sensor_msgs/Joy", camera)
-        self.inputs["/console/teleop/set_scale"] = Input("std_msgs/Float64", scale)
-        self.outputs["/console/teleop/scale"] = Output("std_msgs/Float64", scale_now)
+        self.inputs["/footpedals/clutch"] = InputTopic("sensor_msgs/Joy", clutch)
+        self.inputs["/footpedals/camera"] = InputTopic("sensor_msgs/Joy", camera)
+        self.inputs["/console/teleop/set_scale"] = InputTopic("std_msgs/Float64", scale)
+        self.outputs["/console/teleop/scale"] = OutputTopic("std_msgs/Float64", scale_now)
 
     def _add_robot(self, robot: str) -> None:
         name = f"/{robot.upper()}"
@@ -184,14 +184,14 @@ class ConsoleTopics:
         joint_type = "sensor_msgs/JointState"
         pose_type = "geometry_msgs/PoseStamped"
         for kind, signal in (("measured", f"{robot}.encoder"), ("setpoint", f"{robot}.command")):
-            self.outputs[f"{name}/{kind}_js"] = Output(joint_type, joint_states(signal, arm_joints, arm))
+            self.outputs[f"{name}/{kind}_js"] = OutputTopic(joint_type, joint_states(signal, arm_joints, arm))
             if jaw_joints:
-                self.outputs[f"{name}/jaw/{kind}_js"] = Output(joint_type, joint_states(signal, jaw_joints, jaw))
-        self.outputs[f"{name}/measured_cp"] = Output(pose_type, measured_cp)
-        self.outputs[f"{name}/setpoint_cp"] = Output(pose_type, setpoint_cp)
-        self.outputs[f"{name}/operating_state"] = Output("crtk_msgs/OperatingState", state)
+                self.outputs[f"{name}/jaw/{kind}_js"] = OutputTopic(joint_type, joint_states(signal, jaw_joints, jaw))
+        self.outputs[f"{name}/measured_cp"] = OutputTopic(pose_type, measured_cp)
+        self.outputs[f"{name}/setpoint_cp"] = OutputTopic(pose_type, setpoint_cp)
+        self.outputs[f"{name}/operating_state"] = OutputTopic("crtk_msgs/OperatingState", state)
         if robot in (*self._console.table.right, *self._console.table.left):
-            self.inputs[f"{name}/servo_cp"] = Input(pose_type, self._servo(robot), moves=True)
+            self.inputs[f"{name}/servo_cp"] = InputTopic(pose_type, self._servo(robot), moves=True)
 
     def _servo(self, robot: str) -> Callable[[str, dict[str, Any]], str]:
         """Return the function that moves the tool of a robot to a pose in its base, by the hand that controls it."""
