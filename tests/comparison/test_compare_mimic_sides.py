@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made.moved_side import moved
 from twin.comparison.pair import compare_pair
 from twin.comparison.result import Comparison
 from twin.comparison.side import UNLIMITED, Axis, CouplingRow, JointGroup, RobotSide
@@ -51,15 +52,6 @@ def coupled() -> RobotSide:
 
 def with_limits(side: RobotSide, limits: tuple[float, float] | None) -> RobotSide:
     return replace(side, axes=(replace(side.axes[0], limits=limits), *side.axes[1:]))
-
-
-def moved(side: RobotSide, T: Array) -> RobotSide:
-    axes = []
-    for axis in side.axes:
-        point = T[:3, :3] @ axis.point + T[:3, 3]
-        axes.append(replace(axis, point=point, direction=T[:3, :3] @ axis.direction))
-    frames = {name: (group, T @ frame) for name, (group, frame) in side.frames.items()}
-    return replace(side, axes=tuple(axes), frames=frames)
 
 
 @pytest.mark.parametrize("drawn", [0.0, 0.4])

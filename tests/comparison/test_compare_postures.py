@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from made.moved_side import moved
 from twin.api import comparison
 from twin.comparison.fit import Problem
 from twin.comparison.matching import match
@@ -32,16 +33,6 @@ def groups(*names: str) -> tuple[JointGroup, ...]:
 
 def about(direction: Array, angle: float, point: Array) -> Array:
     return spatial.pose(spatial.exp_so3(angle * direction), point)
-
-
-def moved(side: RobotSide, T: Array) -> RobotSide:
-    """Return a side with another base frame."""
-    axes = []
-    for axis in side.axes:
-        point = T[:3, :3] @ axis.point + T[:3, 3]
-        axes.append(replace(axis, point=point, direction=T[:3, :3] @ axis.direction))
-    frames = {name: (group, T @ frame) for name, (group, frame) in side.frames.items()}
-    return replace(side, axes=tuple(axes), frames=frames)
 
 
 def four_bar(label: str, crank: float, balls: tuple[float, ...] = ()) -> RobotSide:

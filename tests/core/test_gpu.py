@@ -312,12 +312,19 @@ def test_states_of_every_robot(name, card):
     equal_answers(twin.load(name), 5000)
 
 
-def test_the_driver_takes_the_arguments():
-    """Without a GPU's driver: the library converts all arguments before it misses the driver."""
+def test_the_driver_computes_or_takes_the_arguments():
+    """Without a GPU's driver, the library converts all arguments before it misses the driver."""
     driver = pytest.importorskip("cuda.bindings.driver", reason="the extra gpu is not installed")
     found, reason = gpu.found()
     if found is not None:
-        pytest.skip(f"{found.name} answers")
+        x = np.arange(20_000.0).reshape(2, -1)
+        y = np.full((1, 10_000), 3.0)
+        with computing_on("gpu") as device:
+            products, differences = product()(x, y)
+        assert device.name == found.name
+        np.testing.assert_array_equal(products, 3 * x)
+        np.testing.assert_array_equal(differences, x[:1] - 3)
+        return
     assert "the NVIDIA driver is missing" in reason
     card = object.__new__(gpu.CudaGpu)
     card._driver = driver
