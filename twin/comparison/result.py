@@ -158,10 +158,10 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict(pair)}"
     for item in pair.conventions:
         yield f"  ▲ convention, {item.kind}: {item.text}"
-        yield from _item_text(item)
+        yield from _item_text(item, pair)
     for item in pair.differences:
         yield f"  ✖ {item.text}"
-        yield from _item_text(item)
+        yield from _item_text(item, pair)
     yield from _unedited_text(pair)
     for texts in pair.ties:
         yield f"  or, equally well: {'; '.join(texts)}"
@@ -261,7 +261,7 @@ def _verdict(pair: SidePair) -> str:
     return texts[pair.kinematics]
 
 
-def _item_text(item: ComparedItem) -> Iterator[str]:
+def _item_text(item: ComparedItem, pair: SidePair) -> Iterator[str]:
     for label, edits in _by_side(item.edits).items():
         word = "edit"
         for edit in edits[:_SHOWN_EDITS]:
@@ -272,7 +272,8 @@ def _item_text(item: ComparedItem) -> Iterator[str]:
             word = "  or"
         if len(edits) > _SHOWN_EDITS:
             yield f"      and {len(edits) - _SHOWN_EDITS} more in {label}"
-    if not item.edits and item.kind not in ("name", "order"):
+    searched = not (why_not_edited(pair.first) and why_not_edited(pair.second))
+    if searched and not item.edits and item.kind not in ("name", "order"):
         yield "      no edit of one number was found that removes this"
 
 

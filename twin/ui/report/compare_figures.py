@@ -60,7 +60,12 @@ def figure(found: Comparison) -> Figure:
             styles[k] = "."  # rows are no chain
     ax.plot(*first.T, styles[0], color=PALETTE[0], linewidth=4, alpha=0.6, label=pair.first.label)
     ax.plot(*second.T, styles[1], color=PALETTE[4], linewidth=2, label=pair.second.label)
-    ends = np.vstack([first, second])
+    joints_first = _joint_points(pair.first, X) / MM
+    joints_second = _joint_points(pair.second, np.eye(4)) / MM
+    if len(joints_first) and len(joints_second):
+        ax.plot(*joints_first.T, "s", color=PALETTE[0], markersize=9, alpha=0.6, label="joints, as drawn")
+        ax.plot(*joints_second.T, "x", color=PALETTE[4], markersize=7)
+    ends = np.vstack([first, second, joints_first, joints_second])
     middle = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
     half = 0.5 * float(np.ptp(ends, axis=0).max())
     for k, name in enumerate("xyz"):
@@ -89,6 +94,14 @@ def _beside(points: Array, lines: Array, others: Array) -> Array:
     """Return points (n, 3), each moved along its line, a direction (n, 3), to the place nearest to another point."""
     along = np.sum((others - points) * lines, axis=1, keepdims=True)
     return points + along * lines
+
+
+def _joint_points(side: RobotSide, X: Array) -> Array:
+    """Return the places (n, 3) in m, moved by X, of all joints of a robot with loops, as drawn; none without loops."""
+    if not side.looped:
+        return np.zeros((0, 3))
+    points = np.array([axis.point for axis in side.axes])
+    return points @ X[:3, :3].T + X[:3, 3]
 
 
 def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> tuple[Array, Array]:

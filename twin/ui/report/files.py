@@ -67,6 +67,7 @@ _PICTURES = (
     "operate",
     "procedure",
     "prove",
+    "prove-workspace",
     "scene",
     "session",
     "stroke",
@@ -99,7 +100,7 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     shown = [page.name]
     figure = None
     if result.kind in _PICTURES and drawable():
-        module = import_module(f"twin.ui.report.{result.kind}_figures")
+        module = import_module(f"twin.ui.report.{result.kind.replace('-', '_')}_figures")
         figure = module.figure(result)  # None if there is nothing to draw
     if figure is not None:
         picture = folder / f"{name}.png"
