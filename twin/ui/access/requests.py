@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import ssl
 from collections.abc import Awaitable, Callable, Mapping
@@ -10,7 +11,7 @@ from http import HTTPStatus
 from typing import Any
 from urllib.parse import parse_qs
 
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
@@ -174,6 +175,17 @@ def listen(
         ssl_handshake_timeout=None if context is None else 5.0,
         **more,
     )
+
+
+async def end(server: Server) -> None:
+    """Close all connections (code 1001) and stop; clients that do not close in time are disconnected."""
+    server.close(code=1001, reason="the server ends")
+    try:
+        async with asyncio.timeout(0.5):
+            await server.wait_closed()
+    except TimeoutError:
+        for connection in list(server.handlers):
+            connection.transport.abort()
 
 
 def query_of(target: str) -> dict[str, str]:

@@ -21,6 +21,7 @@ from twin.ui.access.limits import GARBAGE, MESSAGES, Bucket, ConnectionCounter
 from twin.ui.access.requests import (
     WebSocketLimits,
     check_request,
+    end,
     listen,
     query_of,
     serve_file,
@@ -129,13 +130,7 @@ class StreamServer:
         if self._response is not None:
             self._response.cancel()
         self._send_state()
-        self._server.close(code=1001, reason="the server ends")
-        try:
-            async with asyncio.timeout(0.5):
-                await self._server.wait_closed()
-        except TimeoutError:
-            for connection in list(self._server.handlers):
-                connection.transport.abort()
+        await end(self._server)
         self.source.close()
         if self.recording is not None:
             write = self.recording.finish()

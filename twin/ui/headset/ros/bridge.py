@@ -6,7 +6,6 @@ receives slowly gets the newest message, never an old one.
 
 from __future__ import annotations
 
-import asyncio
 import math
 import ssl
 import time
@@ -25,7 +24,7 @@ from twin.core.json_types import JsonObject
 from twin.exchange.formats.mcap.ros_definitions import full_name, short_name
 from twin.ui.access.connection import Connection
 from twin.ui.access.limits import GARBAGE, Bucket, ConnectionCounter
-from twin.ui.access.requests import WebSocketLimits, check_request, listen
+from twin.ui.access.requests import WebSocketLimits, check_request, end, listen
 from twin.ui.access.responses import error_response
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset.ros import operations
@@ -143,15 +142,7 @@ class RosBridge:
     async def close(self) -> None:
         """Disconnect all clients and stop."""
         self.hurry = lambda: None
-        self._server.close(code=1001, reason="the server ends")
-        for client in list(self._clients):
-            client.ws.cut()
-        try:
-            async with asyncio.timeout(0.5):
-                await self._server.wait_closed()
-        except TimeoutError:
-            for connection in list(self._server.handlers):
-                connection.transport.abort()
+        await end(self._server)
 
     def state(self) -> JsonObject:
         """Return port, number of clients, client of each hand, and number of refused poses, as an entry of `state`."""
