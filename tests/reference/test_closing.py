@@ -15,7 +15,7 @@ from twin.model.joined import joined
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
-from twin.reference.pairs import Pairs
+from twin.reference.pairs import CollisionPairs
 
 
 @cache
@@ -141,7 +141,7 @@ def test_two_loops_that_change_their_modes_together_are_noticed():
 @pytest.mark.slow
 def test_levers_bound_the_approach_of_bodies_beyond_a_ball_joint():
     m, rng = model("sils"), np.random.default_rng(2)
-    pairs, x = Pairs(m, (), 5 * MM), m.home().x
+    pairs, x = CollisionPairs(m, (), 5 * MM), m.home().x
     assert pairs.levers is not None
     rows = [k for k, pair in enumerate(pairs.rows) if "platform" in {pairs.shapes[i].name for i in pair}]
     assert len(rows) > 3

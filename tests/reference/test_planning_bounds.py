@@ -25,7 +25,7 @@ from twin.reference import ReferenceModel
 from twin.reference.bounds import Bounds, balls_of, grid_of
 from twin.reference.clearance import Shape
 from twin.reference.following import Follower
-from twin.reference.pairs import Pairs
+from twin.reference.pairs import CollisionPairs
 from twin.reference.space import JointSpace
 
 
@@ -100,7 +100,7 @@ def test_the_shape_with_the_grid_is_the_one_that_gives_the_closer_bounds(monkeyp
 
 
 def test_nearer_agrees_with_the_exact_distance_at_every_margin():
-    pairs, rng = Pairs(ReferenceModel(arm(4)), [post(0.3, 0.1)], 5 * MM), np.random.default_rng(3)
+    pairs, rng = CollisionPairs(ReferenceModel(arm(4)), [post(0.3, 0.1)], 5 * MM), np.random.default_rng(3)
     seen = 0
     for poses in pairs.poses(rng.uniform(-2.5, 2.5, (60, 4))):
         for row, (a, b) in enumerate(pairs.rows):
@@ -130,7 +130,7 @@ def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch):
 
 
 def test_levers_bound_how_far_bodies_approach():
-    pairs, rng = Pairs(ReferenceModel(arm(4)), [post(0.6, 0.0)], 5 * MM), np.random.default_rng(2)
+    pairs, rng = CollisionPairs(ReferenceModel(arm(4)), [post(0.6, 0.0)], 5 * MM), np.random.default_rng(2)
     used = np.zeros(len(pairs))
     for _ in range(40):
         x, step = rng.uniform(-2, 2, 4), rng.uniform(0, 0.1, 4)
@@ -154,7 +154,7 @@ def test_a_ball_joint_that_turns_about_three_axes_in_turn_is_within_the_bound():
     joints = (Joint("port", "spherical", "base", "ball"),)
     tool, rest = Frame("tool", "ball", np.eye(4)), {"base": np.eye(4), "ball": np.eye(4)}
     model = ReferenceModel(Mechanism("ball", "base", bodies, joints, (tool,), rest=rest))
-    pairs, x = Pairs(model, [post(2.0, 0.0)], 5 * MM), model.home().x[None]
+    pairs, x = CollisionPairs(model, [post(2.0, 0.0)], 5 * MM), model.home().x[None]
     bound = pairs.around(x, np.full((1, 3), 0.5))[1]
     end = x
     for turn in turns:
@@ -169,7 +169,7 @@ def test_a_ball_joint_that_turns_about_three_axes_in_turn_is_within_the_bound():
 @pytest.mark.parametrize("name", contrasting(designs()))
 def test_bounds_of_every_robot_hold_at_random_configurations(name):
     model = ReferenceModel(twin.load(name).mechanism)
-    pairs, rng = Pairs(model, (), 5 * MM), np.random.default_rng(0)
+    pairs, rng = CollisionPairs(model, (), 5 * MM), np.random.default_rng(0)
     X = np.array([model.home().x] * 4)
     single = [model.tree.model.joints[i] for i in range(1, model.tree.model.njoints)]
     places = [j.idx_q for j in single if j.nq == 1]

@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.checking.found import CheckFinding
 
-Place = Callable[[Element, str], tuple[str, int]]
+ElementPlace = Callable[[Element, str], tuple[str, int]]
 """(element, "joint/NAME/limit") to (file relative to the checked folder, line or 0)."""
 
 _MOVING = ("revolute", "continuous", "prismatic")
@@ -47,7 +47,7 @@ class Elements:
 
     root: Element
     sdf: bool
-    place: Place
+    place: ElementPlace
 
     def found(self, rule: str, element: Element, path: str, subject: str, message: str) -> CheckFinding:
         """Return a finding on an element."""

@@ -12,11 +12,11 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-Samples = tuple[Array, Array, Array, Array]
+TimedSamples = tuple[Array, Array, Array, Array]
 """(t, s, ds/dt, d2s/dt2), each (k,): time t in seconds, path parameter s and its derivatives."""
 
 
-def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) -> Samples:
+def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) -> TimedSamples:
     """Return the motion sampled at every dt.
 
     Args:
@@ -48,7 +48,7 @@ def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) ->
     return t, s, sd, sdd
 
 
-def _at(grid: Array, rates: Array, t: Array) -> Samples:
+def _at(grid: Array, rates: Array, t: Array) -> TimedSamples:
     """Return s, ds/dt, d2s/dt2, and the integral of s over time, at times t between start and end of the motion."""
     sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
     spans = 2 * np.diff(grid) / (rates[1:] + rates[:-1])

@@ -21,7 +21,7 @@ from twin.core.spatial import Array
 from twin.planning import topp, toppra_solver
 from twin.planning.path import Path
 from twin.planning.protocol.model import Solver
-from twin.planning.sampling import Samples, sample
+from twin.planning.sampling import TimedSamples, sample
 
 Derivatives = Callable[[Array], tuple[Array, Array]]
 """Function: s (k,) -> first and second derivatives (k, m) of m coordinates with respect to s."""
@@ -144,7 +144,7 @@ def time_path(
     optimal = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
     slower = max(1.0, speed, np.sqrt(acceleration))
 
-    def paced(window: int, slower: float) -> tuple[Samples, float]:
+    def paced(window: int, slower: float) -> tuple[TimedSamples, float]:
         """Return (samples of the motion, slowed down until limits are satisfied, their jerk divided by its limit)."""
         steps = 1
         worst = np.inf
@@ -177,8 +177,8 @@ def time_path(
 
 
 def _averaged(
-    paced: Callable[[int, float], tuple[Samples, float]], slower: float, steps: float
-) -> tuple[Samples, int, float]:
+    paced: Callable[[int, float], tuple[TimedSamples, float]], slower: float, steps: float
+) -> tuple[TimedSamples, int, float]:
     """Return samples averaged over the shortest window within the jerk limit, the window in samples, and the slowdown.
 
     If no window suffices, the motion is slowed down further; the slowdown is `slower` times the factor for this.
@@ -204,8 +204,11 @@ def _averaged(
 
 
 def _shortest(
-    paced: Callable[[int, float], tuple[Samples, float]], slower: float, low: int, found: tuple[int, Samples, float]
-) -> tuple[Samples, int]:
+    paced: Callable[[int, float], tuple[TimedSamples, float]],
+    slower: float,
+    low: int,
+    found: tuple[int, TimedSamples, float],
+) -> tuple[TimedSamples, int]:
     """Return the samples of the shortest sufficient window, and this window; it is accurate to 2 % or one sample.
 
     Args:

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.core.errors import MechanismError
 from twin.core.units import MM
-from twin.reference.pairs import Pairs
+from twin.reference.pairs import CollisionPairs
 from twin.reference.stations import Stations
 
 _FAR = 100 * MM
@@ -47,7 +47,9 @@ def nearest(found: Iterable[Certificate]) -> Certificate:
     return replace(smallest, proven=proven)
 
 
-def certify(seen: Stations, pairs: Pairs, which: np.ndarray, within: float, check: Callable[[], None]) -> Certificate:
+def certify(
+    seen: Stations, pairs: CollisionPairs, which: np.ndarray, within: float, check: Callable[[], None]
+) -> Certificate:
     """Return the smallest distance, with a proven lower bound, of the pairs `which` (n,) along a path.
 
     Args:

@@ -29,7 +29,7 @@ SEARCHED = 2 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller balls."""
 
 _FEW = 3
-"""Maximum number of revolute joints between two bodies for which results are stored in cells (see `Pairs.closer`)."""
+"""Maximum number of revolute joints between two bodies with stored results, see `CollisionPairs.closer`."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Still:
     touches: frozenset[str] = frozenset()
 
 
-class Pairs:
+class CollisionPairs:
     """Pairs of bodies that could collide.
 
     Two kinds of pairs are left out: bodies connected by a joint (the joint limits separate them), and bodies that touch

@@ -25,7 +25,7 @@ from twin.reference.certificate import Certificate, certify, nearest
 from twin.reference.closing import Closing
 from twin.reference.joint_range import within_limits
 from twin.reference.model import ReferenceModel
-from twin.reference.pairs import SEARCHED, Pairs, Still
+from twin.reference.pairs import SEARCHED, CollisionPairs, Still
 from twin.reference.stations import Stations
 
 _ANGLE = 0.1
@@ -132,11 +132,11 @@ class JointSpace:
         return self._make()
 
     @cached_property
-    def _pairs(self) -> Pairs:
+    def _pairs(self) -> CollisionPairs:
         obstacles: Sequence[Still] = ()
         if self._around is not None:
             obstacles = self._around()
-        return Pairs(self._model, obstacles, self.clearance, self._arms)
+        return CollisionPairs(self._model, obstacles, self.clearance, self._arms)
 
     @cached_property
     def _closing(self) -> Closing:
@@ -192,7 +192,7 @@ class JointSpace:
         """Return (k,) bool: whether joint values q (k, n) are free.
 
         Joint values are free if they are within limits, the loops close, `keep` allows the state, and all required
-        distances are kept. If not `exact`, `Pairs.seem_near` judges the distances that the bounds do not decide.
+        distances are kept. If not `exact`, `CollisionPairs.seem_near` judges the distances that the bounds do not decide.
         """
         self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
@@ -447,7 +447,7 @@ class JointSpace:
     ) -> np.ndarray:
         """Return (count,) bool: whether all pairs have the required distance at the tested s, and half of it at all s.
 
-        If `exact` is False, distances that the bounds do not decide are judged by `Pairs.seem_near`.
+        If `exact` is False, distances that the bounds do not decide are judged by `CollisionPairs.seem_near`.
 
         Args:
             count: number of paths.

@@ -28,7 +28,7 @@ from twin.exchange.audit.meshes import check_mesh, joined, read_obj
 from twin.exchange.audit.motion import Content, FileClip, LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
-from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, Closures, check_gap, read_closures
+from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, FileClosures, check_gap, read_closures
 from twin.exchange.xacro import SUFFIX, Expanded, expand, is_xacro
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
@@ -128,13 +128,13 @@ class Urdf:
         )
         self._ledger.wrong("urdf.tree", text, joint.child)
 
-    def _read_closures(self, file: Path, joints: Collection[str], moving: frozenset[str]) -> Closures:
+    def _read_closures(self, file: Path, joints: Collection[str], moving: frozenset[str]) -> FileClosures:
         """Return the content of a closure YAML, if there is one; its driven joints must be the joints `moving`."""
         closures = None
         if file.is_file():
             closures = read_closures(file, self.links, joints, self._ledger)
         if closures is None:
-            return Closures()
+            return FileClosures()
         if moving != closures.driven:
             apart = ", ".join(sorted(moving ^ closures.driven))
             text = f"the transmissions and 'name_mot' of {file.name} do not name the same driven joints: {apart}."

@@ -34,7 +34,7 @@ _KINDS = {"6d": "fixed", "3d": "spherical"}
 
 
 @dataclass(frozen=True)
-class Closures:
+class FileClosures:
     """Content of a closure YAML.
 
     Attributes:
@@ -57,7 +57,7 @@ class Closures:
         return out
 
 
-def read_closures(path: Path, links: Collection[str], joints: Collection[str], ledger: Ledger) -> Closures | None:
+def read_closures(path: Path, links: Collection[str], joints: Collection[str], ledger: Ledger) -> FileClosures | None:
     """Return the content of a closure YAML; None if it cannot be read. Faults are added to the ledger.
 
     Only files in which each line is a key with its value in JSON are read, as twin writes them. `links` and `joints`
@@ -102,7 +102,7 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
     couplings = None
     if "coupling" in data:
         couplings = _couplings(path, data["coupling"], joints, ledger)
-    return Closures(tuple(out), frozenset(str(n) for n in driven), values, couplings)
+    return FileClosures(tuple(out), frozenset(str(n) for n in driven), values, couplings)
 
 
 def _couplings(
