@@ -192,7 +192,7 @@ class JointSpace:
         """Return (k,) bool: whether joint values q (k, n) are free.
 
         Joint values are free if they are within limits, the loops close, `keep` allows the state, and all required
-        distances are kept. If not `exact`, `CollisionPairs.seem_near` judges the distances that the bounds do not decide.
+        distances are kept. If not `exact`, `CollisionPairs.seem_near` judges the distances that the bounds leave open.
         """
         self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
