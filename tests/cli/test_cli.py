@@ -696,11 +696,18 @@ def test_interrupt_names_the_folders_that_are_complete(run, tmp_path, monkeypatc
 # ----------------------------------------------------------------------------------------- terminals and pipes
 
 
+TABLE = "# convention: standard\njoint,theta,d [mm],a [mm],alpha [deg]\nq1,q1,10,0,90\nq2,q2,20,30,0\n"
+
+
 @pytest.mark.slow
-def test_reader_of_a_pipe_may_leave():
+@pytest.mark.parametrize("argv", [("list",), ("compare", "a.csv", "b.csv", "--quiet")], ids=lambda argv: argv[0])
+def test_reader_of_a_pipe_may_leave(argv, tmp_path):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text(TABLE, encoding="utf-8")
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run([sys.executable, "-m", "twin", "list"], stdout=writer, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "twin", *argv]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     os.close(writer)
     assert (done.returncode, done.stderr) == (2, "")
 
@@ -760,6 +767,22 @@ def test_progress_goes_to_the_terminal_and_never_into_the_output(as_json):
     assert b"\x1b" not in done.stdout
     if as_json:
         json.loads(done.stdout)
+
+
+def test_an_example_is_copied_and_no_work_overwritten(run, tmp_path):
+    target = tmp_path / "mine"
+    made = json.loads(run("new", str(target), "--example", "hexapod", "--json").out)
+    files = {str(target / name) for name in ("cad/hexapod.toml", "cad/hexapod.step", "formula.py")}
+    assert files < set(made["files"]) == {str(p) for p in target.rglob("*") if p.is_file()}
+    assert not list(target.rglob("model.py"))
+    (target / "formula.py").write_text("# mine\n", encoding="utf-8")
+    again = run("new", str(target), "--example", "hexapod")
+    assert again.code == 2
+    assert "the folder is not empty" in again.err
+    assert (target / "formula.py").read_text(encoding="utf-8") == "# mine\n"
+    both = run("new", "mine", "arm.urdf", "--example", "hexapod")
+    assert both.code == 2
+    assert "--example copies a robot and reads no file" in both.err
 
 
 def test_a_notice_says_whose_python_is_run(run, tmp_path, caplog):

@@ -85,6 +85,10 @@ def test_wheel_holds_the_data_of_every_robot(names):
         for p in (ROOT / kind).rglob("*")
         if p.is_file() and p.suffix not in (".py", ".pyc")
     }
+    for file in (ROOT / "docs/examples").glob("*/**/*"):
+        drawn_or_built = (file.parent.name == "cad" and file.suffix == ".py") or "usd" in file.parts
+        if file.is_file() and file.suffix != ".pyc" and not drawn_or_built:
+            committed.add(f"twin/_data/examples/{file.relative_to(ROOT / 'docs/examples')}")
     packed = {n for n in names if n.startswith("twin/_data/")}
     assert packed == committed
     assert {"twin/_data/cad/sils/sils.step", "twin/_data/cad/sils/sils.toml"} <= packed
@@ -100,7 +104,8 @@ def test_wheel_holds_the_package_and_nothing_else(names):
     assert f"{web}/dist/twin.js" in names
     others = {n for n in names if not n.startswith("twin/") and ".dist-info/" not in n}
     assert others == set()
-    assert not [n for n in names if n.startswith("twin/_data/") and n.endswith(".py")], "CAD sources are not shipped"
+    programs = {n for n in names if n.startswith("twin/_data/") and n.endswith(".py")}
+    assert programs == {"twin/_data/examples/hexapod/formula.py"}, "CAD sources are not shipped"
     assert not [n for n in names if Path(n).name.startswith(("test_", "conftest"))]
 
 

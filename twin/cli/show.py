@@ -174,7 +174,13 @@ def _styled(line: Line) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    Console(highlight=False, soft_wrap=True).print(Text(line.text, style=line.style))
+    class PipedConsole(Console):
+        """A console that leaves a closed pipe to `twin.cli.command_line`; rich would raise SystemExit(1): disagree."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    PipedConsole(highlight=False, soft_wrap=True).print(Text(line.text, style=line.style))
 
 
 def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str = "  ", *, fit: bool = False) -> str:

@@ -35,6 +35,14 @@ def data_folder() -> Path:
     return _PACKAGE.parent
 
 
+def examples() -> dict[str, Path]:
+    """Return the folders of the examples of a user's robot, by name."""
+    folder = data_folder() / "examples"
+    if is_checkout():
+        folder = data_folder() / "docs/examples"
+    return {path.name: path for path in sorted(folder.glob("*")) if (path / "cad").is_dir()}
+
+
 def is_checkout() -> bool:
     """Return whether twin runs from a source checkout, where `build` may write usd/."""
     return data_folder() == _PACKAGE.parent and (_PACKAGE.parent / "pyproject.toml").is_file()

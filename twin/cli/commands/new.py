@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command
+from twin.core.assets import examples
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.exchange.formats import imported
@@ -24,7 +25,8 @@ EXAMPLES = """\
   twin new arm robot.urdf                          the same as --from robot.urdf
   twin new ur ur.urdf.xacro --arg name:=ur --arg ur_type:=ur5e --packages ~/ros/src
   twin new panda table.csv --dh modified --units m,rad    a table of Denavit-Hartenberg parameters, with its equations
-  twin new arm.step                                an incomplete robot: joints are proposed as comments"""
+  twin new arm.step                                an incomplete robot: joints are proposed as comments
+  twin new my_hexapod --example hexapod            a complete example: STEP, description, equations, motion"""
 
 
 def arguments(command: Command) -> None:
@@ -36,6 +38,7 @@ def arguments(command: Command) -> None:
         known += format.sources
     suffixes = ", ".join(known)
     command.text("--from", "FILE", f"a file with one of these suffixes: {suffixes}", dest="source")
+    command.text("--example", "NAME", "copy an example instead of reading a file", choices=sorted(examples()))
     command.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
     text = "robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF)"
     command.text("--root", "NAME", text)
@@ -51,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
     from twin.exchange.read import format_of, suffixes
     from twin.usd.read.names import identifier
 
+    if args.example:
+        return _copy(args)
     if args.source and args.file:
         raise TwinError(f"two files to read are given, {args.file} and {args.source}: omit one of them")
     given = args.source or args.file
@@ -91,6 +96,23 @@ def run(args: argparse.Namespace) -> int:
         f"  next: {first}{following}"
     )
     print(text)
+    return 0
+
+
+def _copy(args: argparse.Namespace) -> int:
+    """Copy an example into the folder that is named like the new robot."""
+    from twin.cli import show
+    from twin.exchange.example import copy_example
+
+    if args.source or args.file:
+        raise TwinError("--example copies a robot and reads no file: omit the file, or --example")
+    target = Path(args.out or args.name)
+    files = [str(path) for path in copy_example(args.example, target, args.force)]
+    if args.json:
+        print(show.as_json(show.record("new", {"robot": args.example, "files": files}, [])))
+        return 0
+    print(f"  {target}/: {len(files)} files of the example {args.example}")
+    print(f"  next: twin validate {target}/, twin view {target}/; the equations are in {target}/formula.py")
     return 0
 
 
