@@ -23,7 +23,8 @@ from urllib.error import URLError
 from twin.cli import main
 
 ROOT = Path(__file__).parents[2]
-FIRST = [ROOT / "README.md", ROOT / "docs/ten-minutes.md", ROOT / "docs/your-own-robot.md"]
+TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
+FIRST = [ROOT / "README.md", *TUTORIALS, ROOT / "docs/your-own-robot.md"]
 """What a newcomer reads first."""
 PAGES = [*FIRST, *sorted({ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")} - set(FIRST))]
 ACTIVATE = ". .venv/bin/activate"
@@ -35,8 +36,8 @@ _NAMED = re.compile(r"file `([^`]+)`:$")
 _ADDRESS = re.compile(r"http://127[.]0[.]0[.]1:[0-9]+")
 _LENGTHS = {"pm": 1e-12, "nm": 1e-9, "µm": 1e-6, "mm": 1e-3, "m": 1.0}
 _NUMBER = re.compile(r"(?<![\w.])(?P<value>\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?)(?: (?P<unit>[pnµm]?m)\b)?")
-_AGREES = re.compile(r"\bAGREE\b|\*\*agree\*\*")
-_DISAGREES = re.compile(r"\bDISAGREE\b|\*\*disagree\*\*|\bNOT met\b|\bchecks failed\b")
+_AGREES = re.compile(r"\bAGREE\b|\bAgree\b|\*\*agree\*\*")
+_DISAGREES = re.compile(r"\bDISAGREE\b|\bDisagree\.|\*\*disagree\*\*|\bNOT met\b|\bchecks failed\b")
 _PRINTS = re.compile(r"^print\(.*\)  # (.*)$", re.MULTILINE)
 _BOUND = re.compile(r"(?:less than|within|at most) $")
 

@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 
-from made.pages import ACTIVATE, PAGES, ROOT, NewUser, all_steps, figures, says, squeezed, steps_of
+from made.pages import ACTIVATE, PAGES, ROOT, TUTORIALS, NewUser, all_steps, figures, says, squeezed, steps_of
 
 HEXAPOD = ROOT / "docs/examples/hexapod"
 
@@ -146,13 +146,14 @@ def named(step):
 
 
 def lanes():
-    """Return the steps of all pages for `parametrize`; what a page above runs already is nightly."""
+    """Return the steps of all pages for `parametrize`; what a page above runs already is nightly, but for tutorials."""
     found = []
     seen: dict[str, str] = {}
+    tutorials = {page.name for page in TUTORIALS}
     for step in all_steps():
         twin = step.kind == "command" and step.text.startswith("twin ")
         again = twin and seen.setdefault(step.text, step.page) != step.page
-        nightly = again or named(step) in NIGHTLY
+        nightly = (again or named(step) in NIGHTLY) and step.page not in tutorials
         found.append(pytest.param(step, id=str(step), marks=[pytest.mark.nightly] if nightly else []))
     return found
 
@@ -255,7 +256,9 @@ def test_figures_are_compared_to_their_last_digit():
 
 
 def test_the_page_differs_from_the_example_by_its_mistake_alone():
-    written = {step.file: step.text for step in steps_of(ROOT / "docs/ten-minutes.md") if step.kind == "file"}
+    written = {
+        step.file: step.text for step in steps_of(ROOT / "docs/tutorials/judge-equations.md") if step.kind == "file"
+    }
     text = written["my_hexapod/formula.py"]
     assert text.replace("R.T @ b", "R @ b") == (HEXAPOD / "formula.py").read_text(encoding="utf-8")
     body = text[text.index("def on_circle") :].splitlines()
@@ -265,7 +268,7 @@ def test_the_page_differs_from_the_example_by_its_mistake_alone():
 def test_excerpts_are_those_of_the_files():
     files = (HEXAPOD / "cad/hexapod.toml").read_text() + (HEXAPOD / "trajectories/tour.toml").read_text()
     known = {squeezed(line) for line in files.splitlines()}
-    page = (ROOT / "docs/ten-minutes.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/tutorials/judge-equations.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     assert len(blocks) == 3
     for line in "\n".join(blocks).splitlines():
