@@ -125,10 +125,11 @@ class Oracle:
     An inverse may choose another solution than the right one: its joints must give the pose, and its points be there.
     """
 
-    def __init__(self, robot, ranges, count=POSES, seed=77):
-        """Draw the states; `ranges` are those of the proof, without parameters."""
+    def __init__(self, robot, ranges, uncovered=(), count=POSES, seed=77):
+        """Draw the states; `ranges` are those of the proof, without parameters, `uncovered` the points it names."""
         generator = np.random.default_rng(seed)
         self.formula = robot.formula
+        self.uncovered = uncovered
         low, high = np.array([[r[1], r[2]] for r in ranges.values()]).T
         self.state = generator.uniform(low, high, (count, len(low)))
         self.right = compile_formula(robot.formula)
@@ -149,7 +150,12 @@ class Oracle:
             named = equations.points_many(qs=joints)
         else:
             named = equations.points_many(Ts=self.poses)
-        return np.column_stack([np.asarray(p).reshape(len(self.state), -1) for p in named.values()])
+        return self._columns(named)
+
+    def _columns(self, named):
+        """Return the points that a claim covers, as columns."""
+        kept = [p for name, p in named.items() if name not in self.uncovered]
+        return np.column_stack([np.asarray(p).reshape(len(self.state), -1) for p in kept])
 
     def wrong(self):
         """Return the largest error of the equations as they are now; infinite if a value is missing."""
@@ -167,8 +173,7 @@ class Oracle:
                 if len(self.formula.joints) > 6:
                     return max(errors)  # the points of a redundant arm are not those of the right inverse
                 named = now.points_many(Ts=self.poses)
-                points = np.column_stack([np.asarray(p).reshape(len(self.state), -1) for p in named.values()])
-                errors.append(_error(points[inside], self._points_of(self.right, joints)[inside]))
+                errors.append(_error(self._columns(named)[inside], self._points_of(self.right, joints)[inside]))
             else:
                 errors.append(_error(joints[inside], self.joints[inside]))
                 errors.append(_error(self._points_of(now, joints)[inside], self.points[inside]))

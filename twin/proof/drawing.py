@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -65,7 +65,6 @@ class Drawing:
         self._formulas = formulas
         self._angles = list(angles.values())
         self._sums = list(_sums(self._angles))
-        self._parts = _parts(tuple(lengths.values()))
 
     def fresh(self) -> Drawing:
         """Return the same drawing for one state, without what was found."""
@@ -146,14 +145,7 @@ class Drawing:
         return values.unknown(np.full(self.states, value))
 
     def _exact_length(self, value: float) -> ExactNumber | None:
-        found = decimal(value, LENGTH_TOLERANCE)
-        if found is not None:
-            return found
-        for real, factor in self._parts:
-            rest = _on_grid(value - real)
-            if rest is not None:
-                return constants.both(factor, rest)
-        return None
+        return _exact_length(value, tuple(self._lengths.values()))
 
     def angle(self, value: float, what: str) -> Angle:
         """Return an angle in rad: a multiple of 30 or 45 degrees, or a sum of one with parameters."""
@@ -204,6 +196,19 @@ class Drawing:
                 root = forms.number(constants.exact(part, radicand))
                 return forms.product(root, forms.variable(name))
         return None
+
+
+@lru_cache(maxsize=4096)
+def _exact_length(value: float, lengths: tuple[Fraction, ...]) -> ExactNumber | None:
+    """Return the exact form of a length in m, given the lengths in m of parameters that it may contain."""
+    found = decimal(value, LENGTH_TOLERANCE)
+    if found is not None:
+        return found
+    for real, factor in _parts(lengths):
+        rest = _on_grid(value - real)
+        if rest is not None:
+            return constants.both(factor, rest)
+    return None
 
 
 @cache

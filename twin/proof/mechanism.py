@@ -12,10 +12,11 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
+from twin.model.body import Point
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof import values
-from twin.proof.drawing import Drawing
+from twin.proof.drawing import LENGTH_TOLERANCE, Drawing
 from twin.proof.transforms import Matrix, compose, identity, inverse, shifted, turn
 from twin.proof.values import ExactValue, Value
 
@@ -194,6 +195,24 @@ def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, s
         own = compose(inverse(T_body_slide), T_body_ball)
         numbers = [values.difference(centre[i][3], own[i][3]) for i in range(2)]
         yield name, f"{carrier} slides through the ball of {name} in {holder}", numbers
+
+
+def point_in_base(exact: ExactMechanism, placed: PlacedBodies, point: Point) -> list[ExactValue] | None:
+    """Return a point (3,) of the mechanism in base; None if nothing places it.
+
+    A body that is not placed, as a cannula, still has the centre of its ball joint where the other body holds it.
+    """
+    if point.body in placed.poses:
+        return moved(placed.poses[point.body], exact.point(point.body, point.p_body, point.name))
+    for joint in exact.mechanism.joints:
+        if joint.type != "spherical" or point.body not in (joint.parent, joint.child):
+            continue
+        holder, T_holder_ball = _other_end(joint, point.body)
+        centre = _own_end(joint, point.body)[:3, 3]
+        if holder in placed.poses and np.abs(centre - point.p_body).max() <= LENGTH_TOLERANCE:
+            T = compose(placed.poses[holder], exact.link(holder, T_holder_ball, f"joint {joint.name}"))
+            return [T[i][3] for i in range(3)]
+    return None
 
 
 def _other_end(joint: Joint, body: str) -> tuple[str, Array]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import count
 from typing import Literal
 from weakref import WeakValueDictionary
@@ -174,18 +175,28 @@ ROUNDING = 1e-12
 
 def constant(value: float, states: int) -> ExactValue:
     """Return a constant of the equations; it is unknown in the field if it has no exact form."""
+    return _constant(float(value).hex(), states, prime.prime())
+
+
+@lru_cache(maxsize=1024)
+def _constant(digits: str, states: int, _prime: int) -> ExactValue:
+    """Return the constant with these hexadecimal digits, which tell 0 from -0, modulo the prime in use.
+
+    Its arrays have one number in memory, and cannot be changed.
+    """
+    value = float.fromhex(digits)
     exact = exact_number(value)
-    known = np.full(states, exact is not None)
     residue = 0
     form = None
-    node = ProgramStep("real", text=repr(float(value)))
+    node = ProgramStep("real", text=repr(value))
     if exact is not None:
         residue = exact.residue
         form = forms.number(exact)
         node = program.number(exact)
-    real = np.full(states, float(value))
-    residues = np.full(states, residue, np.uint64)
-    return ExactValue(residues, known, real, constant=float(value), form=form, node=node)
+    known = np.broadcast_to(np.bool_(exact is not None), states)
+    real = np.broadcast_to(np.float64(value), states)
+    residues = np.broadcast_to(np.uint64(residue), states)
+    return ExactValue(residues, known, real, constant=value, form=form, node=node)
 
 
 def exact(number: ExactNumber, states: int) -> ExactValue:

@@ -1,0 +1,107 @@
+"""Judge mutants of the equations of a robot by `twin prove`, in one process; see `proof_mutants` for their kinds.
+
+    python tests/made/proof_campaign.py ROBOT KIND COUNT SEED SECONDS FILE
+
+writes a JSON object of each mutant as a line of FILE: of COUNT mutants, those that are judged within SECONDS; mutants
+that are in FILE already are left out. KIND is slips, rewrites or hidden.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import twin
+from made import proof_mutants as mutants
+from twin.core.errors import TwinError
+from twin.formula import flow
+from twin.proof.prove import Prover
+
+WRONG = 1e-9
+"""Error in m or rad above which a mutant is wrong: the rounding of doubles is below it."""
+
+
+class Judge:
+    """A robot, its claims, and the verdicts on its mutants."""
+
+    def __init__(self, name):
+        """Prove the right equations."""
+        robot = twin.load(name)
+        self.formula = robot.formula
+        self.variants = flow.choose(robot.formula, None)
+        self.prover = Prover(robot.formula, robot.mechanism)
+        self.right = self.prover.proof(self.variants)
+        assert not self.right.count("refuted")
+        self.proved = {claim.name for claim in self.right.claims if claim.status == "proved"}
+        self.ranges = {key: limits for key, limits in self.right.ranges.items() if key not in self.right.drawn}
+        self.oracle = mutants.Oracle(robot, self.ranges, self.right.uncovered_points)
+        assert self.oracle.wrong() < WRONG
+
+    def verdict(self, function, text):
+        """Return "proved", "refuted", "unproved" or "refused", and the error that doubles see.
+
+        A mutant is proved if each claim is that is proved of the right equations, and no other is open.
+        """
+        with mutants.with_text(function, text):
+            try:
+                error = self.oracle.wrong()
+                if self.prover.refuted(self.variants):
+                    return "refuted", error
+                proof = self.prover.proof(self.variants)
+            except (TwinError, ValueError):
+                return "refused", 0.0
+        if proof.count("refuted"):
+            return "refuted", error
+        proved = {claim.name for claim in proof.claims if claim.status == "proved"}
+        same = proved >= self.proved and proof.count("unproved") <= self.right.count("unproved")
+        return "proved" if same else "unproved", error
+
+    def drawn(self, kind, count, seed):
+        """Return some mutants, in random order: (function, what, changed text)."""
+        generator = np.random.default_rng([seed, ("slips", "rewrites", "hidden").index(kind)])
+        found = []
+        for function in mutants.functions(self.formula):
+            if kind == "hidden":
+                made = mutants.hidden(function, generator, self.ranges)
+            else:
+                made = getattr(mutants, kind)(function)
+            found += [(function, what, text) for what, text in made]
+        return [found[i] for i in generator.permutation(len(found))[:count]]
+
+    def some(self, kind, count, seed):
+        """Yield (what, verdict, error) of some mutants."""
+        for function, what, text in self.drawn(kind, count, seed):
+            yield f"{function.__name__}: {what}", *self.verdict(function, text)
+
+
+def main(robot, kind, count, seed, seconds, file):
+    """Judge mutants and append what was found to a file."""
+    warnings.simplefilter("ignore", RuntimeWarning)  # most mutants have no value somewhere
+    end = time.monotonic() + float(seconds)
+    path = Path(file)
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    done = {json.loads(line)["what"] for line in lines}
+    judge = Judge(robot)
+    judged = 0
+    with path.open("a", encoding="utf-8") as out:
+        for function, what, text in judge.drawn(kind, int(count), int(seed)):
+            name = f"{function.__name__}: {what}"
+            if name in done:
+                continue
+            if time.monotonic() > end:
+                break
+            done.add(name)
+            verdict, error = judge.verdict(function, text)
+            entry = {"robot": robot, "kind": kind, "seed": int(seed), "what": name, "verdict": verdict, "error": error}
+            out.write(json.dumps(entry) + "\n")
+            judged += 1
+    print(f"{robot} {kind} seed {seed}: {judged} mutants judged, {len(done)} of {count} in the file")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
