@@ -1,9 +1,12 @@
 """Judge mutants of the equations of a robot by `twin prove`, in one process; see `proof_mutants` for their kinds.
 
-    python tests/made/proof_campaign.py ROBOT KIND COUNT SEED SECONDS FILE
+    python tests/made/proof_campaign.py KIND COUNT SEED SECONDS FILE ROBOT...
 
-writes a JSON object of each mutant as a line of FILE: of COUNT mutants, those that are judged within SECONDS; mutants
-that are in FILE already are left out. KIND is slips, rewrites or hidden.
+writes a JSON object of each mutant as a line of FILE: of COUNT mutants of each robot, those that are judged within
+SECONDS; mutants that are in FILE already are left out. KIND is slips, rewrites or hidden.
+
+A slip that is not refuted, and whose values doubles do not tell from the right ones, is no wrong mutant: it is "alike",
+and not proved.
 """
 
 from __future__ import annotations
@@ -42,16 +45,19 @@ class Judge:
         self.oracle = mutants.Oracle(robot, self.ranges, self.right.uncovered_points)
         assert self.oracle.wrong() < WRONG
 
-    def verdict(self, function, text):
-        """Return "proved", "refuted", "unproved" or "refused", and the error that doubles see.
+    def verdict(self, function, text, alike=False):
+        """Return "proved", "refuted", "unproved" or "refused", and the error that doubles see; None if refuted.
 
-        A mutant is proved if each claim is that is proved of the right equations, and no other is open.
+        A mutant is proved if each claim is that is proved of the right equations, and no other is open. If `alike`, one
+        without an error is "alike", without a proof.
         """
         with mutants.with_text(function, text):
             try:
-                error = self.oracle.wrong()
                 if self.prover.refuted(self.variants):
-                    return "refuted", error
+                    return "refuted", None
+                error = self.oracle.wrong()
+                if alike and error <= WRONG:
+                    return "alike", error
                 proof = self.prover.proof(self.variants)
             except (TwinError, ValueError):
                 return "refused", 0.0
@@ -79,28 +85,30 @@ class Judge:
             yield f"{function.__name__}: {what}", *self.verdict(function, text)
 
 
-def main(robot, kind, count, seed, seconds, file):
-    """Judge mutants and append what was found to a file."""
+def main(kind, count, seed, seconds, file, *robots):
+    """Judge mutants of robots and append what was found to a file."""
     warnings.simplefilter("ignore", RuntimeWarning)  # most mutants have no value somewhere
     end = time.monotonic() + float(seconds)
     path = Path(file)
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    done = {json.loads(line)["what"] for line in lines}
-    judge = Judge(robot)
-    judged = 0
+    done = {(entry["robot"], entry["what"]) for entry in map(json.loads, lines)}
     with path.open("a", encoding="utf-8") as out:
-        for function, what, text in judge.drawn(kind, int(count), int(seed)):
-            name = f"{function.__name__}: {what}"
-            if name in done:
-                continue
+        for robot in robots:
             if time.monotonic() > end:
                 break
-            done.add(name)
-            verdict, error = judge.verdict(function, text)
-            entry = {"robot": robot, "kind": kind, "seed": int(seed), "what": name, "verdict": verdict, "error": error}
-            out.write(json.dumps(entry) + "\n")
-            judged += 1
-    print(f"{robot} {kind} seed {seed}: {judged} mutants judged, {len(done)} of {count} in the file")
+            judge = Judge(robot)
+            for function, what, text in judge.drawn(kind, int(count), int(seed)):
+                name = f"{function.__name__}: {what}"
+                if (robot, name) in done:
+                    continue
+                if time.monotonic() > end:
+                    break
+                done.add((robot, name))
+                verdict, error = judge.verdict(function, text, alike=kind == "slips")
+                entry = {"robot": robot, "kind": kind, "seed": int(seed), "what": name}
+                out.write(json.dumps({**entry, "verdict": verdict, "error": error}) + "\n")
+            finished = sum(1 for place in done if place[0] == robot)
+            print(f"{robot} {kind} seed {seed}: {finished} of {count} in the file", flush=True)
 
 
 if __name__ == "__main__":

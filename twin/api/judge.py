@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -172,6 +173,7 @@ def explain(
     *,
     tolerance: float | None = None,
     seconds: float = 8.0,
+    prove: bool = False,
     progress: Progress = silent,
 ) -> Explanation:
     """Find which rows (assignments) of the equations disagree with the mechanism, why, and which edits correct them.
@@ -181,6 +183,7 @@ def explain(
         variants: variants of the equations to explain; default: the robot's own.
         tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
         seconds: time limit in s of processor time of the search for edits, numbers and conventions.
+        prove: whether repairs are proved, as by `prove`; repairs that are proved to be one function are merged.
         progress: see `Progress`.
 
     Raises:
@@ -200,6 +203,10 @@ def explain(
     cad = None
     if robot.files is not None:
         cad = robot.cad
+    prover = None
+    if prove:
+        # Loaded by name: without it, nothing of a proof is reached from here.
+        prover = import_module("twin.api.proved_repairs").ProverOfRepairs(robot, variants)
     return explain_(
         robot.name,
         formula,
@@ -210,6 +217,7 @@ def explain(
         budget=seconds,
         root=Path.cwd(),
         cad=cad,
+        prover=prover,
     )
 
 

@@ -89,6 +89,7 @@ class Proved(Result):
             "largest_rounding_of_cad": proof.largest,
             "recognised_lengths": dict(proof.recognised),
             "uncovered_bodies": list(proof.uncovered),
+            "uncovered_points": list(proof.uncovered_points),
             "claims": [_record(claim) for claim in proof.claims],
             "motions": [motion.record() for motion in self.motions],
         }
@@ -140,6 +141,9 @@ class Proved(Result):
             yield f"  the certificate leaves out {', '.join(missing)}: a half angle is in them"
         if proof.uncovered:
             yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
+        if proof.uncovered_points:
+            points = ", ".join(proof.uncovered_points)
+            yield f"  no claim covers {points} of the equations: no body of the CAD has this point, or nothing places it"
         refuted = proof.count("refuted")
         unproved = proof.count("unproved")
         for motion in self.motions:

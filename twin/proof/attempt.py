@@ -70,14 +70,21 @@ class Attempt:
     sides: list[Truths] = field(default_factory=list)
 
 
-def attempted(states: ProofStates, variants: Mapping[str, str], zero_shares: Mapping[str, float]) -> Attempt:
-    """Return all claims, judged at some states; for the arguments see `Attempt`."""
+def attempted(
+    states: ProofStates, variants: Mapping[str, str], zero_shares: Mapping[str, float], only_refute: bool = False
+) -> Attempt:
+    """Return all claims, judged at some states; for the arguments see `Attempt`.
+
+    If `only_refute`, the claims about the inverse are left out if one about the forward equations is refuted.
+    """
     work = Attempt(states, variants, zero_shares)
     formula = states.formula
     if formula.has("forward"):
         found = _replayed(work, formula_side.from_joints(formula, variants), list(states.state.values()))
         inside = _inside(work, found)
         _claim_mechanism(work, "forward", found, states.state, inside)
+        if only_refute and any(claim.status == "refuted" for claim in work.claims):
+            return work
         if formula.has("inverse"):
             outputs = formula_side.from_pose(formula, variants, coordinates=False)
             again = _replayed(work, outputs, found["pose"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ _ROOTED_FACTORS = (16, 128)
 _CONDITION_STATES = 2048
 """Number of states at which conditions have their answers, before others are searched."""
 
-_BESIDES = 16
+BESIDES = 16
 """How often each state that was found is judged, because roots do not exist in the field at all of them."""
 
 _PRECISE = 64
@@ -120,7 +120,7 @@ class Prover:
     def refuted(self, variants: Mapping[str, str], count: int = FIRST_STATES) -> tuple[JudgedClaim, ...]:
         """Return the claims that are wrong at one of the first states: no proof, but a fast refutation."""
         with field.modulo(field.PRIMES[0]):
-            claims = attempted(self.states(count), variants, {}).claims
+            claims = attempted(self.states(count), variants, {}, only_refute=True).claims
         return tuple(claim for claim in claims if claim.status == "refuted")
 
     def proof(
@@ -188,10 +188,13 @@ class _Course:
                 self.progress("states with roots", 0.9)
                 proof = _completed(proof, self._attempt(self.general, factor * self.count, rooted=groups))
         self.progress("conditions", 0.95)
-        report = _examined(formula, self.variants, proof, self.prover.seed)
+        report = examined_conditions(formula, self.variants, proof.drawn, proof.ranges, self.prover.seed)
         proof = self._with_found_states(proof, report)
         self.progress("the signs of roots", 0.98)
-        return _with_branches(_with_signs(proof, report), report)
+        names = list(report.states)
+        rare = [dict(zip(names, state, strict=True)) for state in zip(*report.states.values(), strict=True)]
+        proof = replace(proof, claims=with_signs(proof.claims, rare))
+        return _with_branches(proof, report)
 
     def _attempt(
         self,
@@ -238,7 +241,7 @@ class _Course:
 
     def _with_found_states(self, proof: Proof, report: BranchReport) -> Proof:
         """Return the proof after its claims were judged at states with rare answers of conditions."""
-        near = {name: np.tile(numbers, _BESIDES) for name, numbers in report.states.items()}
+        near = {name: np.tile(numbers, BESIDES) for name, numbers in report.states.items()}
         count = len(next(iter(near.values())))
         if not count:
             return proof
@@ -267,17 +270,31 @@ def _proof_of(work: Attempt, states: int) -> Proof:
     )
 
 
-def _examined(formula: Formula, variants: Mapping[str, str], proof: Proof, seed: int) -> BranchReport:
-    """Return what is known of the conditions in the equations."""
-    conditions = Branches(formula, variants, proof.drawn)
-    ranges = {name: proof.ranges[name] for name in conditions.names}
+def examined_conditions(
+    formula: Formula,
+    variants: Mapping[str, str],
+    drawn_parameters: Collection[str],
+    limits_of: Mapping[str, tuple[bool, float, float]],
+    seed: int,
+) -> BranchReport:
+    """Return what is known of the conditions in the equations.
+
+    Args:
+        formula: the equations.
+        variants: the chosen variant of each equation.
+        drawn_parameters: parameters with random values.
+        limits_of: {random number: (whether it is an angle, low, high)}.
+        seed: of the random numbers.
+    """
+    conditions = Branches(formula, variants, drawn_parameters)
+    ranges = {name: limits_of[name] for name in conditions.names}
     state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
     limits = np.array([[low, high] for _, low, high in ranges.values()])
     drawn = np.array([values.real_of(value) for value in state.values()])
     published = drawn.copy()
     parameters = {parameter.name: float(parameter.value) for parameter in formula.parameters}
     for place, name in enumerate(conditions.names):
-        if name in proof.drawn:
+        if name in drawn_parameters:
             published[place] = parameters[name]
     return examined(conditions, drawn, published, limits)
 
@@ -295,27 +312,25 @@ def _judged_besides(proof: Proof, found: Proof) -> Proof:
     return replace(proof, claims=tuple(claims))
 
 
-def _with_signs(proof: Proof, report: BranchReport) -> Proof:
-    """Return the proof without the claims that are wrong with the signs of their roots, by however little.
+def with_signs(claims: Iterable[JudgedClaim], rare: Sequence[Mapping[str, float]]) -> tuple[JudgedClaim, ...]:
+    """Return the claims without the proofs that are wrong with the signs of their roots, by however little.
 
-    They are judged where exact values were not zero, and where a search found rare answers of conditions.
+    They are judged where exact values were not zero, and at states where conditions have rare answers: some of `rare`,
+    each {random number: its value}.
     """
-    claims = []
-    count = len(next(iter(report.states.values())))
-    rare = []
-    for place in range(0, count, 1 + count // _PRECISE):
-        rare.append({name: float(numbers[place]) for name, numbers in report.states.items()})
-    for claim in proof.claims:
+    chosen = rare[:: 1 + len(rare) // _PRECISE]
+    found = []
+    for claim in claims:
         wrong = 0.0
         if claim.status == "proved" and claim.roots:
-            wrong = certainly_not_zero(claim.nodes, [*claim.doubtful, *rare])
+            wrong = certainly_not_zero(claim.nodes, [*claim.doubtful, *chosen])
         if wrong:
             reason = (
                 f"with the signs of its roots, a value is {wrong:.3g} at a state within reach: a difference below 1e-6"
             )
             claim = replace(claim, status="unproved", reason=reason, nodes=())
-        claims.append(claim)
-    return replace(proof, claims=tuple(claims))
+        found.append(claim)
+    return tuple(found)
 
 
 def _with_branches(proof: Proof, report: BranchReport) -> Proof:

@@ -12,7 +12,8 @@ EXAMPLES = """\
   twin explain sils                         the default variants, which agree
   twin explain sils --variant printed       every equation as the paper prints it
   twin explain sils --variant eq1=printed --json
-  twin explain my_robot/ --seconds 60       search longer for two edits in one row"""
+  twin explain my_robot/ --seconds 60       search longer for two edits in one row
+  twin explain sils --variant printed --prove    prove the fixes at all poses"""
 
 
 def arguments(command: Command) -> None:
@@ -22,6 +23,8 @@ def arguments(command: Command) -> None:
     command.accuracy()
     text = "time limit in seconds of processor time of the search for edits, numbers and conventions"
     command.number("--seconds", "S", text, 8.0)
+    text = "prove each possible fix as `twin prove` does: an identity, or only close; fixes that are one are merged"
+    command.flag("--prove", text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -37,5 +40,5 @@ def run(args: argparse.Namespace) -> int:
     robot = load(args.robot)
     chosen = asked(args.variant)
     with show.progress(args.quiet or args.json) as progress:
-        result = explain(robot, chosen, tolerance=tolerance, seconds=args.seconds, progress=progress)
+        result = explain(robot, chosen, tolerance=tolerance, seconds=args.seconds, prove=args.prove, progress=progress)
     return show.finish(result, args)

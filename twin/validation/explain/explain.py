@@ -40,6 +40,7 @@ from twin.validation.explain.heldout import held_out
 from twin.validation.explain.identify import identify
 from twin.validation.explain.invariants import invariants
 from twin.validation.explain.noise import limits
+from twin.validation.explain.proved_repairs import ProvedFound, RepairProver, proved
 from twin.validation.explain.repair import Search
 from twin.validation.explain.row_deviations import Judge, Place, Tolerance
 from twin.validation.explain.rows import Key
@@ -119,6 +120,7 @@ def explain(
     budget: float = 8.0,
     root: Path | None = None,
     cad: CadModel | None = None,
+    prover: RepairProver | None = None,
 ) -> Explanation:
     """Explain where and why a formula disagrees with a mechanism, and find edits after which they agree.
 
@@ -134,6 +136,7 @@ def explain(
         budget: time limit in s of the search for edits, numbers and conventions.
         root: folder to which file names in messages are relative; None: absolute names.
         cad: the CAD of the model; joints whose parts do not meet are analysed first. None: not analysed.
+        prover: proves the repairs that are found; None: they are not proved.
 
     Raises:
         TwinError: no row could be judged.
@@ -185,13 +188,19 @@ def explain(
     violated = (*unvalued(judge), *invariants(judge, model))
     laps.end("invariants")
     cures = _cures(judge, model, budget, progress, laps)
+    if prover is not None:
+        progress("prove the repairs", 0.0)
+    judged = proved(judge.formula, cures.found, prover)
+    if prover is not None:
+        laps.end("prove")
+    found = [result.found for result in judged]
     return made(
         "unchecked" if skipped else "disagree",
         explained=cures.lead != "",
         samples=judge.truth.k,
         invariants=violated,
-        rows=tuple(_row(judge, p, cures.found, root) for p in judge.failing()),
-        repairs=tuple(_repair(judge, cures.search, f, root) for f in cures.found),
+        rows=tuple(_row(judge, p, found, root) for p in judge.failing()),
+        repairs=tuple(_repair(judge, cures.search, result, root) for result in judged),
         identified=cures.identified,
         conventions=cures.conventions,
         notes=(*notes, *cures.notes),
@@ -513,13 +522,19 @@ def _short(text: str, n: int = 90) -> str:
     return text if len(text) <= n else f"{text[: n - 1]}…"
 
 
-def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair:
+def _repair(judge: Judge, search: Search, judged: ProvedFound, root: Path | None) -> Repair:
+    f = judged.found
     cures = [tuple(_reading(c, root) for c in _told(way)) for way in f.cures]
     tie = ""
     if len(cures) > 1:
         tie = (
             f"{len(cures)} different functions agree with the mechanism at every pose judged: the dimensions of "
             "the mechanism do not distinguish them"
+        )
+    elif cures and any(judged.merged):
+        tie = (
+            f"{len(cures[0])} edits give the same function with the dimensions of this mechanism, proved for all "
+            "poses: the paper does not show which was intended"
         )
     elif cures and len(cures[0]) > 1:
         tie = (
@@ -546,6 +561,7 @@ def _repair(judge: Judge, search: Search, f: Found, root: Path | None) -> Repair
         complete=f.complete,
         note=note,
         seconds=round(f.seconds, 2),
+        proofs=judged.proofs,
     )
 
 

@@ -89,6 +89,7 @@ class Repair:
         complete: whether every edit that the search can generate was tried.
         seconds: duration of the search for pairs of edits in s; 0 if one edit is exact.
         note: further remarks, mainly if there is no repair.
+        proofs: what a prover says of the equations after each cure; empty if none was asked.
     """
 
     rows: tuple[str, ...]
@@ -102,6 +103,7 @@ class Repair:
     complete: bool
     note: str = ""
     seconds: float = 0.0
+    proofs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -339,6 +341,9 @@ def _repair(r: Repair) -> Iterator[Part]:
         for reading in cure:
             number = f"{i + 1}. " if len(r.cures) > 1 else "or " if reading is not cure[0] else ""
             yield from _reading(reading, f"    {number}")
+        if r.proofs:
+            colour = "green" if r.proofs[i].startswith("identity") else "yellow"
+            yield Line(f"        {r.proofs[i]}", colour)
     if r.tie:
         yield Line(f"      tie: {r.tie}", "yellow")
     yield Line(f"      {margin}: {r.runner_up}; {_tried(r)}", "dim")

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from twin.core.atomic import Scratch
-from twin.core.errors import KinematicsError
 from twin.formula.contract import Formula
-from twin.robots import load_formula
+from twin.validation.explain.edited_formula import edited_formula
 from twin.validation.explain.row_deviations import Judge, worst
 from twin.validation.explain.rows import Key
-from twin.validation.explain.source import Edit, patched
+from twin.validation.explain.source import Edit
 from twin.validation.explain.varied import closes, coincidences, condition
 
 _WORSE = 1.001
@@ -58,27 +54,8 @@ class FormulaStates:
         return self.computed[key]
 
     def _evaluated(self, change: Sequence[Edit]) -> FormulaState | None:
-        home = self.judge.formula.equations[0]
-        path = Path(inspect.unwrap(home.variants[home.default]).__code__.co_filename)  # type: ignore[attr-defined]
-        for edit in change:
-            if edit.path != path or edit.kind == "left side":
-                return None
-        with Scratch() as folder:  # the judge reads the statements from the file
-            file = Path(folder) / "formula.py"
-            file.write_text(patched(change), encoding="utf-8")
-            formula = self._loaded(file)
-            if formula is None:
-                return None
-            return self._state(formula)
-
-    def _loaded(self, file: Path) -> Formula | None:
-        """Return the edited formula in a file; None if it cannot be loaded."""
-        formula = self.judge.formula
-        joints = [(joint.name, joint.kind == "revolute") for joint in formula.joints]
-        try:
-            return load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
-        except KinematicsError:
-            return None
+        with edited_formula(self.judge.formula, change) as formula:
+            return None if formula is None else self._state(formula)
 
     def _state(self, formula: Formula) -> FormulaState:
         before = self.judge

@@ -1,0 +1,65 @@
+"""Proofs of the repairs that `explain` proposes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from twin.api.robot import Robot
+from twin.core.errors import TwinError
+from twin.formula import flow
+from twin.formula.contract import Formula
+from twin.proof.claims import JudgedClaim
+from twin.proof.equality import equal_outputs
+from twin.proof.prove import Proof, prove
+from twin.validation.explain.proved_repairs import ProofOfRepair
+
+_SHOWN = 3
+"""Number of claims that are named."""
+
+
+class ProverOfRepairs:
+    """Proves repaired equations of one robot; see `RepairProver`."""
+
+    def __init__(self, robot: Robot, variants: Mapping[str, str] | str | None) -> None:
+        """Keep the robot and the variants of its equations that are explained."""
+        self.robot = robot
+        self.variants = flow.choose(robot.formula, variants)
+
+    def proof(self, formula: Formula) -> ProofOfRepair:
+        """Return the verdict on a repaired formula."""
+        try:
+            found = prove(formula, self.variants, self.robot.mechanism)
+        except TwinError as error:
+            return ProofOfRepair(f"not judged by the prover: {error}", False)
+        return ProofOfRepair(_verdict(found), bool(found.claims) and found.count("proved") == len(found.claims))
+
+    def same(self, first: Formula, second: Formula) -> bool:
+        """Return whether two repaired formulas have the same values at every pose, by a proof of each output."""
+        claims = equal_outputs(first, second, self.variants, self.robot.mechanism)
+        return bool(claims) and all(claim.status == "proved" for claim in claims)
+
+
+def _verdict(proof: Proof) -> str:
+    """Return the verdict on all claims as text."""
+    wrong = [claim for claim in proof.claims if claim.status == "refuted" or claim.different]
+    if wrong:
+        worst = max(wrong, key=lambda claim: claim.largest)
+        names = ", ".join(proof.ranges)
+        return (
+            f"only close: {1e6 * worst.largest:.3g} um at one of {proof.states} poses within the ranges of {names}; "
+            f"it is not so that {worst.sentence}"
+        )
+    if not proof.claims:
+        return "not judged by the prover: nothing can be claimed of these equations"
+    unproved = [claim for claim in proof.claims if claim.status != "proved"]
+    if not unproved:
+        return f"identity, proved: {len(proof.claims)} claims at all poses"
+    return f"{len(unproved)} of {len(proof.claims)} claims are not proved, none is refuted: {_named(unproved)}"
+
+
+def _named(claims: list[JudgedClaim]) -> str:
+    """Return the names of some claims, with the reason of the first."""
+    names = ", ".join(claim.name for claim in claims[:_SHOWN])
+    if len(claims) > _SHOWN:
+        names += f" and {len(claims) - _SHOWN} more"
+    return f"{names}; {claims[0].reason}"

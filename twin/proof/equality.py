@@ -1,0 +1,116 @@
+"""Prove that two formulas of one robot compute the same: repairs that look different may be one function."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from twin.formula.contract import Formula
+from twin.model.mechanism import Mechanism
+from twin.proof import field, formula_side, values
+from twin.proof.claims import JudgedClaim, judged, unclaimed
+from twin.proof.formula_side import Outputs
+from twin.proof.prove import BESIDES, STATES, examined_conditions, with_signs
+from twin.proof.replay import Notes, replay
+from twin.proof.states import ProofStates, random_states
+from twin.proof.values import Angle, ExactValue, Truths, Value
+
+
+def equal_outputs(
+    first: Formula,
+    second: Formula,
+    variants: Mapping[str, str],
+    robot: Mechanism,
+    seed: int = 0,
+) -> tuple[JudgedClaim, ...]:
+    """Return the claims that all outputs of two formulas are equal, with the published parameters.
+
+    Args:
+        first: a formula.
+        second: one with the same parameters, joints and coordinates.
+        variants: the chosen variant of each equation.
+        robot: the mechanism, for the limits of the joints.
+        seed: of the random numbers.
+    """
+    with field.modulo(field.PRIMES[0]):
+        states = random_states(first, robot, STATES, seed)
+        claims = list(_compared(states, first, second, variants))
+        rare: list[dict[str, float]] = []
+        for formula in (first, second):
+            report = examined_conditions(formula, variants, (), states.ranges, seed)
+            if report.open:
+                reason = f"a condition has one answer at all drawn states: {report.open[0]}"
+                claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
+            near = {name: report.states[name] for name in states.state}
+            found = len(next(iter(near.values())))
+            if not found:
+                continue
+            repeated = {name: np.tile(numbers, BESIDES) for name, numbers in near.items()}
+            besides = random_states(first, robot, found * BESIDES, seed, near=repeated)
+            for i, other in enumerate(_compared(besides, first, second, variants)):
+                if other.status == "refuted" or other.different or other.undefined:
+                    claims[i] = other
+            rare += [{name: float(numbers[k]) for name, numbers in near.items()} for k in range(found)]
+    return with_signs(claims, rare)
+
+
+def _compared(
+    states: ProofStates, first: Formula, second: Formula, variants: Mapping[str, str]
+) -> Iterator[JudgedClaim]:
+    """Yield the claims that outputs are equal at some states."""
+    pair = (first, second)
+    state = list(states.state.values())
+    if not first.has("forward"):
+        functions = [formula_side.from_pose(formula, variants, coordinates=True) for formula in pair]
+        yield from _claims(states, "inverse", functions, state)
+        return
+    functions = [formula_side.from_joints(formula, variants) for formula in pair]
+    yield from _claims(states, "forward", functions, state)
+    if first.has("inverse"):
+        pose = _replayed(states, functions[0], state)["pose"]
+        functions = [formula_side.from_pose(formula, variants, coordinates=False) for formula in pair]
+        yield from _claims(states, "inverse", functions, pose)
+
+
+def _claims(
+    states: ProofStates, stage: str, functions: Sequence[Outputs], state: Sequence[Value]
+) -> Iterator[JudgedClaim]:
+    """Yield the claims about two functions of the same inputs."""
+    first, second = (_replayed(states, function, state) for function in functions)
+    inside = _within(states, first) | _within(states, second)
+    for name in sorted({*first, *second}):
+        own = first.get(name, ())
+        other = second.get(name, ())
+        numbers: list[ExactValue] = []
+        if len(own) != len(other):  # one of them has no such output
+            numbers.append(values.unknown(np.full(states.count, np.nan)))
+        else:
+            for a, b in zip(own, other, strict=True):
+                numbers += _differences(a, b)
+        sentence = f"both give the same {name}"
+        yield judged(f"{stage}: {name}", sentence, numbers, inside, states.real, (), states.drawn_states)
+
+
+def _replayed(states: ProofStates, function: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
+    """Return the outputs of a function at some states."""
+    found = replay(function.function, [list(state), list(states.parameters.values())], Notes())
+    return dict(zip(function.names, found, strict=True))
+
+
+def _within(states: ProofStates, found: Mapping[str, list[Value]]) -> Truths:
+    """Return the states (k,) where a formula has values and no margin is negative."""
+    inside = np.ones(states.count, bool)
+    for name in ("pose", "joints", "reach"):
+        for value in found.get(name, ()):
+            inside &= np.isfinite(values.real_of(value))
+    for margin in found.get("reach", ()):
+        inside &= values.real_of(margin) >= 0
+    return inside
+
+
+def _differences(a: Value, b: Value) -> list[ExactValue]:
+    """Return the numbers that are zero if two values are equal; angles are points of a circle."""
+    if isinstance(a, Angle) and isinstance(b, Angle):
+        return [values.difference(a.cosine, b.cosine), values.difference(a.sine, b.sine)]
+    return [values.difference(values.scalar(a), values.scalar(b))]
