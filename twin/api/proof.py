@@ -143,7 +143,7 @@ class Proved(Result):
             yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
         if proof.uncovered_points:
             points = ", ".join(proof.uncovered_points)
-            yield f"  no claim covers {points} of the equations: no body of the CAD has this point, or nothing places it"
+            yield f"  no claim covers {points} of the equations: no placed body of the CAD has this point"
         refuted = proof.count("refuted")
         unproved = proof.count("unproved")
         for motion in self.motions:
