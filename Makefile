@@ -13,7 +13,7 @@ export UV_PYTHON_DOWNLOADS ?= never
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-slow test-nightly test-pages test-alone test-long witnesses check cad-check usd-check bench bench-check \
-	bench-gpu kinerrata lock-check clean
+	bench-gpu kinerrata site lock-check clean
 
 demo: .venv/.synced
 	$(UV) run --frozen --no-sync twin run sils
@@ -90,6 +90,10 @@ bench-check: .venv/.synced-dev  ## the short form: has a ratio fallen far below 
 kinerrata: .venv/.synced-dev  ## published errors: detected, located, edit named, nobody accused (docs/kinerrata.md)
 	$(RUN) python tests/kinerrata/score.py
 
+site: .venv/.synced-dev  ## the documentation as a site, into twin-out/site
+	UV_PROJECT_ENVIRONMENT=.venv-site $(UV) sync --frozen --quiet --only-group site
+	$(RUN) python docs/make_site.py
+
 lock-check: | $(UV)
 	$(UV) lock --check
 
@@ -108,4 +112,4 @@ lock-check: | $(UV)
 	@touch .venv/.synced .venv/.synced-dev
 
 clean:
-	rm -rf .venv .venv-uv twin-out dist
+	rm -rf .venv .venv-uv .venv-site twin-out dist
