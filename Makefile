@@ -16,7 +16,8 @@ unexport PYTHONDONTWRITEBYTECODE
 	bench-gpu kinerrata site lock-check clean
 
 demo: .venv/.synced
-	$(UV) run --frozen --no-sync twin run sils
+	$(UV) run --frozen --no-sync twin run sils --open
+	@echo 'In this shell, first: . .venv/bin/activate   (makes the command twin available)'
 
 # COVERAGE="--cov=twin --cov-report=" counts the lines that run; `coverage report` prints them for each file.
 test: .venv/.synced-dev

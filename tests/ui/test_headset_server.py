@@ -329,17 +329,21 @@ def test_the_tool_is_dragged_and_two_clients_have_one_grab(sils):
     asyncio.run(go())
 
 
-def test_what_cannot_be_reached_keeps_the_last_good_pose_and_says_why(sils):
+def test_what_cannot_be_reached_is_approached_along_the_limits_and_said(sils):
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:
             await peer.ask("grab", target="tool")
             nearby = sevens(s.twin.desk.assembly.T_base_tool) + np.array([0.001, 0, 0, 0, 0, 0, 0])
             await peer.ask("drag", pose=nearby.tolist())
             await asyncio.sleep(0.2)
-            good = peer.frames[-1].poses.copy()
-            await peer.ask("drag", pose=[5, 5, 5, 0, 0, 0, 1])
+            target = nearby + np.array([0.3, 0, 0, 0, 0, 0, 0])
+            await peer.ask("drag", pose=target.tolist())
             await peer.until(lambda: peer.frames[-1].flags & wire.REFUSED)
-            assert np.array_equal(peer.frames[-1].poses, good)
+            moved = s.twin.desk.assembly
+            assert nearby[0] + 0.05 < moved.T_base_tool[0, 3] < target[0] - 0.05
+            assert moved.worst_gap < 1e-9
+            low, high = s.twin.desk.mechanism.limits.T
+            assert np.all((low - 1e-9 <= moved.q) & (moved.q <= high + 1e-9))
             state = await peer.until(lambda: peer.last("state")["reason"] and peer.last("state"))
             assert len(state["reason"]) > 10
             await peer.ask("drag", pose=sevens(s.twin.desk.assembly.T_base_tool).tolist())

@@ -174,7 +174,7 @@ def read_mechanism(
         frames=frames.frames(d, at),
         points=frames.points(d, at, measured),
         rest=frames.rest(d, at),
-        postures={name: _posture(values) for name, values in d.posture.items()},
+        postures={name: joint_values(values) for name, values in d.posture.items()},
         tool=d.tool,
         parameters=tuple(parameters(d)),
         actuators=actuators(d),
@@ -381,7 +381,7 @@ def _limits(limit: LimitSpec, unit: str) -> dict:
     return values
 
 
-def _posture(values: dict[str, float]) -> dict[str, float]:
+def joint_values(values: dict[str, float]) -> dict[str, float]:
     """Return {joint: coordinate in rad or m} of {joint with unit, such as "yaw_deg": coordinate}."""
     posture = {}
     for key, value in values.items():

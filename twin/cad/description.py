@@ -383,6 +383,9 @@ class Description(Table):
     frame: dict[Identifier, NamedFrame]
     point: dict[Identifier, NamedPoint] = Field(default_factory=dict)
     posture: dict[Identifier, dict[str, float]] = Field(default_factory=dict)
+    start: Annotated[
+        dict[str, float], Field(description="joint values at which the pages open; without them, the posture home")
+    ] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_list_of_trocars(self) -> Description:

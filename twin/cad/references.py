@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from twin.cad.actuators import actuators, transmissions
@@ -148,18 +148,25 @@ def _motors(d: Description) -> Iterator[tuple[Keys, str]]:
 def _postures(d: Description) -> Iterator[tuple[Keys, str]]:
     types = {joint.name: joint.type for joint in d.joint if joint.active}
     for posture, values in d.posture.items():
-        stated = set()
-        for key in values:
-            joint, _, unit = key.rpartition("_")
-            stated.add(joint)
-            if unit not in ("mm", "deg"):
-                yield ("posture", posture, key), f"the unit is missing; write {key}_mm or {key}_deg"
-            elif joint not in types:
-                yield ("posture", posture, key), unknown("active joint", joint, types)
-            elif unit != UNITS.get(types[joint], unit):
-                right = f"{joint}_{UNITS[types[joint]]}"
-                yield ("posture", posture, key), f"joint '{joint}' is {types[joint]}; write {right}"
-        for joint, kind in types.items():
-            if joint not in stated:
-                right = f"{joint}_{UNITS.get(kind, 'mm')}"
-                yield ("posture", posture), f"active joint '{joint}' is missing; write {right}"
+        yield from _joint_values(("posture", posture), values, types)
+    if d.start:
+        yield from _joint_values(("start",), d.start, types)
+
+
+def _joint_values(place: Keys, values: Mapping[str, float], types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:
+    """Yield the faults of a table of joint values; `types`: type of each active joint, by name."""
+    stated = set()
+    for key in values:
+        joint, _, unit = key.rpartition("_")
+        stated.add(joint)
+        if unit not in ("mm", "deg"):
+            yield (*place, key), f"the unit is missing; write {key}_mm or {key}_deg"
+        elif joint not in types:
+            yield (*place, key), unknown("active joint", joint, types)
+        elif unit != UNITS.get(types[joint], unit):
+            right = f"{joint}_{UNITS[types[joint]]}"
+            yield (*place, key), f"joint '{joint}' is {types[joint]}; write {right}"
+    for joint, kind in types.items():
+        if joint not in stated:
+            right = f"{joint}_{UNITS.get(kind, 'mm')}"
+            yield place, f"active joint '{joint}' is missing; write {right}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from twin.cli.parser import Command
@@ -10,6 +11,7 @@ from twin.core.errors import TwinError
 
 EXAMPLES = """\
   twin run sils
+  twin run sils --open                    and show the report in the browser
   twin run sils --protocol lowered_patient --out demo/"""
 
 
@@ -19,12 +21,14 @@ def arguments(command: Command) -> None:
     command.out("./twin-out/<robot>/")
     command.protocols()
     command.timing()
+    command.flag("--open", "open the report in the browser")
 
 
 def run(args: argparse.Namespace) -> int:
     """Build, plan and validate a robot, or play a scene."""
     from twin import api
     from twin.cli import reports, scene, show
+    from twin.cli.browser import open_file
     from twin.cli.chosen import protocols
     from twin.cli.cure import Cures
     from twin.core import assets
@@ -52,4 +56,10 @@ def run(args: argparse.Namespace) -> int:
     code = reports.finish(found, args)
     if not args.json:
         print(f"  stage: {root / stage.relative_to(work)}")
+        print(f"  next:  twin view {args.robot}   (drag the tool in the browser)")
+    if args.open:
+        _, folder = found[-1]
+        reason = open_file(folder / "report.html")
+        if reason:
+            print(f"--open: {reason}", file=sys.stderr)
     return code

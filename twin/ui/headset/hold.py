@@ -61,7 +61,7 @@ def move_of(hold: ClientHold, message: wire.DragMessage, desk: Desk) -> Callable
     """
     if hold.target == "tool" and message.pose is not None:
         T = wire.pose_of(message.pose)
-        return lambda: desk.move_tool(T)
+        return lambda: desk.drag_tool(T)
     if hold.target == "joint" and message.value is not None:
         value = message.value
         return lambda: desk.move_joint(hold.joint, value)

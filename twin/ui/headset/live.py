@@ -128,12 +128,12 @@ class Live:
         return poses
 
     def _planned(self) -> None:
-        """Restart all robots, because the protocol of one robot has changed."""
+        """Restart all robots, because the protocol of one robot has changed; one at its `start` stays there."""
         self._measure()
         self.clock.seek(0.0)
         self._bends.at(0.0)
         for twin in self.twins.values():
-            if twin.holder is None:
+            if twin.holder is None and not twin.opening:
                 twin.stand()
 
     def _measure(self) -> None:

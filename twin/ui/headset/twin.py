@@ -27,7 +27,7 @@ from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import ReachablePoints
 from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
-from twin.ui.session.desk import Desk, MoveResult
+from twin.ui.session.desk import Desk, MoveResult, start_of
 from twin.ui.session.instruments import RobotReading
 from twin.ui.session.patient import Patient
 from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
@@ -46,6 +46,7 @@ class Twin:
         patients: patients by protocol name.
         send: function that sends a document to all clients.
         planned: function called when a protocol has been planned.
+        opening: whether the robot is still where the page opens (`start` of its description), not in its protocol.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class Twin:
         self.send: Callable[[JsonObject], object] = lambda document: None
         self.planned: Callable[[], object] = lambda: None
         self.desk = Desk(robot)
+        self.opening = bool(start_of(robot))
         self.links = tuple(b.name for b in self.desk.mechanism.bodies)
         self.clock = Clock() if clock is None else clock
         self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
@@ -236,6 +238,7 @@ class Twin:
             self.leave_to(client)
             if message.name not in self._protocols:
                 raise RefusedError("unknown", unknown("protocol", message.name, self._protocols))
+            self.opening = False
             self._plan(message.name)
             self.let_go(client)
 
@@ -365,6 +368,7 @@ class Twin:
         track = self._track
         if track is None:
             return
+        self.opening = False
         k = int(np.clip(round(self.clock.time * RATE), 0, len(track.playback.t) - 1))
         self._sample = k
         self._wish = None

@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from twin.api import Robot
+from twin.cad.build import joint_values
 from twin.core import spatial
 from twin.core.errors import AssemblyError, KinematicsError, TwinError, unknown
 from twin.core.spatial import Array
@@ -31,6 +32,12 @@ from twin.reference.states import Assembly
 from twin.ui.session.drag_solver import DragSolver
 
 _Value = TypeVar("_Value")
+
+START = "start"
+"""Name in the list of postures of the joint values at which the pages open."""
+
+_HALVINGS = 10
+"""Number of halvings in the search for the last reachable pose on the way to a target: 1024 parts of the way."""
 
 ENDOSCOPE = "endoscope_tip"
 """Name of the frame of a robot's endoscope camera; the camera looks along the z axis of this frame."""
@@ -75,10 +82,12 @@ class Desk:
         self.parameters: dict[str, float] = {}
         self.variants: dict[str, str] = {}
         self.lock = threading.RLock()
-        self.assembly: Assembly = _first(self.model)
+        self.assembly: Assembly = _first(robot, self.model)
         self.asked: Array | None = None
         self.moved = MoveResult(True)
         self._kept: dict[str, Array] = {}
+        if start_of(robot):
+            self.keep(START)
         self._frame = self.mechanism.tool
         self._axis = np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
@@ -147,15 +156,56 @@ class Desk:
                 return self._assembled(q)
             return self.model.solve_pose(T_base_tool, self.assembly)
 
-        arm_joints = len(self.joints) - len(self.mechanism.auxiliary)
-        reaches_any_pose = arm_joints >= 6 and not self.mechanism.trocars
         with self.lock:
             result = self._try(go, T_base_tool)
-            if result.good or reaches_any_pose or not spatial.is_pose(T_base_tool, 1e-6):
+            if result.good or self._sets_pose or not spatial.is_pose(T_base_tool, 1e-6):
                 return result
             # The orientation is not reached, so `asked` must not be set: it is used in comparisons.
             tool = self.mechanism.frame(self.mechanism.tool)
             return self.move_point(tool.body, tool.T_body_frame[:3, 3], T_base_tool[:3, 3])
+
+    @property
+    def _sets_pose(self) -> bool:
+        """Whether the tool can take any position and orientation, within limits: six joints and no trocar."""
+        arm_joints = len(self.joints) - len(self.mechanism.auxiliary)
+        return arm_joints >= 6 and not self.mechanism.trocars
+
+    def drag_tool(self, T_base_tool: Array) -> MoveResult:
+        """Move the tool towards a pose T_base_tool (4, 4); at a limit, move along it instead of staying behind.
+
+        A target beyond a limit is approached on the straight way as far as that goes, then along each axis of the base
+        frame. The result states the remaining distance, and the limit that the target exceeds.
+        """
+        with self.lock:
+            result = self.move_tool(T_base_tool)
+            if result.good or not self._sets_pose or not spatial.is_pose(T_base_tool, 1e-6):
+                return result
+            begin = time.perf_counter()
+            self._approach(T_base_tool)
+            for axis in range(3):
+                T = self.assembly.T_base_tool.copy()
+                T[axis, 3] = T_base_tool[axis, 3]
+                self._approach(T)
+            distance = float(np.linalg.norm(self.assembly.T_base_tool[:3, 3] - T_base_tool[:3, 3]))
+            text = f"the tool stops {distance / MM:.1f} mm short of the target: {result.reason}"
+            self.moved = MoveResult(False, text, result.seconds + time.perf_counter() - begin)
+            return self.moved
+
+    def _approach(self, T_target: Array) -> None:
+        """Move the tool on the straight way towards a pose (4, 4) as far as it goes."""
+        T_begin = self.assembly.T_base_tool.copy()
+        w = spatial.log_so3(T_begin[:3, :3].T @ T_target[:3, :3])
+        way = T_target[:3, 3] - T_begin[:3, 3]
+        reached = 0.0
+        step = 1.0
+        for _ in range(_HALVINGS):
+            fraction = reached + step
+            R = T_begin[:3, :3] @ spatial.exp_so3(fraction * w)
+            if self.move_tool(spatial.pose(R, T_begin[:3, 3] + fraction * way)).good:
+                reached = fraction
+            if reached == 1.0:
+                return
+            step /= 2
 
     def move_joint(self, joint: int, value: float) -> MoveResult:
         """Move an active joint towards a value in m or rad; if the joint stops before, the result states the reason."""
@@ -265,7 +315,7 @@ class Desk:
         with self.lock:
             model = robot.reference()
             kin = self._compiled(robot)
-            assembly = _first(model)
+            assembly = _first(robot, model)
             solver = _solver(robot, model)
             # nothing is replaced before all of the new robot exists
             self.robot = robot
@@ -445,12 +495,22 @@ class Desk:
             return self.moved
 
 
-def _first(model: ReferenceModel) -> Assembly:
-    """Return the state at the home posture."""
+def _first(robot: Robot, model: ReferenceModel) -> Assembly:
+    """Return the state at which the pages open: `start` of the description, else the posture home."""
+    values = start_of(robot)
+    if values:
+        return model.solve(np.array([values[joint.name] for joint in model.mechanism.active]))
     home = model.mechanism.home
     if home is None:
         return model.home()
     return model.solve(home)
+
+
+def start_of(robot: Robot) -> dict[str, float]:
+    """Return the joint values in m or rad at which the pages open; {}: the robot's description has none."""
+    if robot.files is None:
+        return {}
+    return joint_values(robot.source.description.start)
 
 
 def _solver(robot: Robot, model: ReferenceModel) -> DragSolver:

@@ -14,13 +14,14 @@ import viser
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.ui.session import instruments, timeline
-from twin.ui.session.desk import Desk, MoveResult
+from twin.ui.session.desk import Desk, MoveResult, start_of
 from twin.ui.session.feed import Feed
 from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes
+from twin.ui.viewer.wall import LimitWall
 
 _READ = 0.1
 """Minimum time in s between two updates of the readings; each update redraws the panels."""
@@ -137,11 +138,13 @@ class Front(ViewerPage):
         self.ghost_shown = False
         self.dragging = False
         self._plans: dict[str, Planner] = {}
+        self._planned: set[str] = set()  # robots whose first protocol has been planned
         self._reading_time = self.now
         self._stale = True
         self.after_frame: list[Callable[[], object]] = []
         for a in actors:
             self.nodes[a.name].place(a.T_world_base, a.scale)
+        self.wall = LimitWall(self.server, float(np.clip(0.11 * self.nodes[self.hand.name].size, 0.005, 0.3)))
         self.gizmo = self._add_gizmo()
 
     def furnish(self, scenery: Callable[[Front], SceneryInterface], panels: Callable[[Front], PanelsInterface]) -> None:
@@ -320,7 +323,9 @@ class Front(ViewerPage):
             self.clock.duration = duration
             self.panels.ready(a)
             self.scenery.protocol_changed()
-            self.stand()
+            if not start_of(a.desk.robot) or a.name in self._planned:
+                self.stand()
+            self._planned.add(a.name)
             self._stale = True
 
     # -- dragging -------------------------------------------------------------------------------------
@@ -341,15 +346,24 @@ class Front(ViewerPage):
             self.go_on("tool", lambda: self._tool_to(wxyz, position))
             if event.phase == "end":
                 self.dragging = False
-                self.ask("settle", self.hand.desk.let_go)
+                self.ask("settle", self._let_go)
 
         return gizmo
+
+    def _let_go(self) -> None:
+        self.wall.hide()
+        self.hand.desk.let_go()
 
     def _tool_to(self, wxyz: Array, position: Array) -> MoveResult:
         node = self.nodes[self.hand.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
         u, _, vt = np.linalg.svd(R)  # nearest rotation: pages send rounded values
-        return self.hand.desk.move_tool(spatial.pose(u @ vt, node.to_base(position)))
+        moved = self.hand.desk.drag_tool(spatial.pose(u @ vt, node.to_base(position)))
+        if self.dragging and not moved.good and not moved.more:
+            self.wall.show(node.to_world(self.hand.desk.assembly.T_base_tool[:3, 3]), position)
+        else:
+            self.wall.hide()
+        return moved
 
     def _gizmo_to_tool(self) -> None:
         node = self.nodes[self.hand.name]

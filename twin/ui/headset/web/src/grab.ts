@@ -1,6 +1,17 @@
 /** Grab and drag a robot, and show the server's response. */
 
-import { BufferGeometry, Line, LineDashedMaterial, Matrix4, Mesh, Quaternion, SphereGeometry, Vector3 } from 'three';
+import {
+  BufferGeometry,
+  CircleGeometry,
+  DoubleSide,
+  Line,
+  LineDashedMaterial,
+  Matrix4,
+  Mesh,
+  Quaternion,
+  SphereGeometry,
+  Vector3,
+} from 'three';
 import type { Connection } from './connection';
 import { Label } from './label';
 import type { Member } from './member';
@@ -42,6 +53,8 @@ export class Grab {
 
   private readonly ghostHand: Mesh;
   private readonly thread: Line;
+  /** A translucent disc at the held point, across the way that a limit closes. */
+  private readonly wall: Mesh;
   private readonly label = new Label();
   private wanted: Vector3 | null = null;
   private pending: object | null = null;
@@ -60,7 +73,12 @@ export class Grab {
     );
     this.thread.frustumCulled = false;
     this.thread.renderOrder = 6;
-    this.ghostHand.visible = this.thread.visible = false;
+    const face = flat(RED, 0.3);
+    face.side = DoubleSide;
+    face.depthWrite = false;
+    this.wall = new Mesh(new CircleGeometry(1, 48), face);
+    this.wall.renderOrder = 5;
+    this.ghostHand.visible = this.thread.visible = this.wall.visible = false;
   }
 
   /** Colour the link that a grab at this hit would hold. */
@@ -122,7 +140,7 @@ export class Grab {
     this.held = held;
     this.hovered = null;
     model.holding = true;
-    member.place.add(this.ghostHand, this.thread, this.label.sprite);
+    member.place.add(this.ghostHand, this.thread, this.wall, this.label.sprite);
     const fields =
       target === 'tool'
         ? { target }
@@ -195,7 +213,9 @@ export class Grab {
     if (!robot || !pose) return;
     handle.group.visible = model.page.line === 'open';
     const refused = held !== null && model.refused;
-    if (held) robot.mark(held.link, refused ? 'refused' : 'held');
+    // At a limit the wall shows which way is closed; the robot itself stays in its colours.
+    const walled = refused && held?.target !== 'joint';
+    if (held) robot.mark(held.link, refused && !walled ? 'refused' : 'held');
     handle.put(pose, 0.026 * member.size, refused ? RED : model.heldByOther ? 0x8a93a0 : BLUE);
     if (held || !this.held) this.drawGhostHand(refused, pose);
   }
@@ -203,7 +223,7 @@ export class Grab {
   private drawGhostHand(refused: boolean, tool: Matrix4): void {
     const held = this.held;
     const on = refused && held !== null && this.wanted !== null;
-    this.ghostHand.visible = this.thread.visible = on;
+    this.ghostHand.visible = this.thread.visible = this.wall.visible = on;
     this.label.sprite.visible = on;
     if (!on) return;
     const size = held.member.size;
@@ -215,14 +235,19 @@ export class Grab {
         : held.local.clone().applyMatrix4(new Matrix4().compose(node.position, node.quaternion, ONE));
     this.ghostHand.position.copy(wanted);
     this.ghostHand.scale.setScalar(0.018 * size);
+    const way = wanted.clone().sub(is);
+    this.wall.visible = way.length() > WALL_GAP;
+    this.wall.position.copy(is);
+    this.wall.scale.setScalar(0.11 * size);
+    if (this.wall.visible) this.wall.quaternion.setFromUnitVectors(AHEAD, way.normalize());
     const position = this.thread.geometry.getAttribute('position');
     position.setXYZ(0, is.x, is.y, is.z);
     position.setXYZ(1, wanted.x, wanted.y, wanted.z);
     position.needsUpdate = true;
     this.thread.computeLineDistances();
     this.label.sprite.position.copy(wanted).addScaledVector(UP, 0.03 * size);
-    const away = held.target === 'joint' ? '' : `\n${length(wanted.distanceTo(is))} away`;
-    this.label.say(`not reached${away}`, '#b3101e', this.world.look, 0.026 * size);
+    const away = held.target === 'joint' ? '' : `\n${length(wanted.distanceTo(is))} short`;
+    this.label.say(`cannot follow${away}`, '#b3101e', this.world.look, 0.026 * size);
   }
 
   private flush(now = false): void {
@@ -275,4 +300,6 @@ function axisOf(member: Member, joint: JointInfo | undefined): Held['axis'] {
 }
 
 const ONE = new Vector3(1, 1, 1);
+const AHEAD = new Vector3(0, 0, 1);
+const WALL_GAP = 5e-4; // m; a smaller distance between hand and tool has no visible direction
 const UP = new Vector3(0, 0, 1);

@@ -1,0 +1,86 @@
+"""Where the pages open: how far the tool can go before a limit stops it, and what happens at the limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import twin
+from twin.core import spatial
+from twin.core.units import MM
+from twin.robots import names
+from twin.ui.session.desk import START, Desk
+
+ROOM = {
+    "davinci_ecm": 50.0,
+    "davinci_psm": 50.0,
+    "davinci_psm_si": 50.0,
+    "hibou": 50.0,
+    "lapbot": 50.0,
+    "pa10": 50.0,
+    "raven_left": 35.0,
+    "raven_right": 35.0,
+    "sher": 30.0,
+    "sils": 50.0,
+}
+"""Travel in mm that is free in each of the six directions; 50 mm are wanted. The carriages of SHER move 100 mm in
+all, and the best posture found in a search leaves 37 mm. The insertion of the Raven is near an end at its home."""
+
+STEP = 5 * MM
+
+
+def travel(desk, direction, most):
+    """Return how far the tool gets along a direction, in m, in steps as a hand makes them."""
+    begin = desk.assembly
+    T_begin = begin.T_base_tool.copy()
+    reached = 0.0
+    while reached < most:
+        T = T_begin.copy()
+        T[:3, 3] += (reached + STEP) * direction
+        for _ in range(200):
+            if not desk.drag_tool(T).more:
+                break
+        if np.linalg.norm(desk.assembly.T_base_tool[:3, 3] - T[:3, 3]) > 1 * MM:
+            break
+        reached += STEP
+    desk.show(begin)
+    return reached
+
+
+@pytest.mark.parametrize("name", [n if n == "sils" else pytest.param(n, marks=pytest.mark.slow) for n in names()])
+def test_the_tool_has_room_where_the_page_opens(name):
+    desk = Desk(twin.load(name))
+    rooms = {}
+    for axis in range(3):
+        for sign in (1, -1):
+            rooms[f"{'+' if sign > 0 else '-'}{'xyz'[axis]}"] = travel(desk, sign * np.eye(3)[axis], ROOM[name] * MM)
+    print(name, {way: round(room / MM) for way, room in rooms.items()})
+    assert min(rooms.values()) >= ROOM[name] * MM - 1e-9, rooms
+
+
+def test_a_tool_beyond_a_limit_goes_along_it():
+    desk = Desk(twin.load("sils"))
+    T = desk.assembly.T_base_tool.copy()
+    T[:3, 3] += [0.2, 0.02, 0.0]  # x ends after 73 mm, y does not
+    moved = desk.drag_tool(T)
+    reached = desk.assembly.T_base_tool
+    assert not moved.good
+    assert "short of the target" in moved.reason
+    assert 0.07 < reached[0, 3] - (T[0, 3] - 0.2) < 0.08
+    assert abs(reached[1, 3] - T[1, 3]) < 0.1 * MM
+    assert spatial.rotation_angle(reached[:3, :3].T @ T[:3, :3]) < 1e-7
+    low, high = desk.mechanism.limits.T
+    assert np.all((low - 1e-9 <= desk.assembly.q) & (desk.assembly.q <= high + 1e-9))
+    assert desk.assembly.worst_gap < 1e-9
+    # asked again, it does not creep on
+    again = desk.assembly.T_base_tool[:3, 3]
+    desk.drag_tool(T)
+    assert np.linalg.norm(desk.assembly.T_base_tool[:3, 3] - again) < 0.5 * MM
+
+
+def test_the_start_is_found_again():
+    desk = Desk(twin.load("sils"))
+    q = desk.assembly.q.copy()
+    assert desk.go("home").good
+    assert desk.go(START).good
+    assert np.abs(desk.assembly.q - q).max() < 1e-12
