@@ -39,8 +39,8 @@ from twin.planning.smooth import line
 from twin.planning.timing import time_path
 from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel
-from twin.reference.certificate import Certificate
 from twin.reference.clearance import Clearance, Shape, distance_between
+from twin.reference.clearance_certificate import Certificate
 from twin.reference.following import Follower
 from twin.ui.report import together_figures
 from twin.ui.report.scene_figures import RobotPhases

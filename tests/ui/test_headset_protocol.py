@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from twin.core import spatial
 from twin.core.errors import TwinError
-from twin.ui.access import limits
+from twin.ui.access import rate_limits as limits
 from twin.ui.headset import protocol as wire
 from twin.ui.headset import scene_frame, server
 from twin.ui.headset.client import STALL

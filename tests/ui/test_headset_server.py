@@ -25,7 +25,7 @@ from twin.cli.serving import _tls
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.ui.access import connection as connections
-from twin.ui.access.limits import Bucket, ConnectionCounter, counted_address
+from twin.ui.access.rate_limits import Bucket, ConnectionCounter, counted_address
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import client as clients
 from twin.ui.headset import protocol as wire

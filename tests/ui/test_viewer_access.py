@@ -28,7 +28,7 @@ from twin.cli.terminal import Terminal
 from twin.core.errors import TwinError
 from twin.core.foreign.consent import NO_CODE
 from twin.simulation.machine import machine_server as machines
-from twin.ui.access import limits
+from twin.ui.access import rate_limits as limits
 from twin.ui.access.rules import AccessRules
 from twin.ui.session import recorded_session as session_files
 from twin.ui.session.desk import Desk

@@ -275,7 +275,7 @@ class _Plan:
         from twin.planning.arm_group import trajectories
         from twin.planning.group_result import CommonPhase, PlannedTogether
         from twin.planning.plan_files import PhaseTimes, RobotSamples
-        from twin.reference.certificate import nearest
+        from twin.reference.clearance_certificate import nearest
 
         paths: list[Path] = []
         rounds: list[Mapping[str, SearchRounds]] = []

@@ -13,8 +13,8 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.planning.path import Path
 from twin.reference import ReferenceModel
-from twin.reference.certificate import Certificate
 from twin.reference.clearance import Clearance, between
+from twin.reference.clearance_certificate import Certificate
 
 _SHOWN = 201
 """Number of instants at which the distances between the arms are computed."""

@@ -13,7 +13,7 @@ from twin.planning.path import Path
 
 
 class PathCertificate(Interface):
-    """Distance between bodies along a path; `twin.reference.certificate.Certificate` has these attributes."""
+    """Distance between bodies along a path; `twin.reference.clearance_certificate.Certificate` has these attributes."""
 
     @property
     def proven(self) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING, display_unit
-from twin.reference.certificate import Certificate, certify, nearest
+from twin.reference.clearance_certificate import Certificate, certify, nearest
 from twin.reference.closing import Closing
 from twin.reference.joint_range import within_limits
 from twin.reference.model import ReferenceModel

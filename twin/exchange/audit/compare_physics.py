@@ -16,10 +16,10 @@ import numpy as np
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.colors import Rgba
+from twin.exchange.audit.compared_quantities import QUANTITIES, WORDS, Compared, difference_text
 from twin.exchange.audit.mechanism_data import TOOL, WORLD, FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.quantities import QUANTITIES, WORDS, Compared, difference_text
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, family_rank, holding, leading, trust

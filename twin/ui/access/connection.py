@@ -18,7 +18,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from twin.ui.access.limits import BYTES, FRAMES, Bucket, ConnectionCounter, counted_address
+from twin.ui.access.rate_limits import BYTES, FRAMES, Bucket, ConnectionCounter, counted_address
 
 HEAD_SECONDS = 5.0
 """Maximum time in s between the start of a connection and the end of the HTTP request's head."""

@@ -16,7 +16,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from twin.ui.access.connection import Connection
-from twin.ui.access.limits import BYTES, FRAMES, ConnectionCounter
+from twin.ui.access.rate_limits import BYTES, FRAMES, ConnectionCounter
 from twin.ui.access.responses import File, error_response, file_response
 from twin.ui.access.rules import AccessRules
 

@@ -11,7 +11,7 @@ from websockets.asyncio.server import broadcast
 
 from twin.core.json_types import JsonObject
 from twin.ui.access.connection import Connection
-from twin.ui.access.limits import Bucket
+from twin.ui.access.rate_limits import Bucket
 from twin.ui.headset import protocol as wire
 
 STALL = 10.0

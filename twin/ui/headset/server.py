@@ -17,7 +17,7 @@ from websockets.http11 import Request, Response
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.ui.access.connection import Connection
-from twin.ui.access.limits import GARBAGE, MESSAGES, Bucket, ConnectionCounter
+from twin.ui.access.rate_limits import GARBAGE, MESSAGES, Bucket, ConnectionCounter
 from twin.ui.access.requests import (
     WebSocketLimits,
     check_request,

@@ -29,7 +29,7 @@ class PageClient(Protocol):
     """Interface of a client.
 
     Attributes:
-        address: address of the client; see `twin.ui.access.limits.counted_address`.
+        address: address of the client; see `twin.ui.access.rate_limits.counted_address`.
         heard: time in s of the client's last frame.
     """
 

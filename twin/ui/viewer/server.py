@@ -26,7 +26,7 @@ from websockets.http11 import Request, Response
 
 from twin.core.errors import TwinError
 from twin.ui.access.connection import Connection
-from twin.ui.access.limits import GARBAGE, MESSAGES, SOCKETS, SOCKETS_OF_ONE, Bucket, ConnectionCounter
+from twin.ui.access.rate_limits import GARBAGE, MESSAGES, SOCKETS, SOCKETS_OF_ONE, Bucket, ConnectionCounter
 from twin.ui.access.requests import (
     TRY_AGAIN_LATER,
     WebSocketLimits,

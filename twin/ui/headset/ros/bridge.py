@@ -23,7 +23,7 @@ from twin.core.extras import require
 from twin.core.json_types import JsonObject
 from twin.exchange.formats.mcap.ros_definitions import full_name, short_name
 from twin.ui.access.connection import Connection
-from twin.ui.access.limits import GARBAGE, Bucket, ConnectionCounter
+from twin.ui.access.rate_limits import GARBAGE, Bucket, ConnectionCounter
 from twin.ui.access.requests import WebSocketLimits, check_request, end, listen
 from twin.ui.access.responses import error_response
 from twin.ui.access.rules import AccessRules
