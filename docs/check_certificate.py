@@ -25,6 +25,7 @@ PRIMES = [2**61 - k for k in (465, 1281, 1425, 2385, 3081, 3105)]
 ENOUGH = 8
 SEEN = 200  # states within reach at which every claim is looked at
 STATES = 4000
+LUCKY_STATES = 400_000  # states at which claims with many roots are looked at
 ROUNDING = 1e-6
 CHANCE = 1e-6  # odds that roots with other signs hide all zeros where a condition has one of its answers
 UNDEFINED = (None, math.nan)  # the value where an expression has none
@@ -75,83 +76,105 @@ def check_files(data, folder):
 def check(data):
     """Return [(claim, why it does not hold, or "")]."""
     rows = data["rows"]
-    rooted, conditions, counts = [], [], {}
-    for claim in data["claims"]:
-        needed = operations(rows, claim["zero"])
-        if not any(rows[i][0] in ("input", "cosine", "sine") for i in needed):
-            raise ValueError(f"the claim {claim['name']} has no row that depends on the state")
-        rooted.append(any(rows[i][0] == "root" for i in needed))
-        conditions.append({rows[i][1] for i in needed if rows[i][0] == "choose"})
+    claims = [Claim(claim, rows) for claim in data["claims"]]
+    numbers = {i: row[1] for i, row in enumerate(rows) if row[0] == "number"}
     fields = [Field(prime) for prime in PRIMES]
-    constants = []
-    for field in fields:
-        constants.append({i: field.number(row[1]) for i, row in enumerate(rows) if row[0] == "number"})
+    constants = [{i: field.number(text) for i, text in numbers.items()} for field in fields]
     generator = random.SystemRandom()  # no state that the author of a certificate could foresee
-    zeros = [0] * len(data["claims"])
-    seen = [0] * len(data["claims"])
-    faults = {}
-    for turn in range(STATES):
-        open_claims = [k for k, count in enumerate(zeros) if (count < ENOUGH or seen[k] < SEEN) and k not in faults]
-        if not open_claims:
+    for turn in range(LUCKY_STATES):
+        # a claim with many roots has few states with all of them: then the others are given up at the first lost root
+        waiting = [claim for claim in claims if claim.open and (turn < STATES or claim.only_zeros)]
+        if not waiting:
             break
         field = fields[turn % len(fields)]
         state = field.draw(data["ranges"], generator)
-        values = dict(constants[turn % len(fields)])
-        results = [i for k in open_claims for key in ("zero", "reach") for i in data["claims"][k][key]]
-        needed = operations(rows, results)
-        for i in needed:
-            if i not in values:
-                values[i] = field.evaluate(rows[i], values, state)
-        for k in open_claims:
-            results = [values[i] for i in data["claims"][k]["zero"]]
-            reach = [values[i][1] for i in data["claims"][k]["reach"]]
-            if any(not margin >= 0 for margin in reach) or any(math.isnan(result[1]) for result in results):
-                continue
-            seen[k] += 1
-            wrong = [result[1] for result in results if not abs(result[1]) <= ROUNDING]
-            if wrong:
-                faults[k] = f"a number is {wrong[0]:.3g} at {shown(state)}"
-            exact = [result[0] for result in results]
-            if None in exact:
-                continue
-            zeros[k] += not any(exact)
-            if any(exact) and not rooted[k]:
-                faults.setdefault(k, f"an exact number is not zero at {shown(state)}")
-            for side in [(k, None, True), *((k, i, bool(values[i][1])) for i in conditions[k])]:
-                known, zero = counts.get(side, (0, 0))
-                counts[side] = known + 1, zero + (not any(exact))
-    verdicts = []
-    for k, claim in enumerate(data["claims"]):
-        fault = faults.get(k, "")
-        if not fault and (zeros[k] < ENOUGH or seen[k] < SEEN):
-            fault = f"only {zeros[k]} exact zeros at {seen[k]} states within reach of {STATES}"
-        if not fault and missed(k, counts):
-            fault = "no exact number is zero where a condition has one of its answers"
-        verdicts.append((claim["claim"], fault))
-    return verdicts
+        values = dict(constants[turn % len(fields)])  # {row: its value at the state}
+        for claim in waiting:
+            if complete(rows, claim.needed, values, state, field, claim.only_zeros):
+                complete(rows, claim.margins, values, state, field, False)
+                claim.judge(values, state)
+    return [(claim.text, claim.verdict()) for claim in claims]
 
 
-def missed(k, counts):
-    """Return whether a claim has no zeros on one side of a condition, although chance would have put one there."""
-    known, zero = counts[k, None, True]
-    sides = [side for place, side in counts.items() if place[0] == k]
-    return any(not zeros and (1 - zero / known) ** there < CHANCE for there, zeros in sides)
+def complete(rows, needed, values, state, field, needs_roots):
+    """Evaluate rows; return False as soon as a root is missing, if all are needed."""
+    for i in needed:
+        if i not in values:
+            values[i] = field.evaluate(rows[i], values, state)
+        if needs_roots and rows[i][0] == "root" and values[i][0] is None:
+            return False
+    return True
+
+
+class Claim:
+    """A claim: numbers that must be zero wherever some margins are not negative; and what was found."""
+
+    def __init__(self, claim, rows):
+        """Find the rows that it needs."""
+        self.text, self.zero, self.reach = claim["claim"], claim["zero"], claim["reach"]
+        self.needed = operations(rows, self.zero)
+        self.margins = operations(rows, self.reach)
+        if not any(rows[i][0] in ("input", "cosine", "sine") for i in self.needed):
+            raise ValueError(f"the claim {claim['name']} has no row that depends on the state")
+        self.rooted = any(rows[i][0] == "root" for i in self.needed)
+        self.conditions = {rows[i][1] for i in self.needed if rows[i][0] == "choose"}
+        self.zeros = self.seen = 0
+        self.counts = {}  # {(condition or None, answer): (number of exact results, number of zeros)}
+        self.fault = ""
+
+    @property
+    def open(self):
+        """Whether more states are needed."""
+        return not self.fault and (self.zeros < ENOUGH or self.seen < SEEN)
+
+    @property
+    def only_zeros(self):
+        """Whether only exact zeros are still needed, which exist where all roots do."""
+        return self.rooted and self.seen >= SEEN
+
+    def judge(self, values, state):
+        """Count the zeros at a state, or keep what is wrong there."""
+        results = [values[i] for i in self.zero]
+        reach = [values[i][1] for i in self.reach]
+        if any(not margin >= 0 for margin in reach) or any(math.isnan(result[1]) for result in results):
+            return
+        self.seen += 1
+        wrong = [result[1] for result in results if not abs(result[1]) <= ROUNDING]
+        if wrong:
+            self.fault = f"a number is {wrong[0]:.3g} at {shown(state)}"
+        exact = [result[0] for result in results]
+        if None in exact:
+            return
+        self.zeros += not any(exact)
+        if any(exact) and not self.rooted:
+            self.fault = self.fault or f"an exact number is not zero at {shown(state)}"
+        for side in [(None, True), *((i, bool(values[i][1])) for i in self.conditions)]:
+            known, zero = self.counts.get(side, (0, 0))
+            self.counts[side] = known + 1, zero + (not any(exact))
+
+    def verdict(self):
+        """Return why the claim does not hold, or ""."""
+        if self.open:
+            return f"only {self.zeros} exact zeros, at {self.seen} states within reach"
+        known, zero = self.counts.get((None, True), (0, 0))
+        for there, zeros in self.counts.values():  # chance would have put a zero on each side of a condition
+            if not self.fault and not zeros and (1 - zero / known) ** there < CHANCE:
+                return "no exact number is zero where a condition has one of its answers"
+        return self.fault
 
 
 def operations(rows, results):
     """Return the rows that results need, in order."""
-    needed = set()
-    waiting = list(results)
+    needed, waiting = set(), list(results)
     while waiting:
         i = waiting.pop()
         if not 0 <= i < len(rows):
             raise ValueError(f"there is no row {i}")
         if i not in needed:
             needed.add(i)
-            operands = [operand for operand in rows[i][1:] if isinstance(operand, int)]
-            if any(operand >= i for operand in operands):
+            waiting += [operand for operand in rows[i][1:] if isinstance(operand, int)]
+            if any(isinstance(operand, int) and operand >= i for operand in rows[i][1:]):
                 raise ValueError(f"row {i} needs a later row")
-            waiting += operands
     return sorted(needed)
 
 
@@ -161,17 +184,8 @@ class Field:
     def __init__(self, prime):
         """Keep the prime and its roots."""
         self.prime = prime
-        self.roots = {1: 1}
-        for radicand in (2, 3):
-            self.roots[radicand] = self.root(radicand)
-        self.roots[6] = self.roots[2] * self.roots[3] % prime
+        self.roots = {1: 1, 2: self.root(2), 3: self.root(3), 6: self.root(2) * self.root(3) % prime}
         self.tenths = self.residue(Fraction(1, 10**7))  # of micrometres: decimals of drawings
-        self.exact = {
-            "add": lambda a, b: a + b,
-            "multiply": lambda a, b: a * b,
-            "negative": lambda a: -a,
-            "inverse": lambda a: pow(a, -1, prime),
-        }
 
     def draw(self, ranges, generator):
         """Return a random state: {name: (exact value, real value)}, for an angle those of its cosine and sine."""
@@ -183,10 +197,8 @@ class Field:
                 first = Fraction(math.tan(max(low - start, -0.999 * math.pi) / 2))
                 last = Fraction(math.tan(min(high - start, 0.999 * math.pi) / 2))
                 t = first + Fraction(generator.randint(0, 10**9), 10**9) * (last - first)
-                scale = 1 / (1 + t * t)
                 c, s = self.near(middle)
-                cosine, sine = (1 - t * t) * scale, 2 * t * scale
-                x, y = self.residue(cosine), self.residue(sine)
+                x, y = self.residue((1 - t * t) / (1 + t * t)), self.residue(2 * t / (1 + t * t))
                 turn = start + 2 * math.atan(t)
                 first = (c * x - s * y) % self.prime
                 second = (s * x + c * y) % self.prime
@@ -247,7 +259,8 @@ class Field:
         result = REAL[name](*real)
         if None in exact or (name == "inverse" and not exact[0]):
             return None, result
-        return self.exact[name](*exact) % self.prime, result
+        found = pow(exact[0], -1, self.prime) if name == "inverse" else REAL[name](*exact)
+        return found % self.prime, result
 
     def rooted(self, exact, real):
         """Return the root of a number; its sign is that of the real root if the root is a decimal."""
@@ -277,11 +290,8 @@ REAL = {"add": lambda a, b: a + b, "multiply": lambda a, b: a * b, "negative": l
 
 def shown(state):
     """Return a state as text."""
-    words = []
-    for name, value in state.items():
-        real = math.atan2(value[1][1], value[0][1]) if isinstance(value[0], tuple) else value[1]
-        words.append(f"{name} = {real:.6g}")
-    return ", ".join(words)
+    real = {name: math.atan2(x[1][1], x[0][1]) if isinstance(x[0], tuple) else x[1] for name, x in state.items()}
+    return ", ".join(f"{name} = {value:.6g}" for name, value in real.items())
 
 
 if __name__ == "__main__":

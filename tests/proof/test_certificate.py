@@ -233,7 +233,7 @@ def test_the_audit_finds_a_number_that_is_small_but_not_zero(tmp_path, capsys):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", [name for name in twin.names() if name not in ("sils", "sher")])
+@pytest.mark.parametrize("name", [name for name in twin.names() if name != "sils"])
 def test_certificates_of_all_robots_hold(tmp_path, checker, name):
     found = twin.prove(name)
     assert checked(checker, tmp_path / "c.json", found.certificate()) == 0
