@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import Field
@@ -196,7 +196,8 @@ class PhaseTable(Table):
     @classmethod
     def kind_of(cls) -> str:
         """Return the value of `type` in the file for phases of this class."""
-        return cls.model_fields["type"].annotation.__args__[0]  # type: ignore[union-attr]
+        literal = cls.model_fields["type"].annotation
+        return get_args(literal)[0]
 
 
 # -- phases as paths ---------------------------------------------------------------------------------------------------
