@@ -14,9 +14,9 @@ from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.model.body import Body
 from twin.model.joint import Joint
+from twin.model.joint_distance import Distance, distances, with_distance
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
-from twin.ui.viewer.design import Distance, distances, with_distance
 
 SHIFT = 1e-4
 

@@ -24,13 +24,13 @@ from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import KinematicsError, MechanismError, TwinError
 from twin.core.units import MM
+from twin.model.joint_distance import with_distance
 from twin.ui.headset.playback import measured
 from twin.ui.session.desk import Desk
 from twin.ui.session.display_meshes import CREASE, behind, creased, looks
 from twin.ui.session.instruments import read
 from twin.ui.session.timeline import Clock, Playback, protocols_of
 from twin.ui.viewer import readout
-from twin.ui.viewer.design import with_distance
 from twin.ui.viewer.design_panel import differs, refused
 from twin.ui.viewer.panels import LEAST_SPAN, curves
 

@@ -98,8 +98,10 @@ def in_package(folder: str) -> list[Path]:
     return sorted((PACKAGE / folder).rglob("*.cs"))
 
 
-def compiled(files: list[Path], out: Path, *references: Path, library: bool = False, strict: bool = True) -> None:
-    """Compile; if `strict`, with every warning an error.
+def compiled(
+    files: list[Path], out: Path, *references: Path, library: bool = False, strict: bool = True, define: str = ""
+) -> None:
+    """Compile; if `strict`, with every warning an error; `define` is a symbol of the preprocessor.
 
     Raises:
         ChildProcessError: mcs found an error; the message is what it said.
@@ -110,6 +112,7 @@ def compiled(files: list[Path], out: Path, *references: Path, library: bool = Fa
         *(["-warnaserror+"] if strict else []),
         f"-target:{'library' if library else 'exe'}",
         f"-out:{out}",
+        *([f"-define:{define}"] if define else []),
     ]
     done = run([*command, *(f"-r:{r}" for r in references), *map(str, files)])
     if done.returncode:

@@ -74,6 +74,23 @@ class Program:
         return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
 
     @cached_property
+    def inverse_of_parameters(self) -> Evaluator:
+        """Function of the parameters, in the order of `parameters`, and the pose (16,) that returns q (n) and a misfit.
+
+        See `inverse`; here, the parameters are inputs.
+        """
+        count = len(self.parameters)
+        z = ca.SX.sym("z", count + 16)
+        T = symbolic.unflat(z[count:], 4, 4)
+        symbols: dict[str, Value] = {name: z[i] for i, name in enumerate(self.parameters)}
+        symbols |= flow.from_pose(self.formula, T)
+        for stage in ("inverse", "forward"):
+            symbols = flow.run(self.formula, self.variants, symbols, stage)
+        q = self._joints(symbols)
+        misfit = _length(ca.vec(flow.to_pose(self.formula, symbols) - T))
+        return Evaluator("inverse_of_parameters", z, ca.vertcat(q, misfit))
+
+    @cached_property
     def judged_inverse(self) -> Evaluator:
         """Function of the pose (16,) that returns q (n); NaN if the pose is out of reach, or not rigid (`POSE_TOL`)."""
         result = self.inverse.function(self._z)

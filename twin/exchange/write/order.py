@@ -20,6 +20,7 @@ from twin.core.foreign.once import Read
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.exchange.write.clip import Clip, ClipAccuracy, make_clip
+from twin.kinematics.compile import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 
@@ -67,6 +68,8 @@ class Order:
         assumed: "name: reason" for each assumed (unpublished) number of the robot; numbers of protocols are in clips.
         title, source: title and source of the robot.
         findings: findings on the robot.
+        equations: the compiled equations; None if there are none.
+        gaps: (lower joint, upper joint, minimum distance in m) of joints on one rail.
     """
 
     mechanism: Mechanism
@@ -77,6 +80,8 @@ class Order:
     title: str
     source: str
     findings: tuple[Finding, ...]
+    equations: Kinematics | None = None
+    gaps: tuple[tuple[str, str, float], ...] = ()
 
     @property
     def clips(self) -> tuple[Clip, ...]:
@@ -155,8 +160,10 @@ def order(
         scenes.append(scene)
         planned_names.append(scene.clip.name)
     numbers = [*cad.mechanism.parameters, *cad.dimensions]
+    equations = None
     if files.has_equations:
-        numbers += robot.kinematics().formula.parameters
+        equations = robot.kinematics()
+        numbers += equations.formula.parameters
     return Order(
         cad.mechanism,
         tuple(scenes),
@@ -166,6 +173,8 @@ def order(
         cad.description.title,
         cad.description.source,
         tuple(findings),
+        equations,
+        robot.gaps,
     )
 
 

@@ -8,7 +8,7 @@ cancel.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,14 +101,21 @@ class LoopEquations:
         offset, tilt: norm of the offsets of all loops in m; norm of the misalignments of all loops in rad, in which
             an inverted joint counts as 1 rad.
         T_base_tool: (4, 4) pose of the tool.
-        errors: symbols (6,) of the error of a joint frame, by (joint, "parent" or "child"), in the frame's own axes:
-            shift in m, then rotation in rad. The equations are accurate to second order in the rotation. Empty if not
-            requested.
+        errors: symbols or expressions (6,) of the error of a joint frame, by (joint, "parent" or "child"), in the
+            frame's own axes: shift in m, then rotation in rad. The equations are accurate to second order in the
+            rotation. Empty if not requested.
     """
 
-    def __init__(self, mechanism: Mechanism, *, with_errors: bool = False) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        *,
+        with_errors: bool = False,
+        errors: Mapping[tuple[str, str], ca.SX] | None = None,
+    ) -> None:
+        """Build the equations; `errors` are expressions (6,) of frame errors, `with_errors` a symbol for each frame."""
         self.mechanism = mechanism
-        self.errors: dict[tuple[str, str], ca.SX] = {}
+        self.errors = dict(errors or {})
         if with_errors:
             for joint in mechanism.joints:
                 for side in ("parent", "child"):

@@ -10,7 +10,7 @@ joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -72,6 +72,9 @@ class LoopSolver:
         equations: loop equations of the mechanism.
         blocks: blocks of equations, in the order of solution.
         q, home: active joints (n,), and state of each passive joint, in the rest poses after loop closure.
+        samples: Jacobian of each block as drawn.
+        signs: determinant of each square block in the rest poses, by its name in the stages.
+        gap, tilt: maximum gap in m and misalignment in rad of closed loops.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -85,6 +88,7 @@ class LoopSolver:
         self.blocks = blocks(self.equations)
         self.q, start = self.equations.rest()
         self._newton: list[Stage] = []
+        self.samples: list[Array] = []
         for number, block in enumerate(self.blocks):
             self._newton.append(self._stage(number, block, start))
 
@@ -94,10 +98,10 @@ class LoopSolver:
         for stage in self._newton:
             self._solve_once(stage, known)
         self.home = [known[passive.key] for passive in self.equations.passive]
-        self._signs: dict[str, float] = {}
+        self.signs: dict[str, float] = {}
         for name, value in known.items():
             if name.startswith("det "):
-                self._signs[name] = float(value[0])
+                self.signs[name] = float(value[0])
 
         e = self.equations
         function = ca.Function("gaps", [e.q, e.states], [e.offset, e.tilt])
@@ -108,8 +112,8 @@ class LoopSolver:
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
         # If a loop does not close exactly in the CAD, a gap remains in every state; this is a finding, not an error.
-        self._gap = max(GAP, 10 * offset)
-        self._tilt = max(TILT, 10 * tilt)
+        self.gap = max(GAP, 10 * offset)
+        self.tilt = max(TILT, 10 * tilt)
 
     def _solve_once(self, stage: Stage, known: dict[str, Array]) -> None:
         """Solve one block by Newton's method without a kernel; `known` holds its inputs and takes its results."""
@@ -136,7 +140,7 @@ class LoopSolver:
         if seed is None:
             seed = self._start
         out = single(q, seed)
-        if out[12] <= self._gap and out[13] <= self._tilt and out[14] > 0:
+        if out[12] <= self.gap and out[13] <= self.tilt and out[14] > 0:
             T = np.eye(4)
             T[:3] = out[:12].reshape(3, 4)
             return T
@@ -159,7 +163,7 @@ class LoopSolver:
         converge.
         """
         out = self._single(q, seed)
-        if out[12] <= self._gap and out[13] <= self._tilt:
+        if out[12] <= self.gap and out[13] <= self.tilt:
             return out[15:]
         return None
 
@@ -235,17 +239,12 @@ class LoopSolver:
 
     def _links_kernel(self, single: bool = False) -> Kernel:
         e = self.equations
-        rows = []
-        for T in e.links().values():
-            rows.append(ca.vec(T.T))  # CasADi stacks columns
-        stacked = ca.densify(ca.vertcat(*rows))
-        function = ca.Function("links", [e.q, e.states], [stacked], {"cse": True})
         inputs = {"q": len(self.q), "states": len(self._start)}
-        stage = Stage(function, tuple(inputs), ("links",))
+        stage = links_stage(e, {"q": e.q, "states": e.states})
         return Kernel([stage], inputs, ["links"], single=single)
 
     def _good(self, gaps: Array) -> np.ndarray:
-        return (gaps[0] <= self._gap) & (gaps[1] <= self._tilt) & (gaps[2] > 0)
+        return (gaps[0] <= self.gap) & (gaps[1] <= self.tilt) & (gaps[2] > 0)
 
     @cached_property
     def _start(self) -> Array:
@@ -258,18 +257,8 @@ class LoopSolver:
         Inputs are q and the unknowns of the loops. Outputs are "pose" (12,), the first three rows of T_base_tool;
         "gaps" (3,), which are offset, tilt and margin (see `ClosedStates`); and "states", the values of the unknowns.
         """
-        e = self.equations
-        determinants = [ca.SX.sym(name) for name in self._signs]
-        margin = ca.SX(1)
-        for determinant, at_rest in zip(determinants, self._signs.values(), strict=True):
-            margin = ca.fmin(margin, determinant / at_rest)
-        pose = ca.vec(e.T_base_tool[:3, :].T)
-        gaps = ca.vertcat(e.offset, e.tilt, margin)
-        outputs = [ca.densify(pose), ca.densify(gaps), ca.densify(e.states)]
-        arguments = [*self._arguments, *determinants]
-        function = ca.Function("end", arguments, outputs, {"cse": True})
-        end = Stage(function, ("q", *self._keys, *self._signs), _RESULTS)
-        return [*self._newton, end]
+        arguments = dict(zip(["q", *self._keys], self._arguments, strict=True))
+        return [*self._newton, end_stage(self.equations, self.signs, arguments)]
 
     @cached_property
     def _cold(self) -> Kernel:
@@ -308,27 +297,78 @@ class LoopSolver:
     def _stage(self, number: int, block: EquationBlock, start: list[Array]) -> Stage:
         """Return the stage that solves a block by Newton's method."""
         e = self.equations
-        rows = list(block.rows)
-        columns = list(block.columns)
-        residual = e.residual[rows]
-        # Entries outside the pattern are 0 in every state, but CasADi does not see it.
-        J = ca.SX(len(rows), len(columns))
-        full = e.jacobian[rows, columns]
-        for i, j in np.argwhere(block.pattern).tolist():
-            J[i, j] = full[i, j]
+        J = masked_jacobian(e, block)
         jacobian = ca.Function("J", [e.q, e.states], [ca.densify(J)])
         sample = jacobian(self.q, np.concatenate(start)).full()
+        self.samples.append(sample)
+        return newton_stage(e, number, block, sample, dict(zip(["q", *self._keys], self._arguments, strict=True)))
 
-        determinant: dict[str, ca.SX] = {}
-        if block.square and np.linalg.cond(sample) < _SINGULAR:
-            step, determinant[f"det {number}"] = linear.square(J, -residual, block.pattern, sample)
-        else:
-            step = linear.least_squares(J, -residual, block.pattern)
-        size = linear.largest(step)
-        unknowns = [e.passive[k] for k in block.unknowns]
-        states = stepped(unknowns, step * ca.fmin(1, _STRIDE / size))
 
-        results = {**states, "error": size, **determinant}
-        outputs = list(map(ca.densify, results.values()))
-        function = ca.Function(f"block{number}", self._arguments, outputs, {"cse": True})
-        return Stage(function, ("q", *self._keys), tuple(results), _STEPS, _LAST, reciprocals=True)
+def masked_jacobian(e: LoopEquations, block: EquationBlock) -> ca.SX:
+    """Return the Jacobian of a block with respect to the steps of its unknowns."""
+    rows = list(block.rows)
+    columns = list(block.columns)
+    # Entries outside the pattern are 0 in every state, but CasADi does not see it.
+    J = ca.SX(len(rows), len(columns))
+    full = e.jacobian[rows, columns]
+    for i, j in np.argwhere(block.pattern).tolist():
+        J[i, j] = full[i, j]
+    return J
+
+
+def newton_stage(
+    e: LoopEquations, number: int, block: EquationBlock, sample: Array, arguments: Mapping[str, ca.SX]
+) -> Stage:
+    """Return the stage that solves a block by Newton's method.
+
+    Args:
+        e: the equations.
+        number: number of the block; the determinant of the block is named "det <number>".
+        block: the equations and unknowns of the block.
+        sample: Jacobian of the block in one state, by which the pivots are chosen.
+        arguments: {name: symbol} of the arguments: q, the state of each passive joint, and further symbols.
+    """
+    J = masked_jacobian(e, block)
+    residual = e.residual[list(block.rows)]
+    determinant: dict[str, ca.SX] = {}
+    if block.square and np.linalg.cond(sample) < _SINGULAR:
+        step, determinant[f"det {number}"] = linear.square(J, -residual, block.pattern, sample)
+    else:
+        step = linear.least_squares(J, -residual, block.pattern)
+    size = linear.largest(step)
+    unknowns = [e.passive[k] for k in block.unknowns]
+    states = stepped(unknowns, step * ca.fmin(1, _STRIDE / size))
+
+    results = {**states, "error": size, **determinant}
+    outputs = list(map(ca.densify, results.values()))
+    function = ca.Function(f"block{number}", list(arguments.values()), outputs, {"cse": True})
+    return Stage(function, tuple(arguments), tuple(results), _STEPS, _LAST, reciprocals=True)
+
+
+def end_stage(e: LoopEquations, signs: Mapping[str, float], arguments: Mapping[str, ca.SX]) -> Stage:
+    """Return the stage that computes tool pose, gaps and states after the blocks.
+
+    Args:
+        e: the equations.
+        signs: {name of a determinant: its value in the rest poses}.
+        arguments: see `newton_stage`.
+    """
+    determinants = [ca.SX.sym(name) for name in signs]
+    margin = ca.SX(1)
+    for determinant, at_rest in zip(determinants, signs.values(), strict=True):
+        margin = ca.fmin(margin, determinant / at_rest)
+    pose = ca.vec(e.T_base_tool[:3, :].T)
+    gaps = ca.vertcat(e.offset, e.tilt, margin)
+    outputs = [ca.densify(pose), ca.densify(gaps), ca.densify(e.states)]
+    function = ca.Function("end", [*arguments.values(), *determinants], outputs, {"cse": True})
+    return Stage(function, (*arguments, *signs), _RESULTS)
+
+
+def links_stage(e: LoopEquations, arguments: Mapping[str, ca.SX]) -> Stage:
+    """Return the stage that computes T_base_body (3, 4), row by row, of all bodies from `arguments` {name: symbol}."""
+    rows = []
+    for T in e.links().values():
+        rows.append(ca.vec(T.T))  # CasADi stacks columns
+    stacked = ca.densify(ca.vertcat(*rows))
+    function = ca.Function("links", list(arguments.values()), [stacked], {"cse": True})
+    return Stage(function, tuple(arguments), ("links",))

@@ -82,6 +82,29 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     return replace(mechanism, joints=tuple(moved if j.name == joint else j for j in mechanism.joints))
 
 
+def line_of(mechanism: Mechanism, distance: Distance) -> Array:
+    """Return the unit vector (3,), in the frame of the body, along which `with_distance` moves the joint."""
+    origin = _on(mechanism.joint(distance.other), distance.body)[:3, 3]
+    line = _on(mechanism.joint(distance.joint), distance.body)[:3, 3] - origin
+    return line / np.linalg.norm(line)
+
+
+def kinematic_distances(mechanism: Mechanism) -> list[Distance]:
+    """Return the distances that change a motion: of both joints, a joint that moves is at the joint or beyond it.
+
+    Mounts of parts that do not move, such as a phantom on the base, have no such distance.
+    """
+    carries = {joint.name for joint in mechanism.loops}
+    for joint in mechanism.joints:
+        if joint.type == "fixed":
+            continue
+        carries.add(joint.name)
+        for body in (joint.parent, joint.child):
+            for before in mechanism.path(body):
+                carries.add(before.name)
+    return [d for d in distances(mechanism) if d.joint in carries and d.other in carries]
+
+
 def _of(mechanism: Mechanism, joint: str) -> list[Distance]:
     return [d for d in distances(mechanism) if joint in (d.joint, d.other)]
 
