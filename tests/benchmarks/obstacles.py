@@ -27,11 +27,11 @@ SECONDS = 30.0  # of processor time, for one run of OMPL
 JOINTS = 6  # the jaw stays where it is, as in the paper
 
 
-def problem():
-    """Return (space, start, goal, box) of phase `out` of the protocol dome."""
+def problem(clearance=CLEARANCE):
+    """Return (space, start, goal, box) of phase `out` of the protocol dome; `clearance`: required distance in m."""
     robot = twin.load("raven_left")
     protocol, follower = robot.protocol(ROOT / "trajectories/raven_left/around/dome.toml"), Follower(robot.reference)
-    space = JointSpace(lambda: follower.model, CLEARANCE, around=lambda: standing("dome", "raven_left", twin.load))
+    space = JointSpace(lambda: follower.model, clearance, around=lambda: standing("dome", "raven_left", twin.load))
     home = follower.model.home()
     ends = []
     for name in ("below", "above"):

@@ -1,4 +1,4 @@
-"""Costs of straight connections for a search: length, stops, weighted sum of both, and clearance.
+"""Costs of straight connections for a search: length, stops, weighted sum of both, clearance, and the Raven paper's.
 
 `stops` prefers paths with few corners. It assumes that each connection begins and ends at rest, with a constant
 acceleration a along its weighted length l in joint space, and then the same deceleration. The connection then takes
@@ -6,10 +6,9 @@ acceleration a along its weighted length l in joint space, and then the same dec
 `length` plus 0.5 times `stops`. All three obey the triangle inequality. If a path is divided into more connections,
 `stops` grows: it does not converge as the number of samples grows.
 
-None of these costs is the one of the Raven paper, eq. (1): 0.1 c(path) + 0.5 (integral of |tip acceleration|^2 dt),
-although `length_and_stops` has its form and its weights. c is the unweighted length in joint space, the
-acceleration is that of the tip along the executed motion, whose time law the paper does not give. The two rank
-connections differently (docs/derivations.md).
+`published` is the cost of the Raven paper, eq. (1): eta_1 c(path) + eta_2 (integral of |tip acceleration|^2 dt), along
+the motion of a plant under PD control (`twin.planning.set_point`). `length_and_stops` has its form and its weights
+but ranks connections differently (docs/derivations.md).
 
 The cost for clearance is a length in which parts of a path near other bodies count more: at a distance d from the
 nearest body, the length is multiplied by 1 + 9 max(0, 1 - d / 20 mm). Both numbers are ASSUMED: a path may be ten times
@@ -89,18 +88,26 @@ def clearance(space: Space) -> Cost:
     return cost
 
 
+def published(space: Space) -> Cost:
+    """Return eq. (1) of the Raven paper with the weights of its Table 2 as a cost; for an arm without loops only."""
+    from twin.planning.set_point import set_point_cost  # imports casadi and the compiler, which load slowly
+
+    return set_point_cost(space.mechanism, space.limits)
+
+
 COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
     {
         "length": lambda space: length(space.weights),
         "stops": lambda space: stops(space.weights),
         "length_and_stops": lambda space: length_and_stops(space.weights),
         "clearance": clearance,
+        "published": published,
     }
 )
-"""{name of a cost in a protocol: function of a space that returns this cost}."""
+"""{name of a cost in a protocol: function of a space that returns this cost}; `published` with the paper's weights."""
 
-UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "stops": "m2/s3", "length_and_stops": "", "clearance": "m"})
-"""Unit of each cost; "" for the sum of two units."""
+STRAIGHT = ("length", "stops", "length_and_stops")
+"""Names of the costs that are smallest on the straight connection of two points."""
 
 
 def total(cost: Cost, corners: Array) -> float:

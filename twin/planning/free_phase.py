@@ -61,7 +61,7 @@ def free_path(
         ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message names bodies, sizes
             and searches.
     """
-    from twin.planning.costs import COSTS
+    from twin.planning.costs import COSTS, STRAIGHT
     from twin.planning.obstacle_avoidance import around  # imports scipy, which loads slowly
 
     if kinematics.space is None:
@@ -79,7 +79,11 @@ def free_path(
     try:
         space = kinematics.space(phase.scene, phase.clearance, kept(kinematics, anchor))
         cost = None
-        if phase.cost != "length":  # the default of `around`, which then leaves out useless samples
+        if phase.cost == "published":
+            from twin.planning.set_point import set_point_cost
+
+            cost = set_point_cost(space.mechanism, space.limits, phase.eta)
+        elif phase.cost != "length":  # the default of `around`, which then leaves out useless samples
             cost = COSTS[phase.cost](space)
         path = around(
             space,
@@ -87,7 +91,7 @@ def free_path(
             seed=phase.seed,
             progress=report,
             cost=cost,
-            straight=phase.cost != "clearance",  # every other cost is smallest on the straight path
+            straight=phase.cost in STRAIGHT,
             samples=phase.samples,
             ended=rounds.append,
         )

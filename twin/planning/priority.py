@@ -17,6 +17,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import MM, ROUNDING
+from twin.model.mechanism import Mechanism
 from twin.planning.costs import Cost, length
 from twin.planning.obstacle_avoidance import around
 from twin.planning.path import Path
@@ -104,6 +105,11 @@ class Behind(Space):
     def limits(self) -> Array:
         """Limits (n + 1, 2): of the new arm's joints in m or rad, and 0 to 1."""
         return np.concatenate([self.whole.limits[self._before :], [[0.0, 1.0]]])
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism of all arms."""
+        return self.whole.mechanism
 
     @property
     def weights(self) -> Array:

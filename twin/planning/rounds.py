@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
-from twin.planning.costs import UNITS
+UNITS: Mapping[str, str] = MappingProxyType(
+    {"length": "m", "stops": "m2/s3", "length_and_stops": "", "clearance": "m", "published": ""}
+)
+"""Unit of each cost of `twin.planning.costs`; "" for the sum of two units."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.model.mechanism import Mechanism
 from twin.planning.path import Path
 
 
@@ -50,6 +51,11 @@ class Space(Interface):
     @property
     def limits(self) -> Array:
         """Lower and upper limit (n, 2) of each joint in m or rad."""
+        ...
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism that moves, for costs that depend on the motion of its tool."""
         ...
 
     @property

@@ -21,6 +21,7 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING, display_unit
+from twin.model.mechanism import Mechanism
 from twin.reference.clearance_certificate import Certificate, certify, nearest
 from twin.reference.closing import Closing
 from twin.reference.joint_range import within_limits
@@ -147,6 +148,11 @@ class JointSpace:
         return self._closing.linear is None
 
     # -- the interface for searches -------------------------------------------------------------------
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism whose joints these are."""
+        return self._model.mechanism
 
     @property
     def limits(self) -> Array:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from twin.core.provenance import Parameter
 from twin.core.units import MM
 from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
-from twin.schema import Identifier, Positive
+from twin.schema import Identifier, NotNegative, Positive, at
+
+ETA = (0.1, 0.5)
+"""Weights of length and squared tip acceleration in the cost `published`: those of the Raven paper's Table 2."""
 
 
 class FreeTable(PhaseTable):
@@ -28,13 +31,21 @@ class FreeTable(PhaseTable):
         Field(min_length=1, description="a scene with this robot: its props and other robots, as drawn, are obstacles"),
     ] = None
     cost: Annotated[
-        Literal["length", "stops", "length_and_stops", "clearance"],
+        Literal["length", "stops", "length_and_stops", "clearance", "published"],
         Field(
             description="what the search minimises: the length of the path; its corners, as if the robot stopped at "
-            "each (stops); a weighted sum of both; or the length, in which parts within 20 mm of other bodies count up "
-            "to ten times"
+            "each (stops); a weighted sum of both; the length, in which parts within 20 mm of other bodies count up "
+            "to ten times (clearance); or eq. (1) of the Raven paper (published; arms without loops only)"
         ),
     ] = "length"
+    eta1: Annotated[
+        NotNegative | None,
+        Field(description='only with cost = "published": weight of the length of joint motion; default 0.1'),
+    ] = None
+    eta2: Annotated[
+        NotNegative | None,
+        Field(description='only with cost = "published": weight of the squared tip acceleration; default 0.5'),
+    ] = None
     samples: Annotated[
         int,
         Field(
@@ -46,6 +57,21 @@ class FreeTable(PhaseTable):
 
     rank: ClassVar[int] = 8
 
+    @model_validator(mode="after")
+    def _weights(self) -> Self:
+        given = [name for name in ("eta1", "eta2") if getattr(self, name) is not None]
+        if given and self.cost != "published":
+            raise at(given[0], f'has no effect with cost = "{self.cost}": omit it, or set cost = "published"')
+        if self.cost == "published" and not any(self._eta()):
+            raise at("eta2", "eta1 and eta2 are both 0, so that every path costs the same: set one of them above 0")
+        return self
+
+    def _eta(self) -> tuple[float, float]:
+        """Return the weights of eq. (1): those given, else those of the paper's Table 2."""
+        eta1 = ETA[0] if self.eta1 is None else self.eta1
+        eta2 = ETA[1] if self.eta2 is None else self.eta2
+        return eta1, eta2
+
     def follow(self, walk: Walk) -> None:
         """Check that no RCM is registered, and set the waypoint `to` as the end of the phase."""
         walk.outside(self.type)
@@ -53,7 +79,9 @@ class FreeTable(PhaseTable):
 
     def phase(self, walk: Walk) -> Free:
         """Return the phase that this table describes, in SI units."""
-        return Free(self.name, self.to, self.clearance_mm * MM, self.seed, self.scene or "", self.cost, self.samples)
+        clearance = self.clearance_mm * MM
+        scene = self.scene or ""
+        return Free(self.name, self.to, clearance, self.seed, scene, self.cost, self.samples, self._eta())
 
 
 @dataclass(frozen=True)
@@ -61,8 +89,8 @@ class Free(Reaching):
     """Move the driven joints to the waypoint `to`, with a `clearance` in m to obstacles and between the robot's bodies.
 
     `seed` is the seed of the random search. `scene` is the name or path of the scene with the obstacles, or "" for the
-    robot alone. `cost` names what the search minimises (`twin.planning.costs`). The first path found is
-    improved with at most `samples` samples.
+    robot alone. `cost` names what the search minimises (`twin.planning.costs`); `eta` are the weights of length and
+    acceleration in the cost `published`. The first path found is improved with at most `samples` samples.
     """
 
     clearance: float
@@ -70,6 +98,7 @@ class Free(Reaching):
     scene: str = ""
     cost: str = "length"
     samples: int = 0
+    eta: tuple[float, float] = ETA
     type: ClassVar[str] = "free"
     by_joints: ClassVar[bool] = True
 
