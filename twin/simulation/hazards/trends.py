@@ -1,6 +1,8 @@
 """The experiments of the second paper (sections 3.1 and 3.2.1), with ASSUMED differences between plant and model.
 
-First experiment, without a fault: the deviation between machine and model at each motion scale. Second experiment:
+The machine has cables that stretch and have play, other masses and other friction than its model. First experiment,
+without a fault: the deviation between machine and model at each motion scale, with two servos of the model: that of the
+released software, which the machine has as well, and that of the paper (PD; PID for the insertion). Second experiment:
 the command of the first motor is stuck four times, for 300 cycles each, at intervals of 8 s. The paper does not publish
 gains, motion and stuck value of its robot; therefore trends can be compared, but not numbers. The experiments are
 defined in cad/raven_left/campaigns/trends.toml.
@@ -9,26 +11,29 @@ defined in cad/raven_left/campaigns/trends.toml.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
-from twin.core.errors import DescriptionError
+from twin.core.errors import DescriptionError, unknown
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
-from twin.schema import Table, error_at, load_toml
+from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, error_at, load_toml
 from twin.simulation.hazards.attacked import HARM, Trace, held_at_stop, trace
 from twin.simulation.hazards.campaign import SpreadQuantity
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.hand import Hand, wander
+from twin.simulation.machine.arithmetic import Arithmetic
+from twin.simulation.machine.cable_plant import CablePlant, Cables
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.motor_plant import TICK, Physics
 from twin.simulation.machine.simulated_machine import Parts
+from twin.simulation.machine.stability import require_stable
 
 PUBLISHED = (2.43, 1.72)
 """Mean and spread in mm of the error without faults over all motion scales; the paper's 3 mm limit implies both."""
@@ -60,8 +65,29 @@ class StuckTable(Table):
     hand: list[HandTable] = Field(min_length=1)
 
 
+class CableTable(Sourced):
+    """Cable of a joint, in the units of the joint; see `cable_plant.Cables`."""
+
+    joint: Identifier
+    stiffness: Positive
+    play: NotNegative
+    damping: NotNegative
+    coulomb: NotNegative
+
+
+class PaperServo(Sourced):
+    """Servo of the paper's model: `ki` is the gain of the integral of `motor`; all other motors have none."""
+
+    motor: Identifier
+    ki: NotNegative
+
+
 class TrendsTable(Table):
-    """File of the experiments, such as cad/raven_left/campaigns/trends.toml."""
+    """File of the experiments, such as cad/raven_left/campaigns/trends.toml.
+
+    Without `cable`, the motors of the machine move its joints without cables. Without `paper_servo`, the model has the
+    servo of the released software only.
+    """
 
     title: str
     source: str
@@ -70,6 +96,8 @@ class TrendsTable(Table):
     free_hand: Annotated[int, Field(ge=0)]
     mass: SpreadQuantity
     friction: SpreadQuantity
+    cable: list[CableTable] = Field(default_factory=list)
+    paper_servo: PaperServo | None = None
     stuck: StuckTable
 
 
@@ -91,8 +119,12 @@ def load(path: Path) -> TrendsTable:
 
 @dataclass(frozen=True)
 class ScaleRow:
-    """Mean, spread and peak in mm of the distance between the true tips without a fault, at one motion scale."""
+    """Mean, spread and peak in mm of the distance between the true tips without a fault, at one motion scale.
 
+    `servo` is that of the model, "released" or "paper".
+    """
+
+    servo: str
     scale: float
     mean: float
     spread: float
@@ -107,7 +139,7 @@ class StuckRow:
         hand: seed of the motion of the hand.
         counts: the stuck command in counts of the DAC.
         peaks: largest deviation in mm during and shortly after each fault, until the arm was stopped.
-        jumps: number of peaks above `HARM`.
+        jumps: number of faults that moved the tip by more than `HARM` from where the same machine without a fault is.
         stopped: number of the fault, from 1, in or after which a check stopped the arm; None: no stop.
         check: reason of the stop; "" without a stop.
     """
@@ -148,9 +180,22 @@ class Trends(Result):
 
     @property
     def grows(self) -> bool:
-        """Whether the mean deviation grows with the motion scale."""
-        means = [row.mean for row in self.scales]
-        return bool((np.diff(means) > 0).all())
+        """Whether the mean deviation grows with the motion scale, with each servo."""
+        return all((np.diff([row.mean for row in rows]) > 0).all() for rows in self.by_servo.values())
+
+    @property
+    def within(self) -> bool:
+        """Whether the mean deviation at every scale, with each servo, is within the published mean and spread."""
+        mean, spread = PUBLISHED
+        return all(abs(row.mean - mean) <= spread for row in self.scales)
+
+    @property
+    def by_servo(self) -> dict[str, list[ScaleRow]]:
+        """Rows of the motion scales for each servo of the model."""
+        rows: dict[str, list[ScaleRow]] = {}
+        for row in self.scales:
+            rows.setdefault(row.servo, []).append(row)
+        return rows
 
     @property
     def as_published(self) -> list[StuckRow]:
@@ -170,6 +215,7 @@ class Trends(Result):
             "scales": list(map(asdict, self.scales)),
             "stuck": list(map(asdict, self.stuck)),
             "grows_with_scale": self.grows,
+            "within_published": self.within,
             "as_published": list(map(asdict, self.as_published)),
         }
 
@@ -179,11 +225,13 @@ class Trends(Result):
         yield "\nDeviation without a fault by motion scale"
         scale_rows = []
         for row in self.scales:
-            scale_rows.append((f"{row.scale:g}", f"{row.mean:.3f}", f"{row.spread:.3f}", f"{row.peak:.3f}"))
-        yield TextTable(("motion scale", "mean mm", "spread mm", "largest mm"), scale_rows)
+            sizes = f"{row.mean:.3f}", f"{row.spread:.3f}", f"{row.peak:.3f}"
+            scale_rows.append((row.servo, f"{row.scale:g}", *sizes))
+        yield TextTable(("servo of the model", "motion scale", "mean mm", "spread mm", "largest mm"), scale_rows)
         word = "grows" if self.grows else "does not grow"
+        place = "within" if self.within else "not within"
         paper = f"in the paper it grows, {PUBLISHED[0]} ± {PUBLISHED[1]} mm over these scales"
-        yield f"  the deviation {word} with the scale; {paper}"
+        yield f"  the deviation {word} with the scale; {paper}; the means above are {place} these limits"
         stuck = self.table.stuck
         period = stuck.every * TICK
         yield f"\n{self.motor} stuck for {stuck.cycles} cycles every {period:g} s, motion scale {stuck.scale:g}"
@@ -202,29 +250,45 @@ class Trends(Result):
         yield f"  {count} jumps and a stop at the last, as in the paper: {published_text}"
         for name, quantity in (("masses", self.table.mass), ("friction", self.table.friction)):
             yield f"  {quantity.provenance} {name} times {quantity.value:g}: {quantity.note}"
+        for cable in self.table.cable:
+            values = f"stiffness {cable.stiffness:g}, play ± {cable.play:g}"
+            yield f"  {cable.provenance} cable of {cable.joint}, {values}: {cable.note}"
+        servo = self.table.paper_servo
+        if servo is not None:
+            yield f"  {servo.provenance} ki = {servo.ki:g} of {servo.motor} in the servo of the paper: {servo.note}"
         yield "  ASSUMED motions of the hand and stuck values: not published"
 
 
 def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str, float], None]) -> Trends:
-    """Run both experiments, which takes about 30 s of processor time."""
+    """Run both experiments, which takes about 60 s of processor time.
+
+    Raises:
+        DescriptionError: a cable or the servo names an unknown joint or motor, or some joints have no cable.
+        MechanismError: the gains of the paper's servo make a joint oscillate.
+    """
     stuck = table.stuck
-    runs = len(table.scales)
+    physics = parts.plant.physics.changed(table.mass.value, table.friction.value)
+    machine_parts = with_cables(parts, physics, table.cable)
+    models = {"released": parts}
+    if table.paper_servo is not None:
+        models["paper"] = with_servo(parts, table.paper_servo)
+    runs = len(table.scales) * len(models)
     for hand in stuck.hand:
         runs += len(hand.shares)
-    physics = parts.plant.physics.changed(table.mass.value, table.friction.value)
 
     def hand_of(scale: float, seed: int) -> Hand:
         return Hand(parts.settings, scale, wander(seed))
 
     scale_rows: list[ScaleRow] = []
-    for scale in table.scales:
-        # the last part is for writing the results
-        progress(f"motion scale {scale:g}", (len(scale_rows) + 1) / (runs + 1))
-        machine = trace(parts, hand_of(scale, table.free_hand), table.free, table.free, physics)
-        model = trace(parts, hand_of(scale, table.free_hand), table.free, table.free)
-        deviation = _deviation(parts, machine, model)
-        row = ScaleRow(scale, float(deviation.mean()), float(deviation.std()), float(deviation.max()))
-        scale_rows.append(row)
+    for servo, model_parts in models.items():
+        for scale in table.scales:
+            # the last part is for writing the results
+            progress(f"motion scale {scale:g}", (len(scale_rows) + 1) / (runs + 1))
+            machine = trace(machine_parts, hand_of(scale, table.free_hand), table.free, table.free, physics)
+            model = trace(model_parts, hand_of(scale, table.free_hand), table.free, table.free)
+            deviation = _deviation(parts, machine, model)
+            sizes = float(deviation.mean()), float(deviation.std()), float(deviation.max())
+            scale_rows.append(ScaleRow(servo, scale, *sizes))
 
     packets = stuck.every * stuck.times + stuck.cycles + stuck.watched
     motor = parts.settings.of_motors(parts.arm.mechanism)[0]
@@ -235,6 +299,7 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
     curves = {}
     for hand in stuck.hand:
         model = trace(parts, hand_of(stuck.scale, hand.seed), packets, packets)
+        sound = trace(machine_parts, hand_of(stuck.scale, hand.seed), packets, packets, physics)
         for share in hand.shares:
             counts = share * largest_counts
             run = len(scale_rows) + len(stuck_rows) + 1
@@ -242,12 +307,58 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
             faults = []
             for begin in begins:
                 faults.append(Fault("dac", begin, begin + stuck.cycles, "overwrite", counts, 0, counts=True))
-            machine = trace(parts, hand_of(stuck.scale, hand.seed), packets, 1, physics, faults)
+            machine = trace(machine_parts, hand_of(stuck.scale, hand.seed), packets, 1, physics, faults)
             deviation = _deviation(parts, machine, model)
             curves[hand.seed, counts] = deviation
-            row = _stuck_row(hand.seed, counts, deviation, machine, begins, stuck.cycles + stuck.watched)
+            moved = _deviation(parts, machine, sound)
+            row = _stuck_row(hand.seed, counts, (deviation, moved), machine, begins, stuck.cycles + stuck.watched)
             stuck_rows.append(row)
     return Trends(robot, motor.name, scale_rows, stuck_rows, curves, table)
+
+
+def with_cables(parts: Parts, physics: Physics, cables: Sequence[CableTable]) -> Parts:
+    """Return the parts of a machine whose joints have these cables; without cables, the same parts.
+
+    Raises:
+        DescriptionError: a cable names an unknown joint, or not every joint has one cable.
+        MechanismError: a number of a cable is impossible.
+    """
+    if not cables:
+        return parts
+    joints = [joint.name for joint in parts.arm.mechanism.active]
+    by_joint = {cable.joint: cable for cable in cables}
+    for cable in cables:
+        if cable.joint not in joints:
+            raise DescriptionError(unknown("joint", cable.joint, joints))
+    missing = [name for name in joints if name not in by_joint]
+    if missing or len(by_joint) != len(cables):
+        text = f"no [[cable]] for {', '.join(missing)}" if missing else "a joint has two [[cable]]"
+        raise DescriptionError(f"trends: {text}; give each joint one, or none")
+    rows = []
+    for name in joints:
+        cable = by_joint[name]
+        rows.append((cable.stiffness, cable.play, cable.damping, cable.coulomb))
+    plant = CablePlant(parts.arm, physics, Cables(*np.array(rows).T))
+    return replace(parts, plant=plant)
+
+
+def with_servo(parts: Parts, servo: PaperServo) -> Parts:
+    """Return parts whose motors have no integral gain, except that of the servo's motor.
+
+    Raises:
+        DescriptionError: the servo names an unknown motor.
+        MechanismError: the gains make a joint oscillate.
+    """
+    mechanism = parts.arm.mechanism
+    if servo.motor not in mechanism.motor_names:
+        raise DescriptionError(unknown("motor", servo.motor, mechanism.motor_names))
+    motors = []
+    for motor in parts.settings.motor:
+        ki = servo.ki if motor.name == servo.motor else 0.0
+        motors.append(motor.model_copy(update={"ki": ki}))
+    changed = parts.settings.model_copy(update={"motor": motors})
+    require_stable(parts.arm, changed, parts.home)
+    return replace(parts, settings=changed, arithmetic=Arithmetic.of(changed, mechanism))
 
 
 def _deviation(parts: Parts, machine: Trace, model: Trace) -> Array:
@@ -258,16 +369,22 @@ def _deviation(parts: Parts, machine: Trace, model: Trace) -> Array:
     return np.linalg.norm(tips - held_at_stop(model_tips, machine), axis=1) * _MM
 
 
-def _stuck_row(hand: int, counts: float, deviation: Array, machine: Trace, begins: list[int], watched: int) -> StuckRow:
-    """Return the consequences of faults that begin at the packets `begins`, each for `watched` packets."""
+def _stuck_row(
+    hand: int, counts: float, deviations: tuple[Array, Array], machine: Trace, begins: list[int], watched: int
+) -> StuckRow:
+    """Return the consequences of faults that begin at the packets `begins`, each for `watched` packets.
+
+    `deviations` are the distances (k,) in mm of the tip from that of the model, and from that of the same machine
+    without a fault: a machine with cables is apart from its model without a fault, too.
+    """
     peaks = []
     jumps = 0
     for begin in begins:
-        window = deviation[begin - 1 : begin - 1 + watched]
-        if len(window):  # the machine had not stopped before
-            peak = float(window.max())
-            peaks.append(peak)
-            jumps += peak > HARM
+        window = slice(begin - 1, begin - 1 + watched)
+        deviation, moved = (distances[window] for distances in deviations)
+        if len(deviation):  # the machine had not stopped before
+            peaks.append(float(deviation.max()))
+            jumps += bool(moved.max() > HARM)
     stopped = None
     check = ""
     stops = np.flatnonzero(machine.levels == Level.E_STOP)

@@ -29,7 +29,7 @@ from twin.simulation.machine.equations_of_motion import motion
 TICK = 1e-3
 """Duration of a tick in s."""
 
-_SWEEPS = 3
+SWEEPS = 3
 """Number of sweeps over the joints for the Coulomb friction."""
 
 
@@ -144,6 +144,11 @@ class MotorPlant:
         """Joint rates (n,)."""
         return self._state[len(self._state) // 2 :]
 
+    @property
+    def encoded(self) -> Array:
+        """Joint values (n,) that the encoders of the motors measure: without cables, those of the joints."""
+        return self.q
+
     def set(self, physics: Physics) -> None:
         """Use other parameters from the next tick on.
 
@@ -177,10 +182,10 @@ def _kernel(arm: Arm) -> Kernel:
     T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
     # h V: the viscous friction acts on the new rates (implicit Euler method).
     M = e.M + T_inverse.T @ ca.diag(rotors) @ T_inverse + ca.diag(h * V)
-    M_inverse = _inverse(M)
+    M_inverse = symmetric_inverse(M)
     v = e.qd + h * (M_inverse @ (T_inverse.T @ torques - e.b - V * e.qd))
     friction = [ca.SX(0)] * n
-    for _ in range(_SWEEPS):
+    for _ in range(SWEEPS):
         for i in range(n):
             stopping = friction[i] - v[i] / (h * M_inverse[i, i])  # effort after which joint i is at rest
             effort = ca.fmax(ca.fmin(stopping, C[i]), -C[i])
@@ -204,7 +209,7 @@ def _kernel(arm: Arm) -> Kernel:
     return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)
 
 
-def _inverse(M: ca.SX) -> ca.SX:
+def symmetric_inverse(M: ca.SX) -> ca.SX:
     """Return the inverse of a symmetric positive definite matrix, from its factors L D L^T and without branches."""
     n = M.shape[0]
     L = ca.SX.eye(n)

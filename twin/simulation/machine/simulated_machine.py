@@ -305,7 +305,7 @@ class Machine:
         return answers
 
     def _encoders(self) -> Array:
-        return np.rint(self._mechanism.motors(self.plant.q) / self._count)
+        return np.rint(self._mechanism.motors(self.plant.encoded) / self._count)
 
     # -- the control software ----------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ The deviation is drawn as a function of the motion scale and, for stuck motor co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,7 +37,7 @@ def figure(found: Trends) -> Figure:
     grid = out.add_gridspec(n + 1, 1, height_ratios=[2.7, *[1.1] * n])
     out.subplots_adjust(left=0.09, right=0.98, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.55)
     ax = out.add_subplot(grid[0])
-    _draw_scales(ax, found.scales)
+    _draw_scales(ax, found.by_servo)
     for i, row in enumerate(found.stuck):
         ax = out.add_subplot(grid[1 + i])
         _draw_stuck(ax, found.curves[row.hand, row.counts])
@@ -52,12 +52,18 @@ def figure(found: Trends) -> Figure:
     return out
 
 
-def _draw_scales(ax: Axes, scales: Sequence[ScaleRow]) -> None:
-    """Draw simulated and published deviations by motion scale."""
-    rows = [(row.scale, row.mean, row.spread, row.peak) for row in scales]
-    x, mean, spread, peak = np.array(rows).T
-    ax.errorbar(x, mean, spread, fmt="o-", color=PALETTE[0], capsize=3, label="simulated, mean ± spread")
-    ax.plot(x, peak, "v", color=PALETTE[0], ms=5, label="simulated, largest")
+def _draw_scales(ax: Axes, scales: Mapping[str, Sequence[ScaleRow]]) -> None:
+    """Draw simulated deviations by motion scale, for each servo of the model, and the published one."""
+    x = np.array([])
+    for k, (servo, rows) in enumerate(scales.items()):
+        color = PALETTE[(0, 2)[k % 2]]
+        x, mean, spread, peak = np.array([(row.scale, row.mean, row.spread, row.peak) for row in rows]).T
+        # points of two servos beside each other
+        beside = x + 0.002 * k
+        ax.errorbar(
+            beside, mean, spread, fmt="o-", color=color, capsize=3, label=f"model's servo: {servo}, mean ± spread"
+        )
+        ax.plot(beside, peak, "v", color=color, ms=5, label=f"model's servo: {servo}, largest")
     # the publication states one value for all scales: it is drawn in the middle
     middle = float(x.mean())
     ax.errorbar([middle], *PUBLISHED, fmt="s", color=PALETTE[1], capsize=3, label="published, over all scales")
@@ -67,8 +73,7 @@ def _draw_scales(ax: Axes, scales: Sequence[ScaleRow]) -> None:
     ax.set_xticks(x)
     ax.set_title("deviation of the tips in motions without a fault, by motion scale", loc="left", fontsize=8.5)
     ax.set_ylabel("deviation [mm]")
-    ax.set_xlabel("motion scale")
-    ax.legend(loc="upper left")
+    ax.legend(loc="lower right", fontsize=7.5)
 
 
 def _draw_stuck(ax: Axes, deviation: Array) -> None:

@@ -1,0 +1,183 @@
+"""Simulate motors that pull their links by cables that stretch and have play, with Coulomb friction at both ends.
+
+    (T^-T J T^-1) pdd + V pd + f_p(pd) = T^-T motor torque - c        c = K g(p - q) + D (pd - qd)
+    M(q) qdd + b(q, qd) + f_q(qd) = c
+
+p = T m are the joint values that the motors would give without cables; encoders on the motors measure them, so that
+the control software does not see how far the links q are behind. g is the stretch of a cable: 0 within its play, and
+beyond it the difference to the nearest limit of the play; K is the stiffness, D the damping, which acts only while the
+cable pulls. The other symbols are those of `motor_plant`. One tick is one step of the implicit Euler method for viscous
+friction and cables, and of the semi-implicit Euler method for the other terms. Coulomb friction is computed as in
+`motor_plant`, for links and motors. Cables that are stiff and without play give the motion of `MotorPlant`.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.codegen import Kernel, Stage
+from twin.core.errors import MechanismError
+from twin.core.spatial import Array
+from twin.simulation.dynamics.arm import Arm
+from twin.simulation.machine.equations_of_motion import motion
+from twin.simulation.machine.motor_plant import SWEEPS, TICK, MotorPlant, Physics, symmetric_inverse
+
+
+@dataclass(frozen=True)
+class Cables:
+    """Cables between n motors and their joints, in the units of the joints.
+
+    Attributes:
+        stiffness: (n,) N m/rad or N/m.
+        play: (n,) half of the play, rad or m: a link moves by this in both directions before its cable pulls.
+        damping: (n,) N m s/rad or N s/m, while the cable pulls.
+        coulomb: (n,) Coulomb friction at the links, N m or N; the rest of a joint's friction acts at its motor.
+    """
+
+    stiffness: Array
+    play: Array
+    damping: Array
+    coulomb: Array
+
+    def checked(self, arm: Arm) -> Array:
+        """Return all numbers as one vector (4 n,).
+
+        Raises:
+            MechanismError: a number is not finite or negative, or a stiffness is 0.
+        """
+        joints = arm.mechanism.active
+        for what in ("stiffness", "play", "damping", "coulomb"):
+            values = getattr(self, what)
+            if np.shape(values) != (len(joints),):
+                raise MechanismError(
+                    f"cables: {what} has shape {np.shape(values)}; it must have shape ({len(joints)},)"
+                )
+            for joint, value in zip(joints, values, strict=True):
+                if not (np.isfinite(value) and value >= 0) or (what == "stiffness" and value == 0):
+                    least = "above 0" if what == "stiffness" else "at least 0"
+                    raise MechanismError(f"cables: the {what} of {joint.name} is {value:g}; it must be {least}")
+        return np.concatenate([self.stiffness, self.play, self.damping, self.coulomb])
+
+
+class CablePlant(MotorPlant):
+    """Simulates a robot whose links follow its motors by cables.
+
+    Attributes:
+        q, qd: (n,) joint values of the links in rad or m, and rates.
+        encoded: (n,) joint values that the encoders of the motors measure.
+        cables: the cables.
+    """
+
+    def __init__(self, arm: Arm, physics: Physics, cables: Cables) -> None:
+        """Compile the equations of a robot, or load them from the cache.
+
+        Raises:
+            MechanismError: the mechanism has loops, or a parameter is impossible.
+        """
+        self.cables = cables
+        self._arm = arm
+        self.set(physics)
+        self._step = _kernel(arm).single()
+        self._state = np.zeros(4 * len(arm.mechanism.active))
+
+    def another(self, physics: Physics | None = None) -> CablePlant:
+        """Return a plant of the same robot and cables, at joint values 0 and at rest, without compiling again.
+
+        Raises:
+            MechanismError: a parameter is impossible.
+        """
+        other = copy(self)
+        other._state = np.zeros_like(self._state)
+        other.set(physics or self.physics)
+        return other
+
+    @property
+    def q(self) -> Array:
+        """Joint values (n,) of the links."""
+        return self._state[: len(self._state) // 4]
+
+    @property
+    def qd(self) -> Array:
+        """Rates (n,) of the links."""
+        n = len(self._state) // 4
+        return self._state[n : 2 * n]
+
+    @property
+    def encoded(self) -> Array:
+        """Joint values (n,) that the encoders of the motors measure."""
+        n = len(self._state) // 4
+        return self._state[2 * n : 3 * n]
+
+    def set(self, physics: Physics) -> None:
+        """Use other parameters from the next tick on.
+
+        Raises:
+            MechanismError: a parameter is impossible.
+        """
+        self._parameters = np.concatenate([physics.checked(self._arm), self.cables.checked(self._arm)])
+        self.physics = physics
+
+    def reset(self, q: ArrayLike, qd: ArrayLike = 0.0) -> None:
+        """Set joint values (n,) and rates (n,); the cables are in the middle of their play."""
+        n = len(self._state) // 4
+        rates = np.broadcast_to(np.asarray(qd, float), n)
+        values = np.asarray(q, float)
+        self._state = np.concatenate([values, rates, values, rates])
+
+
+def _kernel(arm: Arm) -> Kernel:
+    e = motion(arm.mechanism)
+    h = TICK
+    n = len(arm.mechanism.active)
+    names = ("rotors", "V", "C", "low", "high", "K", "play", "D", "C_links")
+    rotors, V, C, low, high, K, play, D, C_links = (ca.SX.sym(name, n) for name in names)
+    p = ca.SX.sym("p", n)
+    pd = ca.SX.sym("pd", n)
+    torques = ca.SX.sym("torques", n)
+    T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
+    apart = p - e.q
+    stretch = ca.sign(apart) * ca.fmax(ca.fabs(apart) - play, 0)
+    pulls = ca.fabs(apart) > play
+    # A step of the velocities changes the force of a cable by h K + D, as long as the cable pulls.
+    stiff = ca.if_else(pulls, h * K + D, 0)
+    force = K * stretch
+    inertia = ca.blockcat(
+        [
+            [e.M + ca.diag(h * stiff), -ca.diag(h * stiff)],
+            [-ca.diag(h * stiff), T_inverse.T @ ca.diag(rotors) @ T_inverse + ca.diag(h * (stiff + V))],
+        ]
+    )
+    # momentum after the step without Coulomb friction
+    momentum = ca.vertcat(
+        e.M @ e.qd + h * (force - e.b),
+        (T_inverse.T @ ca.diag(rotors) @ T_inverse) @ pd + h * (T_inverse.T @ torques - force),
+    )
+    inverse = symmetric_inverse(inertia)
+    v = inverse @ momentum
+    at_motors = ca.fmax(C - C_links, 0)
+    limits = ca.vertcat(C_links, at_motors)
+    friction = [ca.SX(0)] * (2 * n)
+    for _ in range(SWEEPS):
+        for i in range(2 * n):
+            stopping = friction[i] - v[i] / (h * inverse[i, i])  # effort after which coordinate i is at rest
+            effort = ca.fmax(ca.fmin(stopping, limits[i]), -limits[i])
+            v = v + h * inverse[:, i] * (effort - friction[i])
+            friction[i] = effort
+    q = e.q + h * v[:n]
+    # A link that reaches a hard stop stays there at rest, without rebound.
+    inside = ca.fmax(ca.fmin(q, high), low)
+    rates = ca.if_else(ca.fabs(q - inside) > 0, 0, v[:n])
+    new_state = ca.densify(ca.vertcat(inside, rates, p + h * v[n:], v[n:]))
+    # one vector of states and one of parameters, in the order of `Physics.checked` and `Cables.checked`
+    symbols = ca.vertcat(e.q, e.qd, p, pd, e.factors, rotors, V, C, e.fall, low, high, K, play, D, C_links)
+    state = ca.SX.sym("state", 4 * n)
+    parameters = ca.SX.sym("parameters", symbols.numel() - 4 * n)
+    new_state = ca.substitute(new_state, symbols, ca.vertcat(state, parameters))
+    step = ca.Function("tick", [state, torques, parameters], [new_state], {"cse": True})
+    sizes = {"state": state.numel(), "torques": n, "parameters": parameters.numel()}
+    return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)
