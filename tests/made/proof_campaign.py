@@ -43,29 +43,31 @@ class Judge:
         self.proved = {claim.name for claim in self.right.claims if claim.status == "proved"}
         self.ranges = {key: limits for key, limits in self.right.ranges.items() if key not in self.right.drawn}
         self.oracle = mutants.Oracle(robot, self.ranges, self.right.uncovered_points)
-        assert self.oracle.wrong() < WRONG
+        error, missing = self.oracle.wrong()
+        assert error < WRONG
+        assert not missing
 
     def verdict(self, function, text, alike=False):
-        """Return "proved", "refuted", "unproved" or "refused", and the error that doubles see; None if refuted.
+        """Return "proved", "refuted", "unproved" or "refused", the error that doubles see, and missing values.
 
         A mutant is proved if each claim is that is proved of the right equations, and no other is open. If `alike`, one
-        without an error is "alike", without a proof.
+        without an error is "alike", without a proof. One that is refuted at once has no error: doubles do not judge it.
         """
         with mutants.with_text(function, text):
             try:
                 if self.prover.refuted(self.variants):
-                    return "refuted", None
-                error = self.oracle.wrong()
-                if alike and error <= WRONG:
-                    return "alike", error
+                    return "refuted", 0.0, 0
+                error, missing = self.oracle.wrong()
+                if alike and error <= WRONG and not missing:
+                    return "alike", error, missing
                 proof = self.prover.proof(self.variants)
             except (TwinError, ValueError):
-                return "refused", 0.0
+                return "refused", 0.0, 0
         if proof.count("refuted"):
-            return "refuted", error
+            return "refuted", error, missing
         proved = {claim.name for claim in proof.claims if claim.status == "proved"}
         same = proved >= self.proved and proof.count("unproved") <= self.right.count("unproved")
-        return "proved" if same else "unproved", error
+        return "proved" if same else "unproved", error, missing
 
     def drawn(self, kind, count, seed):
         """Return some mutants, in random order: (function, what, changed text)."""
@@ -80,7 +82,7 @@ class Judge:
         return [found[i] for i in generator.permutation(len(found))[:count]]
 
     def some(self, kind, count, seed):
-        """Yield (what, verdict, error) of some mutants."""
+        """Yield (what, verdict, error, missing values) of some mutants."""
         for function, what, text in self.drawn(kind, count, seed):
             yield f"{function.__name__}: {what}", *self.verdict(function, text)
 
@@ -104,9 +106,9 @@ def main(kind, count, seed, seconds, file, *robots):
                 if time.monotonic() > end:
                     break
                 done.add((robot, name))
-                verdict, error = judge.verdict(function, text, alike=kind == "slips")
+                verdict, error, missing = judge.verdict(function, text, alike=kind == "slips")
                 entry = {"robot": robot, "kind": kind, "seed": int(seed), "what": name}
-                out.write(json.dumps({**entry, "verdict": verdict, "error": error}) + "\n")
+                out.write(json.dumps({**entry, "verdict": verdict, "error": error, "missing": missing}) + "\n")
             finished = sum(1 for place in done if place[0] == robot)
             print(f"{robot} {kind} seed {seed}: {finished} of {count} in the file", flush=True)
 

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from made import explain_mutants
+from twin.formula import flow
 from twin.kinematics.compile import compile_formula
+from twin.proof import formula_side
 from twin.validation.explain.tokens import line_starts, span
 
 POSES = 300
@@ -142,14 +144,17 @@ class Oracle:
         self.joints = None
         if self.formula.has("inverse"):
             self.joints = self.right.inverse_many(self.poses)
-            self.points = self._points_of(self.right, self.joints)
-
-    def _points_of(self, equations, joints):
-        """Return the points (k, 3 m) of some equations at the poses, or at joints if they have forward equations."""
+            if not self.formula.has("forward"):
+                self.points = self._columns(self.right.points_many(Ts=self.poses))
         if self.formula.has("forward"):
-            named = equations.points_many(qs=joints)
-        else:
-            named = equations.points_many(Ts=self.poses)
+            self._at_joints = formula_side.from_joints(self.formula, flow.choose(self.formula, None))
+
+    def _points_at(self, joints):
+        """Return the points (k, 3 m) of the right equations at joints, which need not be those of their inverse."""
+        function, names = self._at_joints.function, self._at_joints.names
+        numbers = [float(p.value) for p in self.formula.parameters]
+        found = function.map(len(joints))(joints.T, np.tile(np.array(numbers)[:, None], len(joints)))
+        named = {n.removeprefix("point "): f.full().T for n, f in zip(names, found, strict=True) if "point " in n}
         return self._columns(named)
 
     def _columns(self, named):
@@ -158,33 +163,34 @@ class Oracle:
         return np.column_stack([np.asarray(p).reshape(len(self.state), -1) for p in kept])
 
     def wrong(self):
-        """Return the largest error of the equations as they are now; infinite if a value is missing."""
+        """Return the largest error of the equations as they are now, and the number of values that are missing."""
         with np.errstate(all="ignore"):
             now = compile_formula(self.formula)
-            errors = []
+            pairs = []
             if self.formula.has("forward"):
-                errors.append(_error(now.forward_many(self.state), self.poses))
-            if self.joints is None:
-                return max(errors)
-            joints = now.inverse_many(self.poses)
-            inside = np.isfinite(self.joints).all(axis=1)
-            if self.formula.has("forward"):
-                errors.append(_error(self.right.forward_many(joints)[inside], self.poses[inside]))
-                if len(self.formula.joints) > 6:
-                    return max(errors)  # the points of a redundant arm are not those of the right inverse
-                named = now.points_many(Ts=self.poses)
-                errors.append(_error(self._columns(named)[inside], self._points_of(self.right, joints)[inside]))
-            else:
-                errors.append(_error(joints[inside], self.joints[inside]))
-                errors.append(_error(self._points_of(now, joints)[inside], self.points[inside]))
-        return max(errors)
+                pairs.append((now.forward_many(self.state), self.poses))
+            if self.joints is not None:
+                pairs += self._of_inverse(now)
+        errors, missing = zip(*[_compared(found, expected) for found, expected in pairs], strict=True)
+        return max(errors), sum(missing)
+
+    def _of_inverse(self, now):
+        """Return pairs of found and expected values of the inverse."""
+        joints = now.inverse_many(self.poses)
+        inside = np.isfinite(self.joints).all(axis=1)
+        if not self.formula.has("forward"):
+            points = self._columns(now.points_many(Ts=self.poses))
+            return [(joints[inside], self.joints[inside]), (points[inside], self.points[inside])]
+        pairs = [(self.right.forward_many(joints)[inside], self.poses[inside])]
+        if len(self.formula.joints) > 6:
+            return pairs  # the points of a redundant arm are not those of the right inverse
+        points = self._columns(now.points_many(Ts=self.poses))
+        return [*pairs, (points[inside], self._points_at(joints)[inside])]
 
 
-def _error(found, expected):
-    """Return the largest difference where values are expected; infinite if one is missing."""
+def _compared(found, expected):
+    """Return the largest difference of values, and the number of those that are missing where one is expected."""
     known = np.isfinite(expected)
-    if not known.any():
-        return 0.0
-    if not np.isfinite(found[known]).all():
-        return np.inf
-    return float(np.abs(found[known] - expected[known]).max())
+    there = known & np.isfinite(found)
+    missing = int(known.sum() - there.sum())
+    return float(np.abs(found[there] - expected[there]).max(initial=0.0)), missing

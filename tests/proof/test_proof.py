@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 from dataclasses import replace
 from functools import wraps
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 import twin
 from made import explain_mutants as mutants
 from made import explain_seeds as seeds
+from made import proof_mutants
 from made.lanes import robots
 from twin.cli import main
 from twin.core.errors import TwinError
@@ -207,6 +210,19 @@ def test_equations_without_a_value_that_do_not_say_why_are_named():
     assert lost.status == "unproved"
     assert "neither a value nor a negative margin at q1 = " in lost.reason
     assert "values" not in {claim.name for claim in twin.prove(robot, states=256).proof.claims}
+
+
+def test_an_inverse_without_a_value_where_forward_equations_have_a_pose_is_named():
+    """Its margins have no value either, but forward equations show that the mechanism is assembled there."""
+    robot = twin.load("lapbot")
+    function = inspect.unwrap(next(e for e in robot.formula.equations if e.name == "shaft").variants["derived"])
+    text = Path(function.__code__.co_filename).read_text(encoding="utf-8")
+    right = "u = to / if_else(length < r7, "
+    assert text.count(right) == 1
+    with proof_mutants.with_text(function, text.replace(right, "u = to / if_else(length < r10, ")):
+        proof = prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism, 256)
+    assert {claim.name: claim for claim in proof.claims}["values"].status == "unproved"
+    assert not proof.count("refuted")
 
 
 def test_a_parameter_that_is_no_number_is_refused():

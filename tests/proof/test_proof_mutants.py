@@ -25,20 +25,20 @@ def judge(request):
 def test_no_wrong_mutant_is_proved(judge):
     verdicts = list(judge.some("slips", COUNT, SEED))
     assert not [found for found in verdicts if found[1] == "proved" and found[2] > WRONG]
-    assert [verdict for _, verdict, _ in verdicts].count("refuted") >= 5
+    assert [verdict for _, verdict, _, _ in verdicts].count("refuted") >= 5
 
 
 @pytest.mark.nightly
 def test_rewritten_equations_are_proved(judge):
     verdicts = list(judge.some("rewrites", COUNT, SEED))
-    judged = [verdict for _, verdict, _ in verdicts if verdict != "refused"]
+    judged = [verdict for _, verdict, _, _ in verdicts if verdict != "refused"]
     assert judged.count("proved") >= 0.95 * len(judged)
 
 
 @pytest.mark.nightly
 def test_an_error_in_a_small_box_does_not_hide(judge):
     """It is refuted, or a condition is named, or only a margin of the reach has it, of which nothing is claimed."""
-    hidden = [what for what, verdict, _ in judge.some("hidden", COUNT, SEED) if verdict == "proved"]
+    hidden = [what for what, verdict, _, _ in judge.some("hidden", COUNT, SEED) if verdict == "proved"]
     assert not [what for what in hidden if not what.startswith(("margins:", "type2:", "type1:"))]
 
 

@@ -90,6 +90,7 @@ class Branches:
         results, found = _walked(first, [ca.vertcat(*columns), numbers])
         finite = [results[first.names.index("pose")]]
         reach = _of(first.names, results, "reach")
+        self._assembles = formula.has("forward")
         if "joints" in first.names:
             finite.append(results[first.names.index("joints")])
         elif formula.has("inverse"):
@@ -105,14 +106,18 @@ class Branches:
     def judged(self, state: Array) -> tuple[Truths, Truths]:
         """Return which states (n, k) have values, and which are within reach by the margins of the equations.
 
-        A margin that is not a number says that a state is out of reach only if conditions choose what is not a number.
+        A margin that is not a number says that a state is out of reach only if conditions choose what is not a number,
+        and not if forward equations have a pose there.
         """
         finite, reach = self.values(state)
         margins = reach.full()
         with np.errstate(invalid="ignore"):
             beyond = (margins < 0).any(axis=0)
         if any(branch.undefined for branch in self.all):
-            beyond |= np.isnan(margins).any(axis=0)
+            unknown = np.isnan(margins).any(axis=0)
+            if self._assembles:
+                unknown &= ~np.isfinite(finite.full()[:_POSE]).all(axis=0)
+            beyond |= unknown
         known = np.isfinite(finite.full()).all(axis=0) & np.isfinite(margins).all(axis=0)
         return known, ~beyond
 
@@ -123,6 +128,9 @@ class Branches:
             return f"condition {i + 1}"
         return f"{text} > 0"
 
+
+_POSE = 16
+"""Number of entries of a pose."""
 
 _LONGEST = 60
 """Maximum length of the text of a condition."""
