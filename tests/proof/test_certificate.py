@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import json
 import math
@@ -14,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import twin
-from twin.cli import main
+from made.certificates import audited, digest
 from twin.exchange.audit import certificate as audit_of_certificates
 
 ROOT = Path(__file__).parents[2]
@@ -37,12 +36,6 @@ def found():
 @pytest.fixture
 def certificate(found):
     return json.loads(json.dumps(found.certificate()))
-
-
-def digest(data):
-    content = {key: value for key, value in data.items() if key != "sha256"}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def checked(checker, path, data, *more):
@@ -127,13 +120,6 @@ def test_rows_that_are_not_there_are_refused(tmp_path, checker, certificate, zer
     certificate["claims"][0]["zero"] = zero
     certificate["sha256"] = digest(certificate)
     assert checked(checker, tmp_path / "c.json", certificate) == 2
-
-
-def audited(path, data, capsys, *more):
-    """Return (exit code, output) of `twin audit`."""
-    path.write_text(data if isinstance(data, str) else json.dumps(data))
-    code = main(["audit", str(path), "--quiet", "--json", *more])
-    return code, json.loads(capsys.readouterr().out)
 
 
 def test_the_audit_agrees_with_decimals_of_60_digits(tmp_path, certificate, capsys):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.robot import Robot
@@ -32,6 +34,8 @@ class ChainBounds(Result):
         rotation: upper bound of the angle between the tool's orientations in rad.
         terms: number of products of sines and cosines in the poses of both sides.
         tolerance: by how much each length of the equations may differ from its value, in m.
+        files: {file of equations or mechanism: SHA-256 of its bytes}; empty if two mechanisms are compared.
+        operations: the variables, and both sides as operations, for a certificate.
     """
 
     robot: str
@@ -41,6 +45,8 @@ class ChainBounds(Result):
     rotation: float
     terms: tuple[int, int]
     tolerance: float
+    files: Mapping[str, str]
+    operations: tuple[Sequence[JsonObject], tuple[JsonObject, JsonObject]]
 
     kind = "prove-bounds"
     judges = False
@@ -61,6 +67,30 @@ class ChainBounds(Result):
             "terms": list(self.terms),
             "tolerance_um": self.tolerance / UM,
         }
+
+    def certificate(self) -> JsonObject:
+        """Return the certificate of the bounds, which docs/check_bounds.py checks without twin."""
+        from twin.proof.bounds_certificate import SCHEMA
+        from twin.proof.certificate import digest
+
+        variables, sides = self.operations
+        data: JsonObject = {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "variants": dict(self.variants),
+            "files": dict(self.files),
+            "tolerance_m": self.tolerance,
+            "variables": list(variables),
+            "sides": list(sides),
+            "position_m": self.position,
+            "rotation_rad": self.rotation,
+        }
+        return {**data, "sha256": digest(data)}
+
+    def write(self, folder: Path) -> None:
+        """Write the certificate."""
+        text = json.dumps(self.certificate(), ensure_ascii=True, allow_nan=False)
+        (folder / "certificate.json").write_text(text, encoding="ascii")
 
     def text(self) -> Iterator[Part]:
         """Yield the bounds."""
@@ -91,7 +121,7 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
             tolerance is not a number of at least 0.
     """
     from twin.formula import flow
-    from twin.proof import chain, formula_chain
+    from twin.proof import bounds_certificate, chain, formula_chain
 
     if not (math.isfinite(tolerance) and tolerance >= 0):
         raise TwinError(f"the tolerance of lengths is {tolerance / UM:g} um; give a number of micrometres, 0 or more")
@@ -110,7 +140,26 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
     equations, joints = formula_chain.tool_pose(formula, chosen, sliding, tolerances)
     mechanism = chain.tool_pose(robot.mechanism, joints)
     turning = {place for place, joint in enumerate(formula.joints) if joint.kind == "revolute"}
-    return _bounds(robot.name, ("equations", "mechanism"), chosen, (equations, mechanism), turning, tolerance)
+    position, rotation = _bounds(robot.name, (equations, mechanism), turning)
+    names = [joint.name for joint in formula.joints]
+    operations = (
+        bounds_certificate.variables(formula, robot.mechanism, names, tolerances),
+        (
+            bounds_certificate.equations_side(formula, chosen, robot.mechanism, tolerances),
+            bounds_certificate.mechanism_side(robot.mechanism),
+        ),
+    )
+    return ChainBounds(
+        robot.name,
+        ("equations", "mechanism"),
+        chosen,
+        position,
+        rotation,
+        (equations.keys.size, mechanism.keys.size),
+        tolerance,
+        robot.hashes(),
+        operations,
+    )
 
 
 def mechanism_bounds(first: Robot, second: Robot) -> ChainBounds:
@@ -121,7 +170,7 @@ def mechanism_bounds(first: Robot, second: Robot) -> ChainBounds:
     Raises:
         TwinError: the mechanisms differ in the driven joints between base and tool, or a passive one is between them.
     """
-    from twin.proof import chain, trigonometric
+    from twin.proof import bounds_certificate, chain, trigonometric
     from twin.proof.trigonometric import AngleSum, Operand
 
     joints: dict[str, Operand] = {}
@@ -133,18 +182,26 @@ def mechanism_bounds(first: Robot, second: Robot) -> ChainBounds:
         else:
             joints[joint.name] = trigonometric.variable(place, *chain.sliding_range(first.mechanism, joint.name))
     poses = chain.tool_pose(first.mechanism, joints), chain.tool_pose(second.mechanism, joints)
-    return _bounds(first.name, (first.name, f"{second.name} of --against"), {}, poses, turning, 0.0)
+    position, rotation = _bounds(first.name, poses, turning)
+    operations = (
+        bounds_certificate.variables(None, first.mechanism, list(joints), {}),
+        (bounds_certificate.mechanism_side(first.mechanism), bounds_certificate.mechanism_side(second.mechanism)),
+    )
+    return ChainBounds(
+        first.name,
+        (first.name, f"{second.name} of --against"),
+        {},
+        position,
+        rotation,
+        (poses[0].keys.size, poses[1].keys.size),
+        0.0,
+        {},
+        operations,
+    )
 
 
-def _bounds(
-    robot: str,
-    sides: tuple[str, str],
-    variants: Mapping[str, str],
-    poses: tuple[TrigonometricSum, TrigonometricSum],
-    turning: set[int],
-    tolerance: float,
-) -> ChainBounds:
-    """Return the bounds of the difference of two poses; `turning` are the places of the joints that turn."""
+def _bounds(robot: str, poses: tuple[TrigonometricSum, TrigonometricSum], turning: set[int]) -> tuple[float, float]:
+    """Return bounds in m and rad of the difference of two poses; `turning` are the places of the joints that turn."""
     from twin.proof.trigonometric import VARIABLES, length_bound, part
 
     difference = poses[0] - poses[1]
@@ -155,4 +212,4 @@ def _bounds(
     rotation = 2 * math.asin(min(sine, 1.0)) * (1 + 1e-15)
     if not math.isfinite(position):
         raise TwinError(f"{robot}: a number of the equations or of the mechanism is not finite, or too large")
-    return ChainBounds(robot, sides, variants, position, rotation, (poses[0].keys.size, poses[1].keys.size), tolerance)
+    return position, rotation

@@ -115,4 +115,4 @@ def _bounds(robot: Robot, args: argparse.Namespace) -> int:
         result = mechanism_bounds(robot, load(args.against))
     else:
         result = chain_bounds(robot, asked(args.variant), args.tolerance_um * UM)
-    return show.store(result, args, folder)
+    return show.store(result, args, folder, ["certificate.json"])

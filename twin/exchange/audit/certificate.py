@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.core.errors import TwinError
+from twin.exchange.audit.bounds import SCHEMA as BOUNDS
+from twin.exchange.audit.bounds import audit_bounds
 from twin.exchange.audit.report import AuditReport, Ledger, finished
 
 SCHEMA = "twin/certificate/1"
@@ -42,6 +44,9 @@ _MOST_STATES = 2000
 _BEGINNING = 200
 """Number of bytes in which a certificate says what it is."""
 
+_NAME = re.compile(rb'"twin/(?:[a-z]+-)?certificate/')
+"""Beginning of the schema of a certificate, of identities or of bounds."""
+
 Bounded = tuple[Decimal, float]
 """A number and a bound of its rounding error."""
 
@@ -54,7 +59,7 @@ def is_certificate(path: Path) -> bool:
     if path.suffix != ".json" or not path.is_file():
         return False
     with path.open("rb") as file:
-        return b'"twin/certificate/' in file.read(_BEGINNING)
+        return _NAME.search(file.read(_BEGINNING)) is not None
 
 
 def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> AuditReport:
@@ -69,7 +74,11 @@ def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> Aud
         data = _read(path)
         if files is not None:
             _compare_files(data["files"], files, ledger)
-        _judge(data, ledger)
+        if data["schema"] == BOUNDS:
+            ledger.tool = "random joint values"
+            audit_bounds(data, ledger)
+        else:
+            _judge(data, ledger)
         motions = sum(len(motion["proved"]) for motion in data.get("motions", ()))
         if motions:
             ledger.add("certificate.motions", "info", f"{motions} bounds along protocols are not checked")
@@ -82,13 +91,16 @@ def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> Aud
 def _read(path: Path) -> dict[str, Any]:
     """Return the content of a certificate whose hash is that of its content."""
     data = json.loads(path.read_text(encoding="utf-8"))
-    if data["schema"] != SCHEMA:
-        raise TwinError(f"{path}: schema {data['schema']!r} is not {SCHEMA!r}: use the version of twin that wrote it")
+    if data["schema"] not in (SCHEMA, BOUNDS):
+        raise TwinError(
+            f"{path}: schema {data['schema']!r} is neither {SCHEMA!r} nor {BOUNDS!r}: use the version of twin that "
+            "wrote it"
+        )
     content = {key: value for key, value in data.items() if key != "sha256"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     if hashlib.sha256(text.encode("ascii")).hexdigest() != data["sha256"]:
         raise ValueError("its content does not have the SHA-256 that it states")
-    if not data["claims"]:
+    if data["schema"] == SCHEMA and not data["claims"]:
         raise ValueError("it has no claim")
     return data
 

@@ -1,0 +1,135 @@
+"""Audit a certificate of `twin prove --bounds`: both sides are evaluated at random joint values, without the prover.
+
+A bound is never exceeded: one state beyond it refutes the certificate. `docs/check_bounds.py` proves the bound again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.exchange.audit.report import Ledger
+
+SCHEMA = "twin/bounds-certificate/1"
+
+STATES = 4096
+"""Number of random states."""
+
+_ROUNDING = 1e-12
+"""Rounding error in m and rad of the evaluated differences; poses are products of up to 40 frames."""
+
+_WITH_CORNERS = 0.5
+"""Share of the states at which each length has its lowest or highest value."""
+
+
+def audit_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
+    """Add a row for each bound, and a finding for each that is exceeded.
+
+    Raises:
+        ValueError, KeyError, TypeError, IndexError: the certificate was changed.
+    """
+    known = _drawn(data["variables"])
+    poses = []
+    for side in data["sides"]:
+        if "rows" in side:
+            values = _evaluated(side["rows"], known)
+            known = known | {name: values[_place(i, values)] for name, i in side["joints"].items()}
+            entries = [[np.broadcast_to(values[_place(i, values)], STATES) for i in row] for row in side["pose"]]
+            poses.append(np.moveaxis(np.array(entries, float), -1, 0))
+        else:
+            poses.append(_chain(side["chain"], known))
+    first, second = poses
+    if first.shape != (STATES, 3, 4) or second.shape != (STATES, 3, 4):
+        raise ValueError("a pose has not 3 rows of 4 numbers")
+    distance = np.linalg.norm(first[:, :, 3] - second[:, :, 3], axis=1)
+    # the norm of the difference of two rotations is 2 sqrt(2) sin(angle / 2)
+    sine = np.linalg.norm(first[:, :, :3] - second[:, :, :3], axis=(1, 2)) / (2 * np.sqrt(2))
+    angle = 2 * np.arcsin(np.minimum(sine, 1.0))
+    for what, unit, values, claimed in (
+        ("origins of the tool", "m", distance, float(data["position_m"])),
+        ("orientations of the tool", "rad", angle, float(data["rotation_rad"])),
+    ):
+        largest = float(values.max())
+        ledger.row("bound", largest, unit, claimed, where=what)
+        if not largest <= claimed + _ROUNDING:
+            text = f"the {what} differ by {largest:.6g} {unit} at a state, more than the bound {claimed:.6g} {unit}"
+            ledger.wrong("certificate.wrong", text, what)
+
+
+def _drawn(variables: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+    """Return {variable: values (k,)} in m and rad; half of the lengths are at an end of their range."""
+    generator = np.random.default_rng()  # no state that the author of a certificate could foresee
+    known = {}
+    for variable in variables:
+        if variable["angle"]:
+            known[variable["name"]] = generator.uniform(-np.pi, np.pi, STATES)
+            continue
+        low, high = float(variable["low"]), float(variable["high"])
+        if not -np.inf < low <= high < np.inf:
+            raise ValueError(f"the range of {variable['name']} is {low} to {high}")
+        inside = generator.uniform(low, high, STATES)
+        end = np.where(generator.random(STATES) < 0.5, low, high)
+        known[variable["name"]] = np.where(generator.random(STATES) < _WITH_CORNERS, end, inside)
+    return known
+
+
+def _place(i: int, values: Sequence[object]) -> int:
+    """Return the number of a row; raise an error if there is none."""
+    if not 0 <= i < len(values):
+        raise ValueError(f"there is no row {i}")
+    return i
+
+
+def _evaluated(rows: Sequence[Sequence[Any]], known: Mapping[str, Array]) -> list[Array]:
+    """Return the values of the operations of the equations."""
+    values: list[Array] = []
+    for name, *operands in rows:
+        if name == "number":
+            values.append(np.array(float(operands[0])))
+        elif name == "variable":
+            values.append(known[operands[0]])
+        else:
+            values.append(_OPERATIONS[name](*(values[_place(i, values)] for i in operands)))
+    return values
+
+
+_OPERATIONS = {
+    "add": np.add,
+    "multiply": np.multiply,
+    "negative": np.negative,
+    "inverse": np.reciprocal,
+    "sine": np.sin,
+    "cosine": np.cos,
+}
+
+
+def _chain(steps: Sequence[Sequence[Any]], known: Mapping[str, Array]) -> Array:
+    """Return the poses (k, 3, 4) at the end of a chain of frames and joints."""
+    pose = np.broadcast_to(np.eye(4), (STATES, 4, 4))
+    for kind, value in steps:
+        if kind in ("frame", "inverse"):
+            step = np.eye(4)
+            step[:3] = np.array(value, float)
+            step = np.linalg.inv(step) if kind == "inverse" else step
+        elif kind in ("turn", "slide"):
+            step = _motion(kind, np.broadcast_to(known[value], STATES))
+        else:
+            raise ValueError(f"a step is {kind!r}")
+        pose = pose @ step
+    return pose[:, :3]
+
+
+def _motion(kind: str, value: Array) -> Array:
+    """Return the motions (k, 4, 4) of a joint about z, or along z."""
+    step = np.zeros((len(value), 4, 4))
+    step[:] = np.eye(4)
+    if kind == "slide":
+        step[:, 2, 3] = value
+        return step
+    step[:, 0, 0] = step[:, 1, 1] = np.cos(value)
+    step[:, 1, 0] = np.sin(value)
+    step[:, 0, 1] = -step[:, 1, 0]
+    return step
