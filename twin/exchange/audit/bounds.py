@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from twin.core.spatial import Array
 from twin.exchange.audit.report import Ledger
+
+Array = NDArray[np.float64]
 
 SCHEMA = "twin/bounds-certificate/1"
 
