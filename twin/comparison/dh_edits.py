@@ -80,6 +80,10 @@ class CellStatement:
             frames[name] = (group, W_link @ T if name in self.row.frames_below else T)
         return replace(side, axes=tuple(axes), frames=frames)
 
+    def moves(self, axis: Axis) -> bool:
+        """Return whether another value moves the line of a joint of the side."""
+        return axis.name == self.row.joint or axis.name in self.row.joints_below
+
     def _joint_motion(self, side: RobotSide) -> Array:
         """Return the motion (4, 4) of the joint of the row at the drawn state."""
         for axis in side.axes:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,10 @@ import numpy as np
 from twin.comparison import rereading
 from twin.comparison.dh_edits import CellStatement
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
-from twin.comparison.frames import gaps, leaf_gaps
+from twin.comparison.frames import gaps, gaps_of, leaf_gaps
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
-from twin.comparison.rereading import EditGoal
+from twin.comparison.rereading import EditGoal, FileNumber
 from twin.comparison.side import RobotSide, plain
 from twin.comparison.statements import NumberStatement, PlaceStatement, places, statements
 from twin.core.spatial import Array
@@ -71,6 +72,24 @@ class _Case:
         """The side that is edited."""
         return (self.problem.first, self.problem.second)[self.edited]
 
+    @cached_property
+    def apart(self) -> frozenset[int]:
+        """The joints whose lines are apart, as in `Problem.axes`."""
+        gap = self.problem.gap(self.u)
+        far = (gap.distances > self.problem.tolerance) | (gap.angles > self.problem.angle_tolerance)
+        return frozenset(int(i) for i in np.flatnonzero(far))
+
+    def moves_all(self, statement: Statement) -> bool:
+        """Return whether a statement moves each joint whose line is apart, or a joint before it in the tree."""
+        axes = (self.problem.axes, self.problem.second.axes)[self.edited]
+        pending = [i for i, axis in enumerate(axes) if statement.moves(axis)]
+        reached: set[int] = set()
+        while pending:
+            joint = pending.pop()
+            reached.add(joint)
+            pending += [k for k in self.problem.below[joint] if k not in reached]
+        return self.apart <= reached
+
     def with_side(self, side: RobotSide) -> Problem:
         """Return the pair with another side instead of the edited one."""
         sides = [self.problem.first, self.problem.second]
@@ -80,9 +99,9 @@ class _Case:
     def residual(self, side: RobotSide) -> Array:
         """Return what remains of lines, and of leaf frames except those on the joints `moved_tools`, in m and rad."""
         problem = self.with_side(side)
-        lines = problem.residuals(self.u.signs, values_of(self.u)[None], self.u.deviating)[0]
-        parts = [lines]
-        for gap in leaf_gaps(problem, self.u):
+        parents, children, groups = problem.motions(self.u.signs, values_of(self.u)[None], self.u.deviating)
+        parts = [problem.rows(self.u.signs, parents, children)[0]]
+        for gap in gaps_of(problem, groups, inner=False):
             if gap.joint not in self.moved_tools:
                 parts.append((gap.T - np.eye(4))[:3].ravel())
         return np.concatenate(parts)
@@ -127,7 +146,7 @@ def with_edits(
                 case = _Case(problem, matching, u, edited, others)
                 found = common[edited] + [edit for edit in _edits(case, known[edited]) if edit not in common[edited]]
                 if not found:
-                    found = _reread(case, [item])
+                    found = _reread(case, [item], known[edited])
                 edits += found
         out.append(item.with_edits(edits))
     return out
@@ -148,13 +167,25 @@ def _common_edits(
         case = _Case(problem, matching, problem.start, edited, ())
         edits = _edits(case, known[edited], placed=False)
         if not edits and not known[edited]:
-            edits = _reread(case, moved)
+            edits = _reread(case, moved, ())
         found.append(edits)
     return found
 
 
-def _reread(case: _Case, items: Sequence[ComparedItem]) -> list[NumberEdit]:
-    """Return the edits of one number of a text that is read again, for formats without statements."""
+def _reread(
+    case: _Case, items: Sequence[ComparedItem], known: Sequence[NumberStatement | CellStatement]
+) -> list[NumberEdit]:
+    """Return the edits of one number of a text that is read again, for numbers that are no statements.
+
+    The statements `known` were tried before: to read the text again with each of their values takes most of the time.
+    """
+    by_line: dict[int, list[NumberStatement | CellStatement]] = {}
+    for statement in known:
+        if statement.applied(case.side, statement.values) is not None:
+            by_line.setdefault(statement.line, []).append(statement)
+
+    def tried(number: FileNumber, value: float) -> bool:
+        return any(_states(statement, number, value) for statement in by_line.get(number.line, ()))
 
     def moved(side: RobotSide) -> int:
         problem = case.with_side(side)
@@ -167,7 +198,18 @@ def _reread(case: _Case, items: Sequence[ComparedItem]) -> list[NumberEdit]:
     for item in items:
         names |= _names(case, item)
     goal = EditGoal(case.residual, agrees, moved, case.problem.tolerance)
-    return rereading.edits(case.side, names, "", goal, short)[:_MOST]
+    return rereading.edits(case.side, names, "", goal, short, tried)[:_MOST]
+
+
+def _states(statement: NumberStatement | CellStatement, number: FileNumber, value: float) -> bool:
+    """Return whether a number of a text, on the line of a statement, is one of the numbers of this statement."""
+    if isinstance(statement, CellStatement):
+        # other numbers of a row, as in pi/2, are no values of it
+        return abs(value - statement.values[0]) <= 1e-12 * max(abs(value), 1.0)
+    if number.file and number.file != statement.file:
+        return False
+    attribute = number.what.rpartition("[")[0]
+    return attribute.endswith(statement.what)
 
 
 def _names(case: _Case, item: ComparedItem) -> set[str]:
@@ -251,6 +293,8 @@ def _whole(case: _Case, statement: Statement, before: Array) -> list[tuple[int, 
 
 def _solved(case: _Case, statement: Statement, columns: Sequence[int], before: Array) -> Array | None:
     """Return the values of a statement with which the sides agree, where only `columns` change; None if none do."""
+    if not case.moves_all(statement):
+        return None
     # an axis along x, y or z only changes with its other components, or its sign
     if statement.role != "axis" and not _reaches(case, statement, columns, before):
         return None

@@ -16,6 +16,7 @@ import numpy as np
 from twin.comparison.fit import Problem, Unknowns, values_of
 from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.side import ONE_COORDINATE
+from twin.comparison.tool_lines import may_agree
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -69,6 +70,7 @@ class StatedEvidence:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
+        self._possible_tools: dict[tuple[int, tuple[float, ...], tuple[int, ...]], bool] = {}
 
     @cached_property
     def frames(self) -> tuple[FrameGap, ...]:
@@ -134,6 +136,10 @@ class StatedEvidence:
     def residuals(self, known: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[int]) -> Array:
         """Return (k, rows) of pieces of evidence in m and rad for `values` (k, unknowns)."""
         _, _, motions = self.problem.motions(signs, values, deviating)
+        return self.residuals_of(known, signs, values, motions)
+
+    def residuals_of(self, known: Sequence[Evidence], signs: Array, values: Array, motions: Array) -> Array:
+        """Return the same for the motions (k, groups, 4, 4) of the groups of bodies with these values."""
         parts = [np.zeros((len(values), 0))]
         for evidence in known:
             parts.append(self._rows(evidence, signs, values, motions))
@@ -183,6 +189,20 @@ class StatedEvidence:
         for gap in self.frames:
             placed[gap.name] = spatial.inverse(motions[0, self._group_of(gap)]) @ gap.T_base_second @ gap.T
         return placed
+
+    def may_hold(self, evidence: Evidence, u: Unknowns) -> bool:
+        """Return whether some base frame and zeros may make a piece of evidence equal, and all lines as well."""
+        if evidence.kind != "tool":
+            return True
+        key = (evidence.index, tuple(u.signs), u.deviating)
+        found = self._possible_tools.get(key)
+        if found is None:
+            own = [gap for gap in self.frames if gap.joint == evidence.index]
+            Ts_first = np.array([self._placed_first[gap.name] for gap in own])
+            Ts_second = np.array([gap.T_base_second for gap in own])
+            found = may_agree(self.problem, evidence.index, Ts_first, Ts_second, u.signs, u.deviating)
+            self._possible_tools[key] = found
+        return found
 
     def _distance(self, i: int, difference: Array) -> Array:
         """Return a difference of zeros in m or rad, for angles without full turns."""

@@ -254,6 +254,10 @@ class Problem:
     def residuals(self, signs: Array, values: Array, deviating: Sequence[int]) -> Array:
         """Return the residuals (k, rows) in m and rad for `values` (k, unknowns)."""
         parents, children, _ = self.motions(signs, values, deviating)
+        return self.rows(signs, parents, children)
+
+    def rows(self, signs: Array, parents: Array, children: Array) -> Array:
+        """Return the residuals (k, rows) in m and rad for motions (k, joints, 4, 4) as in `motions`."""
         R = parents[:, :, :3, :3]
         points = np.squeeze(R @ self.points[..., None], -1) + parents[:, :, :3, 3]
         directions = signs[:, None] * np.squeeze(R @ self.directions[..., None], -1)
@@ -267,7 +271,7 @@ class Problem:
             _cross(to_lines[:, placed], self.target_directions[placed]),
             to_lines[:, centred],
         ]
-        rows = [table.reshape(len(values), -1) for table in tables]
+        rows = [table.reshape(len(parents), -1) for table in tables]
         for i, axis in enumerate(self.axes):
             if axis.closing:
                 rows += self._closing_rows(i, parents[:, i], children[:, i], signs)
@@ -335,21 +339,23 @@ class Problem:
     # -- solving --------------------------------------------------------------------------------------
 
     def refine(
-        self, u: Unknowns, free: Array | None = None, more: Callable[[Array], Array] | None = None
+        self, u: Unknowns, free: Array | None = None, more: Callable[[Array, Array], Array] | None = None
     ) -> FitSolution:
         """Return the unknowns after damped Gauss-Newton steps.
 
         Args:
             u: values to begin with.
             free: (unknowns,) which values may change. None: see `free`.
-            more: a function of values (k, unknowns) that returns (k, rows) of further residuals in m and rad.
+            more: a function of values (k, unknowns), and of the motions (k, groups, 4, 4) of the groups of bodies with
+                these values, that returns (k, rows) of further residuals in m and rad.
         """
 
         def residuals(values: Array) -> Array:
-            lines = self.residuals(u.signs, values, u.deviating)
+            parents, children, groups = self.motions(u.signs, values, u.deviating)
+            lines = self.rows(u.signs, parents, children)
             if more is None:
                 return lines
-            return np.concatenate([lines, more(values)], axis=1)
+            return np.concatenate([lines, more(values, groups)], axis=1)
 
         x = values_of(u)
         if free is None:

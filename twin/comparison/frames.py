@@ -50,6 +50,11 @@ def gaps(problem: Problem, u: Unknowns, *, inner: bool = True) -> list[FrameGap]
     Without `inner`, only of those on leaf links.
     """
     _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
+    return gaps_of(problem, motions, inner=inner)
+
+
+def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[FrameGap]:
+    """Return the same for the motions (1, groups, 4, 4) of the groups of bodies."""
     carrier = carriers(problem)
     carrier[0] = BASE
     group_of_joint = {joint: problem.second.axes[joint].child for joint in range(problem.count)}

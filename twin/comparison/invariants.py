@@ -7,7 +7,7 @@ on their link, which sets of signs are impossible, and which zeros a set of sign
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +17,16 @@ from twin.comparison.frames import carriers
 from twin.comparison.side import TURNING
 from twin.core.spatial import Array
 
-_SLACK = 3.0
+SLACK = 3.0
 """Factor of the tolerances: a fit spreads errors over several joints."""
 
 _PARALLEL = 1e-4
 """Sine of the angle of two lines below which they are parallel."""
 
-_STEEP = 0.1
+STEEP = 0.1
 """Sine of the angle of two lines from which the feet of their common normal are accurate."""
 
-_FOOT = 10.0
+FOOT = 10.0
 """Factor of the tolerance for the distance of two feet on a line."""
 
 _NEEDED_TURN = 2e-3
@@ -37,7 +37,7 @@ _NEEDED_SHIFT = 1e-3
 
 
 @dataclass(frozen=True)
-class _Normal:
+class CommonNormal:
     """The common normal of two lines: a vector (3,), whether signs of the joints turn it, the foot on the joint."""
 
     vector: Array
@@ -63,8 +63,8 @@ class JointNeighbours:
     joint: int
     behind: int
     turns: bool
-    first: tuple[_Normal, _Normal]
-    second: tuple[_Normal, _Normal]
+    first: tuple[CommonNormal, CommonNormal]
+    second: tuple[CommonNormal, CommonNormal]
     directions: Array
     drawn: tuple[float, float]
     foot_limit: float | None
@@ -77,7 +77,7 @@ class JointNeighbours:
         return _wrapped(second - first)
 
     @staticmethod
-    def _vectors(normals: tuple[_Normal, _Normal], signs: tuple[float, float, float]) -> tuple[Array, Array]:
+    def _vectors(normals: tuple[CommonNormal, CommonNormal], signs: tuple[float, float, float]) -> tuple[Array, Array]:
         ahead = normals[0].vector
         if normals[0].signed:
             ahead = signs[0] * signs[1] * ahead
@@ -118,17 +118,38 @@ class JointNeighbours:
 
 
 @dataclass(frozen=True)
+class Contradiction:
+    """A difference of consecutive joint lines that no convention removes, and what removes it.
+
+    Attributes:
+        alone: what may deviate, as in `Unknowns.deviating`, each of which is enough.
+        together: axes of which one is not enough, but two are.
+    """
+
+    alone: frozenset[int]
+    together: frozenset[int] = frozenset()
+
+    def is_explained(self, deviating: Collection[int]) -> bool:
+        """Return whether a set of deviating joints may remove the difference."""
+        if not self.alone.isdisjoint(deviating):
+            return True
+        return len(self.together.intersection(deviating)) >= 2
+
+
+@dataclass(frozen=True)
 class Local:
     """What consecutive joints say.
 
     Attributes:
         different: {joint: joint before it} where the distance or the angle of the two differs.
+        turned: {joint: those axes of the two, as in `Unknowns.deviating`, one of which is enough to remove this}.
         products: {(joint before, joint): product of their signs, 1 or -1}, where the pair determines it.
         between: joints with a joint before and behind them.
         count: number of joints.
     """
 
     different: dict[int, int]
+    turned: dict[int, frozenset[int]]
     products: dict[tuple[int, int], float]
     between: tuple[JointNeighbours, ...]
     count: int
@@ -178,20 +199,21 @@ class Local:
                 needed.add(rule.joint)
         return needed
 
-    def contradictions(self) -> Iterator[frozenset[int]]:
-        """Yield sets of what may deviate, as in `Unknowns.deviating`, of each of which one at least must."""
+    def contradictions(self) -> Iterator[Contradiction]:
+        """Yield the differences that some joint must remove."""
         for k, i in self.different.items():
-            yield self._of_pair(i, k)
+            yield Contradiction(self.turned[k] | {k}, self._of_pair(i, k) - {k})
         for rule in self.between:
             signs = [(a, b, c) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)]
             if not any(rule.possible(chosen) for chosen in signs):
-                yield self._of_three(rule)
+                yield Contradiction(self._of_three(rule))
 
 
 def local(problem: Problem) -> Local:
     """Compare all pairs of consecutive joints of the tree."""
     carrier = carriers(problem)
     different = {}
+    turned = {}
     products = {}
     between = []
     for k, axis in enumerate(problem.axes):
@@ -207,6 +229,7 @@ def local(problem: Problem) -> Local:
         product = _product(problem, first, second, turning)
         if product == 0.0:
             different[k] = i
+            turned[k] = _turned_alone(problem, i, k, second, turning=turning)
         elif product is not None:
             products[i, k] = product
         before = carrier.get(problem.axes[i].parent)
@@ -214,7 +237,7 @@ def local(problem: Problem) -> Local:
             rule = _between(problem, before, i, k)
             if rule is not None:
                 between.append(rule)
-    return Local(different, products, tuple(between), problem.count)
+    return Local(different, turned, products, tuple(between), problem.count)
 
 
 def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNeighbours | None:
@@ -230,7 +253,7 @@ def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNei
         normals = []
         for i, k in ((before, joint), (joint, behind)):
             turning = problem.kinds[i] in TURNING and problem.kinds[k] in TURNING
-            normal, sine = _normal(points, directions, (i, k), joint, turning)
+            normal, sine = common_normal(points, directions, (i, k), joint, turning)
             if normal is None:
                 return None
             normals.append(normal)
@@ -240,11 +263,11 @@ def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNei
         return None
     ends_turn = problem.kinds[before] in TURNING and problem.kinds[behind] in TURNING
     foot_limit = None
-    if ends_turn and min(sines) > _STEEP:
-        foot_limit = _FOOT * problem.tolerance / min(sines) ** 2
+    if ends_turn and min(sines) > STEEP:
+        foot_limit = FOOT * problem.tolerance / min(sines) ** 2
     angle_limit = np.inf
-    if min(sines) > _STEEP:
-        angle_limit = _FOOT * problem.angle_tolerance / min(sines)
+    if min(sines) > STEEP:
+        angle_limit = FOOT * problem.angle_tolerance / min(sines)
     directions = np.array([problem.directions[joint], problem.target_directions[joint]])
     drawn = (float(problem.drawn[joint]), float(problem.target_drawn[joint]))
     turns = problem.kinds[joint] == "revolute"
@@ -253,9 +276,9 @@ def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNei
     )
 
 
-def _normal(
+def common_normal(
     points: Array, directions: Array, pair: tuple[int, int], joint: int, turning: bool
-) -> tuple[_Normal | None, float]:
+) -> tuple[CommonNormal | None, float]:
     """Return (common normal of two lines, None if it has no direction; the sine of their angle)."""
     i, k = pair
     normal = np.cross(directions[i], directions[k])
@@ -268,12 +291,12 @@ def _normal(
         to_other = between if joint == i else -between
         across = np.cross(d, other)
         foot = float(np.cross(to_other, other) @ across) / sine**2 + float(points[joint] @ d)
-        return _Normal(normal / sine, True, foot), sine
+        return CommonNormal(normal / sine, True, foot), sine
     across = between - directions[joint] * (between @ directions[joint])
     distance = float(np.linalg.norm(across))
     if sine > _PARALLEL or not turning or distance < 1e-3:
         return None, sine
-    return _Normal(across / distance, False, None), sine
+    return CommonNormal(across / distance, False, None), sine
 
 
 def _angle_about(direction: Array, a: Array, b: Array) -> float:
@@ -296,20 +319,50 @@ def _invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float
     return cosine, sine, float(between @ normal) / sine
 
 
+def _turned_alone(
+    problem: Problem, i: int, k: int, target: tuple[float, float, float], *, turning: bool
+) -> frozenset[int]:
+    """Return the axes, as in `Unknowns.deviating`, one of which gives two lines the distance of their targets.
+
+    An axis is turned about its point, whose distance from the other line stays: the distance of the lines can be any
+    up to this one, and of parallel lines it is this one.
+
+    `i` and `k` are the joints of the lines, `target` is what `_invariants` returns of their targets, and `turning`
+    says whether the lines of both joints have a place.
+    """
+    found = set()
+    for joint, other in ((i, k), (k, i)):
+        if not turning:
+            found.add(problem.turned_axis(joint))
+            continue
+        between = problem.points[joint] - problem.points[other]
+        largest = float(np.linalg.norm(np.cross(between, problem.directions[other])))
+        between_targets = problem.target_points[joint] - problem.target_points[other]
+        reach = float(np.linalg.norm(between) + np.linalg.norm(between_targets))
+        parallel = target[1] < _PARALLEL
+        # lines that coincide within the tolerances, and are nearly parallel, are a little further apart at other points
+        limit = SLACK * problem.tolerance + (problem.angle_tolerance + parallel * target[1]) * reach
+        distance = abs(target[2])
+        if distance > largest + limit or (parallel and distance < largest - limit):
+            continue
+        found.add(problem.turned_axis(joint))
+    return frozenset(found)
+
+
 def _product(
     problem: Problem, first: tuple[float, float, float], second: tuple[float, float, float], turning: bool
 ) -> float | None:
     """Return the product of the signs of two joints, None if both are possible, or 0 if neither is."""
     possible = []
     parallel = min(first[1], second[1]) < _PARALLEL
-    angle_limit = _SLACK * problem.angle_tolerance
+    angle_limit = SLACK * problem.angle_tolerance
     for product in (1.0, -1.0):
         angle = np.arctan2(first[1], product * first[0])
         target = np.arctan2(second[1], second[0])
         if abs(angle - target) > angle_limit:
             continue
         distance = first[2] if parallel else product * first[2]
-        limit = _SLACK * problem.tolerance
+        limit = SLACK * problem.tolerance
         if not parallel:
             limit /= min(first[1], second[1])
         if turning and abs(distance - second[2]) > limit:

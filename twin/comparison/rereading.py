@@ -199,17 +199,43 @@ def _is_xml(data: bytes) -> bool:
     return data.removeprefix(_BYTE_ORDER_MARK).lstrip().startswith(b"<")
 
 
+def _never(_number: FileNumber, _value: float) -> bool:
+    return False
+
+
 def edits(
-    side: RobotSide, names: Collection[str], kind: str, goal: EditGoal, file: Callable[[str], str]
+    side: RobotSide,
+    names: Collection[str],
+    kind: str,
+    goal: EditGoal,
+    file: Callable[[str], str],
+    tried: Callable[[FileNumber, float], bool] = _never,
 ) -> list[NumberEdit]:
-    """Return the edits of one number that reach a goal, the likeliest first."""
+    """Return the edits of one number that reach a goal, the likeliest first.
+
+    Numbers for which `tried` (of the number and its value) is true are left out: no value of them reaches the goal.
+    """
+    return [edit for edit, _ in edited_sides(side, names, kind, goal, file, tried)]
+
+
+def edited_sides(
+    side: RobotSide,
+    names: Collection[str],
+    kind: str,
+    goal: EditGoal,
+    file: Callable[[str], str],
+    tried: Callable[[FileNumber, float], bool] = _never,
+) -> list[tuple[NumberEdit, RobotSide]]:
+    """Return the same edits, each with the side that was read with it."""
     data = text_of(side)
     if data is None:
         return []
-    found: list[tuple[int, int, NumberEdit]] = []
+    found: list[tuple[int, int, NumberEdit, RobotSide]] = []
     before = goal.residual(side)
     for number in numbers(side, names, kind)[:_MOST_READ]:
         text = data[number.start : number.end].decode()
+        if tried(number, float(text)):
+            continue
         solved = _solved(side, data, number, goal, before)
         if solved is None:
             continue
@@ -220,9 +246,9 @@ def edits(
         place = file(number.file or str(side.path))
         edit = NumberEdit(side.label, place, number.line, number.what, text, new, confirmed=True)
         edit = hindered(side, edit, number.file)
-        found.append((goal.moved(edited), len(new), edit))
+        found.append((goal.moved(edited), len(new), edit, edited))
     found.sort(key=lambda entry: entry[:2])
-    return [edit for _, _, edit in found]
+    return [(edit, edited) for _, _, edit, edited in found]
 
 
 def edits_together(

@@ -127,6 +127,10 @@ class _Search:
             if isinstance(node, _Signs):
                 self._signs(node)
                 continue
+            if self._differs_in_nothing(node):
+                lowest = 0.0
+                found.append(node.solution)
+                continue
             if not node.final and self.nodes < self.most_nodes and self._branches(node, min(self.most, lowest) - bound):
                 continue
             # what was open, and no evidence fixed, may differ
@@ -137,6 +141,11 @@ class _Search:
             lowest = min(lowest, bound)
             found.append(node.solution)
         return found
+
+    def _differs_in_nothing(self, choice: _Choice) -> bool:
+        """Return whether no joint deviates and all evidence is equal: other values could only be as good."""
+        u = choice.solution.unknowns
+        return not u.deviating and _cost(self.stated, u) == 0.0
 
     # -- signs ----------------------------------------------------------------------------------------
 
@@ -199,8 +208,9 @@ class _Search:
         x = values_of(u)
         moved = np.repeat(x[None], len(columns) + 1, axis=0)
         moved[np.arange(len(columns)), columns] += _STEP
-        rows = [self.problem.residuals(u.signs, moved, u.deviating)]
-        rows.append(self.stated.residuals([*choice.conditions, *known], u.signs, moved, u.deviating))
+        parents, children, groups = self.problem.motions(u.signs, moved, u.deviating)
+        rows = [self.problem.rows(u.signs, parents, children)]
+        rows.append(self.stated.residuals_of([*choice.conditions, *known], u.signs, moved, groups))
         table = np.concatenate(rows, axis=1)
         return (table[:-1] - table[-1]).T / _STEP
 
@@ -224,7 +234,8 @@ class _Search:
         known = self.stated.violated(self.stated.known(u.signs), u)
         _, along = self._open(choice, known)
         for evidence, J in zip(known, along, strict=True):
-            if not (J.size and np.abs(J).max() > _OPEN):
+            is_open = bool(J.size and np.abs(J).max() > _OPEN)
+            if not is_open or not self.stated.may_hold(evidence, u):
                 cost += evidence.weight
         return cost
 
@@ -234,7 +245,10 @@ class _Search:
         `left` is the cost that may still be added: evidence that costs more, and differs, must be made equal.
         """
         u = choice.solution.unknowns
-        known = [evidence for evidence in self.stated.known(u.signs) if evidence not in choice.kept]
+        known = []
+        for evidence in self.stated.known(u.signs):
+            if evidence not in choice.kept and self.stated.may_hold(evidence, u):
+                known.append(evidence)
         directions, along = self._open(choice, known)
         violated = set(self.stated.violated(known, u))
         for evidence, J in zip(known, along, strict=True):
@@ -242,19 +256,19 @@ class _Search:
             if is_open and evidence in violated and evidence.weight > left + _SAME:
                 self._keep(choice, evidence, directions, J)
                 return True
-        return any(self._fix(choice, known, directions, along, direction) for direction in _fewest_first(along))
-
-    def _fix(
-        self, choice: _Choice, known: Sequence[Evidence], directions: Array, along: Sequence[Array], direction: int
-    ) -> bool:
-        """Fix an open direction by each evidence that can; return whether any does."""
-        any_fixed = False
-        for evidence, J in zip(known, along, strict=True):
-            if not np.abs(J[:, direction]).max() > _OPEN:
-                continue
-            if self._keep(choice, evidence, directions, J):
-                any_fixed = True
-        return any_fixed
+        impossible: set[Evidence] = set()
+        for direction in _fewest_first(along):
+            any_fixed = False
+            for evidence, J in zip(known, along, strict=True):
+                if evidence in impossible or not np.abs(J[:, direction]).max() > _OPEN:
+                    continue
+                if self._keep(choice, evidence, directions, J):
+                    any_fixed = True
+                else:
+                    impossible.add(evidence)
+            if any_fixed:
+                return True
+        return False
 
     def _keep(self, choice: _Choice, evidence: Evidence, directions: Array, J: Array) -> bool:
         """Fit with one more piece of evidence; return whether that is possible."""
@@ -318,8 +332,8 @@ class _Search:
             yield moved
 
     def _refined(self, u: Unknowns, free: Array, conditions: Sequence[Evidence]) -> FitSolution:
-        def more(values: Array) -> Array:
-            return self.stated.residuals(conditions, u.signs, values, u.deviating)
+        def more(values: Array, groups: Array) -> Array:
+            return self.stated.residuals_of(conditions, u.signs, values, groups)
 
         return self.problem.refine(u, free, more if conditions else None)
 
@@ -446,15 +460,14 @@ def deviations(problem: Problem) -> list[FitSolution]:
         places = list(range(problem.count))
         if size < _SETS:
             places = _places(problem)
-        sets = [chosen for chosen in combinations(places, size) if _explains(chosen, contradictions)]
+        sets = []
+        for chosen in combinations(places, size):
+            if all(difference.is_explained(chosen) for difference in contradictions):
+                sets.append(chosen)
         found = _Search(problem, known, _FLIPS).run(sets)
         if found:
             return _explained(problem, found)
     return _greedy(problem, known)
-
-
-def _explains(chosen: tuple[int, ...], contradictions: Sequence[frozenset[int]]) -> bool:
-    return all(not joints.isdisjoint(chosen) for joints in contradictions)
 
 
 def _ordered(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
@@ -533,14 +546,15 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
     differing = stated.violated(kept, u)
     kept = [evidence for evidence in kept if evidence not in differing]
 
-    def more(values: Array) -> Array:
-        return stated.residuals(kept, u.signs, values, u.deviating)
+    def more(values: Array, groups: Array) -> Array:
+        return stated.residuals_of(kept, u.signs, values, groups)
 
     for _ in range(_SHRINKS):
         x = values_of(best.unknowns)
         moved = np.repeat(x[None], len(columns) + 1, axis=0)
         moved[np.arange(len(columns)), columns] += _STEP
-        rows = np.concatenate([problem.residuals(u.signs, moved, u.deviating), more(moved)], axis=1)
+        parents, children, groups = problem.motions(u.signs, moved, u.deviating)
+        rows = np.concatenate([problem.rows(u.signs, parents, children), more(moved, groups)], axis=1)
         undetermined = open_directions((rows[:-1] - rows[-1]).T / _STEP)
         excess = undetermined @ (undetermined.T @ x[columns])
         if np.abs(excess).max() < problem.tolerance:

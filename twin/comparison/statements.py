@@ -97,6 +97,10 @@ class NumberStatement:
             frames[name] = (group, W @ T if plain(name) in self.links else T)
         return replace(side, axes=tuple(axes), frames=frames)
 
+    def moves(self, axis: Axis) -> bool:
+        """Return whether other numbers move the line of a joint of the side."""
+        return not self.joints.isdisjoint(axis.parts or (plain(axis.name),))
+
     def _turned(self, side: RobotSide, T_base_link: Array, values: Sequence[float] | Array) -> RobotSide | None:
         length = float(np.linalg.norm(values))
         if not length > 1e-9:
@@ -170,6 +174,10 @@ class PlaceStatement:
     def values(self) -> tuple[float, ...]:
         """Its numbers, those of the position first."""
         return (*self.shift.values, *self.turn.values)
+
+    def moves(self, axis: Axis) -> bool:
+        """Return whether another place moves the line of a joint of the side."""
+        return self.shift.moves(axis)
 
     def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
         """Return the side with another place here; None without this link in the side, or if it is no place."""
