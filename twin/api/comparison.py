@@ -368,7 +368,11 @@ def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
         )
     else:
         mechanism = robot.weighed().mechanism
-        side = from_mechanism(mechanism, label, path=robot.files.description, only=only)
+        unlimited: list[str] = []
+        for limit in robot.source.description.limit:
+            if limit.limits == "none":
+                unlimited += limit.joints
+        side = from_mechanism(mechanism, label, path=robot.files.description, only=only, unlimited=unlimited)
     return replace(side, tool_poses=_poses_of(mechanism, side))
 
 

@@ -142,9 +142,13 @@ class MaterialTable(Sourced):
 
 
 class LimitSpec(Sourced):
-    """Limits shared by the named joints, in mm, mm/s, mm/s2, mm/s3 (prismatic) or deg, deg/s, deg/s2, deg/s3."""
+    """Limits shared by the named joints, in mm, mm/s, mm/s2, mm/s3 (prismatic) or deg, deg/s, deg/s2, deg/s3.
+
+    `limits = "none"` states that the joints turn or slide without end; an entry without limits says nothing about them.
+    """
 
     joints: list[Identifier]
+    limits: Literal["none"] | None = None
     limits_mm: Range | None = None
     limits_deg: Range | None = None
     soft_limits_mm: Range | None = None
@@ -156,6 +160,13 @@ class LimitSpec(Sourced):
     max_acceleration_deg_s2: float | None = Field(default=None, gt=0)
     max_jerk_mm_s3: float | None = Field(default=None, gt=0)
     max_jerk_deg_s3: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _none_or_some(self) -> LimitSpec:
+        for key in ("limits_mm", "limits_deg"):
+            if self.limits == "none" and getattr(self, key) is not None:
+                raise at(key, f'{key} is given beside limits = "none". Omit one of the two')
+        return self
 
     @model_validator(mode="after")
     def _soft_within_hard(self) -> LimitSpec:

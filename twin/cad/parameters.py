@@ -33,7 +33,7 @@ def parameters(d: Description) -> list[Parameter]:
 def _limit(limit: LimitSpec) -> Iterator[Row]:
     for key in type(limit).model_fields:
         value = getattr(limit, key)
-        if key in ("joints", "provenance", "note"):
+        if key in ("joints", "limits", "provenance", "note"):
             continue
         base = "mm" if "_mm" in key else "deg"
         name, _, per = key.partition(f"_{base}")

@@ -121,6 +121,8 @@ def _wrong_unit(joint: str, kind: str, key: str) -> str:
         unit = "mm"
     elif "_deg" in key:
         unit = "deg"
+    elif key == "limits" and kind not in UNITS:
+        return f"joint '{joint}' is {kind}: it has no single coordinate without limits"
     else:
         return ""
     if key == "cone_deg":

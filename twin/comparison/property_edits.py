@@ -24,25 +24,40 @@ _MOST = 12
 def with_property_edits(
     problem: Problem, matching: Matching, solution: FitSolution, properties: Properties
 ) -> Properties:
-    """Return the properties, each row that disagrees with the edits of either side."""
+    """Return the properties, each row that disagrees with the edits of either side.
+
+    A wrong mass moves the centre of mass of welded bodies, and changes their inertia: where the edit of a mass makes
+    these agree as well, it is their edit.
+    """
     rows = []
     searched = 0
+    healed: dict[tuple[str, int], list[NumberEdit]] = {}
     for row in properties.rows:
         if row.stated and row.index >= 0 and searched < _MOST:
             searched += 1
-            row = _with_edits(problem, matching, solution, properties, row)
+            row = _with_edits(problem, matching, solution, properties, row, healed)
         rows.append(row)
     return replace(properties, rows=tuple(rows))
 
 
 def _with_edits(
-    problem: Problem, matching: Matching, solution: FitSolution, properties: Properties, row: PropertyRow
+    problem: Problem,
+    matching: Matching,
+    solution: FitSolution,
+    properties: Properties,
+    row: PropertyRow,
+    healed: dict[tuple[str, int], list[NumberEdit]],
 ) -> PropertyRow:
+    """Return a row with its edits, and add them to `healed` for each other row that they make agree."""
     known = {(other.kind, other.index) for other in properties.rows if other.stated}
     edits: list[NumberEdit] = []
     together = False
     for edited in (0, 1):
         sides = (problem.first, problem.second)
+        own = [edit for edit in healed.get((row.kind, row.index), ()) if edit.side == sides[edited].label]
+        if own:
+            edits += own
+            continue
 
         def paired(side: RobotSide, edited: int = edited, sides: tuple[RobotSide, RobotSide] = sides) -> Problem:
             both = list(sides)
@@ -51,12 +66,29 @@ def _with_edits(
 
         goal = _goal(paired, solution, row, known, sides[edited])
         names = _names(problem, row, edited)
-        found = rereading.edits(sides[edited], names, row.kind, goal, short)[:2]
-        if not found:
-            found = rereading.edits_together(sides[edited], names, row.kind, goal, short)
-            together = together or bool(found)
-        edits += found
+        found = rereading.edited_sides(sides[edited], names, row.kind, goal, short)[:2]
+        edits += [edit for edit, _ in found]
+        for edit, side in found:
+            left = {(other.kind, other.index) for other in compare(paired(side), solution).rows if other.stated}
+            for other in known - left - {(row.kind, row.index)}:
+                healed.setdefault(other, []).append(edit)
+        if not found and not _welded_with_wrong_mass(sides[edited], known, row, names):
+            several = rereading.edits_together(sides[edited], names, row.kind, goal, short)
+            edits += several
+            together = together or bool(several)
     return replace(row, edits=tuple(edits), together=together)
+
+
+def _welded_with_wrong_mass(
+    side: RobotSide, known: Collection[tuple[str, int]], row: PropertyRow, names: Collection[str]
+) -> bool:
+    """Return whether a row is about welded bodies whose mass differs: it must be right before numbers are found."""
+    if row.kind not in ("centres of mass", "inertias") or ("masses", row.index) not in known:
+        return False
+    if side.mechanism is None:
+        return len(names) > 1
+    heavy = [body for body in side.mechanism.bodies if body.inertia is not None and plain(body.name) in names]
+    return len(heavy) > 1
 
 
 def _goal(
@@ -73,6 +105,9 @@ def _goal(
 
     def agrees(edited: RobotSide) -> bool:
         if len(edited.axes) != len(side.axes):
+            return False
+        # the reader leaves out what no body can have: its other bodies would then agree by chance
+        if not set(edited.notes) <= set(side.notes):
             return False
         pair = paired(edited)
         # the lines are as they were: also those that differ, beside this row

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin.comparison.edits import short
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.properties import followed_of, mapped_limits
-from twin.comparison.side import ONE_COORDINATE
+from twin.comparison.rereading import numbers
+from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide, plain
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
@@ -84,12 +86,25 @@ def common_range(problem: Problem, solution: FitSolution) -> Array:
             high = high if np.isfinite(high) else max(half, low + half)
         if low > high:
             texts = [f"{moved(a, axis.is_angle)} .. {moved(b, axis.is_angle)}" for a, b in stated]
+            at_first = _stated_at(problem.first, problem.axes[i])
+            at_second = _stated_at(problem.second, axis)
             raise TwinError(
-                f"joint '{axis.name}' has no common range: {texts[0]} in {problem.first.label} (as values of "
-                f"{problem.second.label}), {texts[1]} in {problem.second.label}. Correct the limits of a file."
+                f"joint '{axis.name}' has no common range: {texts[0]} in {at_first} (as values of "
+                f"{problem.second.label}), {texts[1]} in {at_second}. Correct the limits of a file."
             )
         ranges[i] = low + 0.0, high + 0.0  # without the sign of -0.0
     return ranges
+
+
+def _stated_at(side: RobotSide, axis: Axis) -> str:
+    """Return the label of a side, with file and line of the limits of a joint where they are known."""
+    if side.rows:  # the numbers of a table have no names
+        return side.label
+    for number in numbers(side, {plain(axis.name)}, "limits"):
+        if "soft" in number.what or "safety" in number.what:
+            continue
+        return f"{side.label} ({short(number.file or str(side.path))}:{number.line})"
+    return side.label
 
 
 def worst(problem: Problem, solution: FitSolution) -> Worst | None:

@@ -69,7 +69,9 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         for body in mechanism.bodies:
             for mesh in body.meshes:
                 _write_mesh(folder / "meshes" / _mesh_file(mesh), mesh, mechanism.rest[body.name])
-        (folder / f"{name}.toml").write_text(describe(mechanism, source.name, imported.assumed), "utf-8")
+        (folder / f"{name}.toml").write_text(
+            describe(mechanism, source.name, imported.assumed, imported.unlimited), "utf-8"
+        )
         return mechanism
 
     return write_robot(name, target, cad, imported.findings, source, force, imported.formula)
@@ -130,8 +132,11 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
     return "\n".join(lines)
 
 
-def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
-    """Return a mechanism's description in TOML; `assumed` names the joints and actuators whose drives are ASSUMED."""
+def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset(), unlimited: Set[str] = frozenset()) -> str:
+    """Return a mechanism's description in TOML.
+
+    `assumed` names the joints and actuators whose drives are ASSUMED, `unlimited` the joints that have no limits.
+    """
     cited = {"provenance": "CITED", "note": source}
     head: JsonObject = {"name": m.name, "title": m.name, "source": source, "default_protocol": "first", "base": m.base}
     head["tool"] = m.tool
@@ -162,7 +167,7 @@ def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset()) -> str:
             on_child=frame(m.rest[joint.child] @ joint.T_child_joint),
         )
     for joint in m.joints:
-        lines += _limit(joint, cited)
+        lines += _limit(joint, cited, unlimited=joint.name in unlimited)
         drive = joint.drive
         if drive is not None:
             gains = {"stiffness": drive.stiffness, "damping": drive.damping, "max_effort": drive.max_effort}
@@ -222,10 +227,11 @@ def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
     return lines
 
 
-def _limit(joint: Joint, cited: Mapping[str, str]) -> list[str]:
+def _limit(joint: Joint, cited: Mapping[str, str], *, unlimited: bool) -> list[str]:
     unit, scale = display_unit(joint.is_angle)
     # Without a limit, `and` leaves None, and the key is not written.
     values = {
+        "limits": "none" if unlimited and joint.limits is None else None,
         f"limits_{unit}": joint.limits and np.divide(joint.limits, scale),
         f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
         f"max_speed_{unit}_s": joint.max_speed and joint.max_speed / scale,
