@@ -23,7 +23,7 @@ class Task:
         self.robot = twin.load("sils")
         self.solver = self.robot.loops
         self.judge, self.ours = Judge(self.solver.mechanism), Ours(self.solver)
-        self.home = self.ours.common(self.solver.forward_many(self.solver.q[None]).states[:, 0])
+        self.home = self.ours.common(self.solver.forward_many(self.solver.q[None]).states[0])
         self.q, self.Ts = self.poses(effort.of(300, 60))
         a, b = (self.solver.mechanism.posture(n) for n in ("insertion", "inserted"))
         self.motion = (a + (0.5 - 0.5 * np.cos(np.linspace(0, np.pi, 1000)))[:, None] * (b - a))[450:551]
@@ -80,17 +80,17 @@ def warm(task: Task, effort: Effort) -> Table:
     table.judge, table.limit = JUDGE, 1e-11
     qs, states, solver = task.motion[1:], task.states.states, task.solver
     Ts = task.judge.model.run(task.motion).Ts_base_tool[1:]
-    seeds = [np.ascontiguousarray(states[:, k]) for k in range(len(qs))]
+    seeds = list(states[: len(qs)])
 
     def ours() -> None:
         for q, seed in zip(qs, seeds, strict=True):
             solver.forward(q, seed)
 
-    found = solver.forward_many(qs, states[:, :-1])
-    error, good = task.judged(qs, [task.ours.common(x) for x in found.states.T], Ts)
+    found = solver.forward_many(qs, states[:-1])
+    error, good = task.judged(qs, [task.ours.common(x) for x in found.states], Ts)
     contenders = [Contender("twin: robot.loops.forward(q, seed)", ours, len(qs), error, good)]
     for name, peer in task.peers(table).items():
-        start = peer.start(task.motion[0], task.ours.common(states[:, 0]))
+        start = peer.start(task.motion[0], task.ours.common(states[0]))
 
         def walk(peer=peer, start=start) -> list:
             xs = [start]
@@ -110,7 +110,7 @@ def cold(task: Task, effort: Effort) -> list[Table]:
     single.judge, single.limit = JUDGE, 1e-11
     solver, qs = task.solver, task.q
     states = solver.forward_many(qs).states
-    error, good = task.judged(qs, [task.ours.common(x) for x in states.T], task.Ts)
+    error, good = task.judged(qs, [task.ours.common(x) for x in states], task.Ts)
     ours = lambda: [solver.forward(q) for q in qs]  # noqa: E731
     contenders = [Contender("twin: robot.loops.forward(q)", ours, len(qs), error, good)]
     peers = []
@@ -133,7 +133,7 @@ def cold(task: Task, effort: Effort) -> list[Table]:
     found = solver.forward_many(q)
     off = np.abs(found.Ts_base_tool - Ts).reshape(len(q), -1).max(axis=1)
     some = np.linspace(0, len(q) - 1, 2000).astype(int)
-    error, _ = task.judged(q[some], [task.ours.common(found.states[:, k]) for k in some], Ts[some])
+    error, _ = task.judged(q[some], [task.ours.common(found.states[k]) for k in some], Ts[some])
     good = f"{int((off < RIGHT).sum())} of {len(q)}"
     batch = [Contender("twin: robot.loops.forward_many(qs)", lambda: solver.forward_many(q), len(q), error, good)]
     for c in peers:

@@ -257,9 +257,9 @@ def test_a_start_on_another_branch_does_not_lead_to_it(rng):
     """From anywhere Newton's method finds either state of a four-bar; the determinant tells them apart."""
     solver = LoopSolver(mechanisms.four_bar())
     q = np.tile(solver.q + 0.2, (200, 1))
-    seeds = rng.uniform(-3, 3, (len(solver._start), 200))
+    seeds = rng.uniform(-3, 3, (200, len(solver._start)))
     right = solver.forward_many(q[:1]).Ts_base_tool[0]
-    poses, gaps, _ = solver._warm(np.ascontiguousarray(q.T), seeds)
+    poses, gaps, _ = solver._warm(np.ascontiguousarray(q.T), np.ascontiguousarray(seeds.T))
     closed = gaps[0] < 1e-12
     off = np.abs(poses.T.reshape(-1, 3, 4) - right[:3]).max(axis=(1, 2))
     assert (off[closed & (gaps[2] > 0)] < 1e-11).all()

@@ -169,7 +169,7 @@ class ErrorPropagation:
         q = np.asarray(q, float)
         solution = self.solver.forward_many(q[None])
         self.solver.forward(q)  # raises a clear error if the loops cannot be closed
-        state = solution.states[:, 0]
+        state = solution.states[0]
         S = self._sensitivity(q, state)
         covariance = (S * self.sigma**2) @ S.T
         budget = ErrorBudget(name, q, S, self.labels, self.sigma, covariance, _within(covariance))

@@ -122,7 +122,7 @@ class Dragged:
     """Result of a motion.
 
     Attributes:
-        q, u: active joints (n,) and loop unknowns (m,) after the motion; see `Closed.states`.
+        q, u: active joints (n,) and loop unknowns (m,) after the motion; see `ClosedStates.states`.
         stops: bounds of active joints and limits of passive joints that block the motion.
         singular: the matrix that becomes singular: that of a loop (such as "loop r13") or of the "tool"; "" if the
             motion meets no singularity.

@@ -135,9 +135,9 @@ class PassiveCheck:
         return Kernel([Stage(function, tuple(inputs), ("slacks",))], inputs, ["slacks"])
 
     def slacks(self, q: Array, states: Array) -> Array:
-        """Return the slacks (c, k) in m or rad at active joints q (k, n) and loop unknowns `states` (m, k)."""
-        (found,) = self._slacks(np.ascontiguousarray(q.T), np.ascontiguousarray(states))
-        return found
+        """Return the slacks (k, c) in m or rad at active joints q (k, n) and loop unknowns `states` (k, m)."""
+        (found,) = self._slacks(np.ascontiguousarray(q.T), np.ascontiguousarray(states.T))
+        return found.T
 
     def kept(self, q: Array, Ts: Array) -> np.ndarray:
         """Return (k,) bool: whether the mechanism assumes tool poses Ts (k, 4, 4) at q (k, n) within all limits.
@@ -145,7 +145,7 @@ class PassiveCheck:
         A pose that the loops do not reach in the assembly mode of the rest poses is not kept.
         """
         states, placed = self.placed(q, Ts)
-        placed[placed] = self.within(q[placed], states[:, placed])
+        placed[placed] = self.within(q[placed], states[placed])
         return placed
 
     def margins(self, q: Array, Ts: Array) -> dict[str, tuple[Array, bool]]:
@@ -154,7 +154,7 @@ class PassiveCheck:
         Distances are negative beyond the limits, and NaN where the mechanism does not assume the pose.
         """
         states, placed = self.placed(q, Ts)
-        links = self._solver.link_poses(q[placed], states[:, placed])
+        links = self._solver.link_poses(q[placed], states[placed])
         joints = {limit.joint.name: limit.joint for limit in self.limits}
         margins: dict[str, tuple[Array, bool]] = {}
         for name, joint in joints.items():
@@ -165,11 +165,11 @@ class PassiveCheck:
         return margins
 
     def within(self, q: Array, states: Array) -> np.ndarray:
-        """Return (k,) bool: whether active joints q (k, n) and loop unknowns `states` (m, k) keep all limits."""
-        return np.all(self.slacks(q, states) >= -ROUNDING, axis=0)
+        """Return (k,) bool: whether active joints q (k, n) and loop unknowns `states` (k, m) keep all limits."""
+        return np.all(self.slacks(q, states) >= -ROUNDING, axis=1)
 
     def placed(self, q: Array, Ts: Array) -> tuple[Array, np.ndarray]:
-        """Return (loop unknowns (m, k), (k,) bool: whether the tool is at Ts (k, 4, 4)) at active joints q (k, n).
+        """Return (loop unknowns (k, m), (k,) bool: whether the tool is at Ts (k, 4, 4)) at active joints q (k, n).
 
         Joint values can belong to several tool poses. Where the loops close at another pose than the given one, they
         are closed again, starting from the unknowns of the nearest pose that is placed.
@@ -191,10 +191,10 @@ class PassiveCheck:
             if not len(open_poses):
                 break
             tried_seeds[open_poses] = seeds
-            again = self._solver.forward_many(q[open_poses], states[:, seeds])
+            again = self._solver.forward_many(q[open_poses], states[seeds])
             good = _same(again.Ts_base_tool, Ts[open_poses])
             closed = open_poses[good]
-            states[:, closed] = again.states[:, good]
+            states[closed] = again.states[good]
             placed[closed] = True
         return states, placed
 

@@ -43,4 +43,4 @@ class LinkPoses:
         found = self._loops.forward_many(q[None])
         if not np.isfinite(found.Ts_base_tool).all():
             self._loops.forward(q)  # raises, with the joint values
-        return found.states[:, 0]
+        return found.states[0]

@@ -52,7 +52,7 @@ class ClosedStates:
 
     Attributes:
         Ts_base_tool: (k, 4, 4); NaN where the loops cannot be closed.
-        states: (m, k) values of all loop unknowns; usable as seeds of the next call.
+        states: (k, m) values of all loop unknowns; usable as seeds of the next call.
         offset, tilt: (k,) norm of the gaps of all loops in m; (k,) norm of the misalignments of all loops in rad.
         margin: (k,) minimum over the blocks of (determinant / determinant in the rest poses), at most 1; 0 at a
             singularity of the loops, negative in another assembly mode.
@@ -128,7 +128,8 @@ class LoopSolver:
     def forward(self, q: Array, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) at active joints q (n,).
 
-        `seed` (m,) contains the loop unknowns to start from, as in `Closed.states`; default: those of the rest poses.
+        `seed` (m,) contains the loop unknowns to start from, a row of `ClosedStates.states`; default: those of the rest
+        poses.
 
         Raises:
             AssemblyError: the loops cannot be closed at q.
@@ -175,7 +176,7 @@ class LoopSolver:
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> ClosedStates:
         """Return the states at active joints qs (k, n), each solved independently; poses without a solution are NaN.
 
-        `seeds` (m, k) contains the loop unknowns to start from; default: those of the rest poses. `threads` is the
+        `seeds` (k, m) contains the loop unknowns to start from; default: those of the rest poses. `threads` is the
         maximum number of threads; default: the number of processors.
         """
         qs = np.asarray(qs, float)
@@ -185,7 +186,7 @@ class LoopSolver:
         if seeds is None:
             poses, gaps, states = self._cold(Q, threads=threads)
         else:
-            poses, gaps, states = self._warm(Q, np.ascontiguousarray(seeds), threads=threads)
+            poses, gaps, states = self._warm(Q, np.ascontiguousarray(self._rows(seeds, len(qs)).T), threads=threads)
 
         finite = np.isfinite(Q).all(axis=0)
         for stations in _WALK:
@@ -203,7 +204,19 @@ class LoopSolver:
         Ts[:, 3, 3] = 1
         Ts[:, :3] = poses.T.reshape(-1, 3, 4)
         Ts[~self._good(gaps)] = np.nan
-        return ClosedStates(Ts, states, *gaps)
+        return ClosedStates(Ts, np.ascontiguousarray(states.T), *gaps)
+
+    def _rows(self, states: Array, count: int) -> Array:
+        """Return loop unknowns (k, m) as an array.
+
+        Raises:
+            MechanismError: there is not one row of m unknowns for each of `count` states.
+        """
+        rows = np.asarray(states, float)
+        expected = (count, len(self._start))
+        if rows.shape != expected:
+            raise MechanismError(f"the loop unknowns have shape {rows.shape}; expected {expected}, a row for each state")
+        return rows
 
     def _walked(self, Q: Array, stations: int, threads: int | None) -> tuple[Array, Array, Array]:
         """Return poses, gaps and states at active joints Q (n, k), approached in equal steps from the rest poses."""
@@ -215,9 +228,10 @@ class LoopSolver:
         return poses, gaps, states
 
     def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
-        """Return {body: T_base_body (k, 4, 4)} at active joints qs (k, n) and loop unknowns `states` (m, k)."""
+        """Return {body: T_base_body (k, 4, 4)} at active joints qs (k, n) and loop unknowns `states` (k, m)."""
         Q = np.ascontiguousarray(np.asarray(qs, float).T)
-        (rows,) = self._links(Q, np.ascontiguousarray(states))
+        unknowns = self._rows(states, Q.shape[1])
+        (rows,) = self._links(Q, np.ascontiguousarray(unknowns.T))
         rows = rows.T
         shape = (len(rows), len(self.mechanism.bodies))
         Ts = np.zeros((*shape, 4, 4))
