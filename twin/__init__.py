@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         world as world,
     )
     from twin.checking.checker import check as check
+    from twin.api.new import new as new
     from twin.api.procedure import (
         operate_procedure as operate_procedure,
         replay_procedure as replay_procedure,
@@ -87,6 +88,7 @@ _HOMES = {
         "validate",
         "world",
     ),
+    "twin.api.new": ("new",),
     "twin.api.procedure": ("operate_procedure", "replay_procedure"),
     "twin.api.session": ("operate_console", "replay_session"),
     "twin.analysis.search": ("workspace",),

@@ -42,9 +42,9 @@ def main(name: str) -> None:
     from twin import api
 
     with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second:
-        made = api.export(api.load(name), folder=Path(first), progress=watch)
+        made = api.export(api.load(name), out=Path(first), progress=watch)
         watch("", 0.0)
-        again = api.export(api.load(name), folder=Path(second))
+        again = api.export(api.load(name), out=Path(second))
         same = [f for f in made.files if filecmp.cmp(Path(first) / f, Path(second) / f, shallow=False)]
         sizes: dict[str, int] = {}
         for file in made.files:

@@ -52,7 +52,7 @@ def add_tracks(tmp_path_factory):
         source = kept / name
         if not source.exists():
             protocol = robot(name).protocol().name
-            twin.export(robot(name), folder=source, formats=["tracks"], protocols=[protocol])
+            twin.export(robot(name), out=source, to=["tracks"], protocols=[protocol])
         shutil.copytree(source / "tracks", folder / "tracks")
 
     return added

@@ -36,7 +36,7 @@ def robot():
 @pytest.fixture(scope="module")
 def made(robot, tmp_path_factory):
     folder = tmp_path_factory.mktemp("bundle") / "sils"
-    return api.export(robot, folder=folder, formats=FORMATS, protocols=[SHORT])
+    return api.export(robot, out=folder, to=FORMATS, protocols=[SHORT])
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def test_a_format_that_nothing_reads_again_does_not_pass(tmp_path, monkeypatch):
     monkeypatch.setattr(bundles, "exported", lambda: (*exported(), unread))
     monkeypatch.setattr(bundles, "write_format", chosen)
     monkeypatch.setattr(bundles.readme, "text", lambda *a: "")
-    out = twin.export(twin.load("sils"), folder=tmp_path / "out", formats=["urdf", "csvlinks"], protocols=[])
+    out = twin.export(twin.load("sils"), out=tmp_path / "out", to=["urdf", "csvlinks"], protocols=[])
     assert [(f.code, f.where) for f in out.findings if f.severity == "error"] == [("export.unjudged", "links.csv")]
     assert (out.verdict, out.exit_code) == ("unchecked", 2)
 
@@ -131,7 +131,7 @@ def test_readers_of_their_own_agree(made, proof):
 @pytest.mark.slow
 def test_the_same_robot_gives_the_same_bytes(made, no_audit, tmp_path):
     """Without a second audit: only proof.json, which holds its rows, is then another."""
-    again = api.export(api.load("sils"), folder=tmp_path / "x", formats=FORMATS, protocols=[SHORT])
+    again = api.export(api.load("sils"), out=tmp_path / "x", to=FORMATS, protocols=[SHORT])
     first, second = tree(made.folder), tree(again.folder)
     assert first.keys() == second.keys()
     assert [n for n in first if first[n] != second[n]] == ["proof.json"]
@@ -193,11 +193,11 @@ def test_readme_says_what_is_assumed_left_out_and_untried(made):
 @pytest.mark.slow
 def test_files_of_an_earlier_export_go_and_others_stay(robot, no_audit, tmp_path):
     folder = tmp_path / "out"
-    api.export(robot, folder=folder, formats=("tracks", "urdf"), protocols=[SHORT])
+    api.export(robot, out=folder, to=("tracks", "urdf"), protocols=[SHORT])
     (folder / "mine.txt").write_text("keep")
     edited = folder / "sils.urdf"
     edited.write_text(edited.read_text() + "<!-- mine -->")
-    made = api.export(robot, folder=folder, formats=("glb",), protocols=[SHORT])
+    made = api.export(robot, out=folder, to=("glb",), protocols=[SHORT])
     assert set(tree(folder)) == {"README.txt", "proof.json", "sils.glb", "mine.txt", "sils.urdf"}
     assert not (folder / "meshes").exists()
     assert {p.name for p in made.files} == {"README.txt", "proof.json", "sils.glb"}
@@ -210,7 +210,7 @@ def test_a_foreign_proof_removes_nothing_outside(robot, no_audit, tmp_path):
     sha = hashlib.sha256(b"x").hexdigest()
     listed = {"schema": "twin-proof", "files": [{"file": "../precious.txt", "sha256": sha}]}
     (folder / "proof.json").write_text(json.dumps(listed))
-    api.export(robot, folder=folder, formats=("glb",), protocols=[SHORT])
+    api.export(robot, out=folder, to=("glb",), protocols=[SHORT])
     assert outside.read_text() == "x"
 
 
@@ -221,7 +221,7 @@ def test_an_error_leaves_the_folder_as_it_was(robot, monkeypatch, tmp_path):
     monkeypatch.setattr(twin.exchange.audit, "audit", broken)
     (tmp_path / "mine.txt").write_text("keep")
     with pytest.raises(TwinError, match="the audit cannot read"):
-        api.export(robot, folder=tmp_path, formats=("glb",), protocols=[SHORT])
+        api.export(robot, out=tmp_path, to=("glb",), protocols=[SHORT])
     assert set(tree(tmp_path)) == {"mine.txt"}
 
 
@@ -267,7 +267,7 @@ def test_a_defect_in_a_file_is_seen_by_the_audit(robot, monkeypatch, tmp_path):
         return out
 
     monkeypatch.setattr(glb, "glb_bytes", shifted)
-    made = api.export(robot, folder=tmp_path, formats=("glb", "tracks"), protocols=[SHORT])
+    made = api.export(robot, out=tmp_path, to=("glb", "tracks"), protocols=[SHORT])
     assert made.verdict == "disagree"
     assert any("platform" in f.message and "glb" in f.where for f in made.findings)
 
@@ -312,7 +312,7 @@ def test_text_shows_rates_sizes_and_assumptions(no_audit, run):
         (("sils", "--protocol", "tabel2"), "Did you mean 'table2'?"),
         (("slis",), "Did you mean 'sils'?"),
         (("no.usda",), "no.usda: the stage does not exist"),
-        ((ROOT / "usd/pa10/pa10.usda", "--protocol", "circle"), "is a USD stage, which has no protocols"),
+        ((ROOT / "usd/pa10/pa10.usda", "--protocol", "circle"), "loaded from a USD stage, which has no protocols"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_before_anything_is_written(run, argv, message, tmp_path):
@@ -346,7 +346,7 @@ def test_tracks_of_a_robot_at_rest_are_refused(run):
 
 @pytest.mark.slow
 def test_a_stage_at_rest_has_no_motion(tmp_path):
-    made = api.export(api.load(ROOT / "usd/pa10/pa10.usda"), folder=tmp_path, formats=("glb", "tracks", "usdz"))
+    made = api.export(api.load(ROOT / "usd/pa10/pa10.usda"), out=tmp_path, to=("glb", "tracks", "usdz"))
     assert made.order.clips == ()
     assert set(tree(tmp_path)) == {"README.txt", "proof.json", "pa10.glb", "pa10_ar.usdz", "tracks/track.schema.json"}
     assert made.verdict == "agree"
@@ -357,7 +357,7 @@ def test_a_stage_with_motion_hands_its_samples_on(tmp_path):
     from twin.usd.read import read_motion
 
     stage = ROOT / "usd/pa10/pa10_circle.usda"
-    made = api.export(api.load(stage), folder=tmp_path, formats=("glb", "tracks"))
+    made = api.export(api.load(stage), out=tmp_path, to=("glb", "tracks"))
     (clip,) = made.order.clips
     times, poses = read_motion(stage)
     assert (clip.name, len(clip.times)) == ("circle", len(times))
@@ -380,7 +380,7 @@ def own(tmp_path) -> Path:
 
 @pytest.mark.slow
 def test_a_robot_folder_of_ones_own(own, no_audit, tmp_path):
-    made = api.export(api.load(own), folder=tmp_path / "out", formats=("tracks", "glb"))
+    made = api.export(api.load(own), out=tmp_path / "out", to=("tracks", "glb"))
     assert [c.name for c in made.order.clips] == ["short"]
     names = [name for name, _ in made.order.inputs]
     assert names == ["cad/sils.toml", "cad/sils.step", "formula.py", "trajectories/short.toml"]
@@ -388,11 +388,11 @@ def test_a_robot_folder_of_ones_own(own, no_audit, tmp_path):
 
 def test_a_robot_without_equations_is_exported_at_rest_and_says_why(own, no_audit, tmp_path):
     (own / "formula.py").unlink()
-    made = api.export(api.load(own), folder=tmp_path / "out", formats=("tracks", "glb"))
+    made = api.export(api.load(own), out=tmp_path / "out", to=("tracks", "glb"))
     assert made.order.clips == ()
     assert any(f.code == "export.no_equations" and "short" in f.message for f in made.findings)
     with pytest.raises(TwinError, match="no equations"):
-        api.export(api.load(own), folder=tmp_path / "out", formats=("tracks",), protocols=["short"])
+        api.export(api.load(own), out=tmp_path / "out", to=("tracks",), protocols=["short"])
 
 
 def test_a_planned_trajectory_is_the_only_motion(robot, no_audit, tmp_path):
@@ -421,5 +421,5 @@ def test_quick_looks_are_the_default_and_those_asked_for():
 )
 def test_each_format_alone_passes_its_audit(alone, robot, tmp_path):
     """Its README.txt names the motion that the file plays."""
-    made = twin.export(robot, folder=tmp_path / "out", formats=[alone], protocols=[SHORT])
+    made = twin.export(robot, out=tmp_path / "out", to=[alone], protocols=[SHORT])
     assert [f for f in made.findings if f.severity in ("error", "disagreement")] == []

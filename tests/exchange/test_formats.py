@@ -109,7 +109,7 @@ def test_a_format_of_another_package_stands_in_all_lists(outside, capsys):
 
 @pytest.mark.slow
 def test_a_format_of_another_package_is_exported_audited_and_survives_damage(outside, tmp_path):
-    made = twin.export(twin.load("hibou"), folder=tmp_path / "out", formats=["poses", "glb"], protocols=[])
+    made = twin.export(twin.load("hibou"), out=tmp_path / "out", to=["poses", "glb"], protocols=[])
     assert (made.verdict, made.formats) == ("agree", ("glb", "poses"))
     readme = (tmp_path / "out/README.txt").read_text(encoding="utf-8")
     assert "hibou.poses  poses of the links at rest" in readme

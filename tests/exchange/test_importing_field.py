@@ -38,7 +38,7 @@ def imported(tmp_path, name, text):
 def audited(tmp_path, found, formats=("usd", "mjcf", "urdf")):
     """Return the audit of the exported folder of an import."""
     write_folder(found, "robot", tmp_path / "robot", tmp_path / "source")
-    twin.export(twin.load(tmp_path / "robot"), folder=tmp_path / "out", formats=formats)
+    twin.export(twin.load(tmp_path / "robot"), out=tmp_path / "out", to=formats)
     return twin.audit(tmp_path / "out")
 
 

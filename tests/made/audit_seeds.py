@@ -1432,7 +1432,7 @@ def exported(robots: Iterable[str], folder: Path) -> dict[str, Path]:
         assert robot.files
         first = next(iter(robot.files.protocols()))
         out[name] = folder / name
-        twin.api.export(robot, folder=out[name], protocols=[first], budget=ClipAccuracy(2e-3, 0.02, 2e-3))
+        twin.api.export(robot, out=out[name], protocols=[first], budget=ClipAccuracy(2e-3, 0.02, 2e-3))
     return out
 
 

@@ -351,7 +351,7 @@ def test_motors_on_the_stage_are_held_against_the_description(robot):
 @pytest.fixture(scope="module")
 def bundle(robot, trajectory, tmp_path_factory):
     out = tmp_path_factory.mktemp("bundle") / "screwed"
-    api.export(robot, trajectory, out, formats=("usd", "mjcf", "urdf"))
+    api.export(robot, trajectory, out, to=("usd", "mjcf", "urdf"))
     return out
 
 

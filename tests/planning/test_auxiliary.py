@@ -162,7 +162,7 @@ def test_a_jaw_beyond_its_limit_through_its_fellow_or_misnamed_is_refused(robot,
 @pytest.mark.nightly
 def test_it_is_exported_and_every_format_moves_it(robot, tmp_path):
     out = tmp_path / "out"
-    report = api.export(robot, folder=out)
+    report = api.export(robot, out=out)
     assert report.verdict == "agree", report.findings
     assert audit(out, mechanism=robot.weighed().mechanism).verdict == "agree"
     for name in ("usd/gripper.usda", "gripper.urdf", "gripper.xml"):

@@ -37,7 +37,7 @@ def test_it_is_planned_and_judged(robot, trajectory):
 @pytest.mark.slow
 def test_it_is_exported_and_read_back_with_the_same_dynamics(robot, tmp_path):
     out = tmp_path / "out"
-    report = api.export(robot, folder=out, formats=("usd", "mjcf", "urdf"))
+    report = api.export(robot, out=out, to=("usd", "mjcf", "urdf"))
     assert report.verdict == "agree", report.findings
     mechanism = robot.weighed().mechanism
     assert audit(out, mechanism=mechanism).verdict == "agree"

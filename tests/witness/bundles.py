@@ -162,7 +162,7 @@ def _make(robot: str, folder: Path) -> None:
     start = time.monotonic()
     loaded = twin.load(robot)
     protocols: Sequence[str] = tuple(p for r, p in motions() if r == robot)
-    twin.api.export(loaded, folder=folder / "export", formats=FORMATS, protocols=protocols)
+    twin.api.export(loaded, out=folder / "export", to=FORMATS, protocols=protocols)
     truth = folder / "truth"
     truth.mkdir()
     for name in protocols:

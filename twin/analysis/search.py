@@ -10,7 +10,7 @@ from twin.analysis.cluster import cluster
 from twin.analysis.joint_samples import by_joints
 from twin.analysis.workspace import PoseGrid, UnreachedError, Workspace, box, centre
 from twin.analysis.workspace import workspace as over_grid
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
 from twin.core.units import MM
 
@@ -19,7 +19,7 @@ _POSITIONS = 50_000_000
 
 
 def workspace(
-    robot: Robot,
+    robot: Robot | str | Path,
     count: int = 1_000_000,
     step: float | None = None,
     *,
@@ -40,7 +40,7 @@ def workspace(
     is in their plane and only in one orientation.
 
     Args:
-        robot: a robot with CAD, or loaded from a stage.
+        robot: a robot with CAD, its name or its folder; or a stage or description file.
         count: approximate number of poses, or number of joint samples.
         step: distance between neighbouring grid positions in m; default: computed from `count`.
         tilt: maximum rotation about each axis of base in rad.
@@ -54,7 +54,14 @@ def workspace(
 
     Raises:
         TwinError: no position is reached, or the grid has more than 5e7 positions.
+
+    Example:
+        >>> import twin
+        >>> space = twin.workspace("sils", count=20_000)
+        >>> bool(space.reached.any())
+        True
     """
+    robot = loaded(robot)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
     closed = robot.files is not None and robot.files.has_equations and robot.kinematics().closed_inverse

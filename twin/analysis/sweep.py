@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from twin.analysis import design, table
 from twin.analysis.cluster import HERE, cluster, each
 from twin.analysis.workspace import limited_passive_joints
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Progress, Robot, loaded, names, silent
 from twin.core.compute_device import Choice
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
@@ -38,6 +38,7 @@ class Sweep(Result):
         before: number of designs with results that a previous run had stored in the folder.
         unchecked: names of the passive joints with limits, which are not checked for designs.
         devices: what has computed the designs that were missing, see `ComputeDevice.name`.
+        folder: where each result is stored.
     """
 
     robot: str
@@ -48,6 +49,7 @@ class Sweep(Result):
     before: int
     unchecked: tuple[str, ...] = ()
     devices: tuple[str, ...] = ()
+    folder: Path = Path()
 
     kind = "sweep"
     judges = False
@@ -127,11 +129,11 @@ def _cell(name: str, value: Any) -> str:
 
 
 def sweep(
-    robot: Robot,
-    vary: Sequence[str],
-    folder: Callable[[str], Path],
+    robot: Robot | str | Path,
+    vary: str | Sequence[str],
+    out: str | Path | None = None,
     *,
-    source: str,
+    source: str | None = None,
     objectives: Sequence[str] = (),
     protocol: str | None = None,
     samples: int = 200,
@@ -146,10 +148,10 @@ def sweep(
     """Evaluate designs, and reuse results that a previous run has stored in the same folder.
 
     Args:
-        robot: a robot with CAD, and with equations if an objective requires them.
+        robot: a robot with CAD, and with equations if an objective requires them; or its name or folder.
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
-        folder: function from the hash of the request to the folder for the results.
-        source: name or path by which workers load the robot.
+        out: folder for the results; default: ./twin-out/<robot>/sweep-<key>/, with a key for each request.
+        source: name or path by which workers load the robot; default: the given name or path, or the robot's folder.
         objectives: names in `twin.analysis.design.OBJECTIVES`; default: "tolerance" if all factors are distances, else
             "volume" and "conditioning".
         protocol: name of the protocol that sets the trocar positions; default: the robot's default protocol.
@@ -164,7 +166,18 @@ def sweep(
 
     Raises:
         TwinError: a factor or an objective does not exist.
+
+    Example:
+        >>> import twin
+        >>> found = twin.sweep("sher", "l4:e_a-e_d=72..75mm", out="designs", grid=2, workers=1)
+        >>> len(found.designs)
+        3
     """
+    if source is None:
+        source = _source(robot)
+    if isinstance(vary, str):
+        vary = [vary]
+    robot = loaded(robot)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
     factors = [design.factor(robot, text) for text in vary]
@@ -177,7 +190,11 @@ def sweep(
     work = design.job(robot, source, protocol, factors, objectives)
     computed_by: set[str] = set()
     designs = design.values(factors, samples, grid, seed)
-    store = table.SweepTable(folder(table.key_of(work, designs)), work, designs, fresh=fresh)
+    key = table.key_of(work, designs)
+    folder = Path("twin-out") / robot.name / f"sweep-{key[:8]}"
+    if out is not None:
+        folder = Path(out)
+    store = table.SweepTable(folder, work, designs, fresh=fresh)
     with store:
         before = len(store.done)
         missing = [number for number in range(len(designs)) if number not in store.done]
@@ -189,7 +206,29 @@ def sweep(
     directions = [design.OBJECTIVES[name][1] for name in objectives]
     best = design.pareto(judged, directions)
     unchecked = _unchecked(robot, objectives)
-    return Sweep(robot.name, work, designs, judged, best, before, unchecked, tuple(sorted(computed_by)))
+    return Sweep(robot.name, work, designs, judged, best, before, unchecked, tuple(sorted(computed_by)), folder)
+
+
+def _source(robot: Robot | str | Path) -> str:
+    """Return the name or path by which other processes load a robot.
+
+    Raises:
+        TwinError: the robot is not as its files describe it, so that other processes would load another one.
+    """
+    if isinstance(robot, Robot):
+        if robot.changed is not None or robot.equations is not None or robot.parameters or robot.trocars:
+            raise TwinError(
+                f"{robot.name} differs from its files, by which the designs are computed in other processes: write it "
+                "as a robot folder, or give the robot by its name or path"
+            )
+        if robot.files is None:
+            return str(robot.source.path or robot.name)
+        if robot.name in names():
+            return robot.name
+        return str(robot.files.cad.parent)
+    if Path(robot).exists():
+        return str(Path(robot).resolve())
+    return str(robot)
 
 
 def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:

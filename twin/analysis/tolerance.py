@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from twin.analysis.declared_limits import beyond_limits
 from twin.api.judge import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.codegen import Kernel, Stage
 from twin.core import compute_device, spatial
 from twin.core.compute_device import PROCESSOR
@@ -443,7 +444,7 @@ def _row(budget: ErrorBudget) -> tuple[str, ...]:
 
 
 def tolerance(
-    robot: Robot,
+    robot: Robot | str | Path,
     spread: Spread,
     protocol: str | None = None,
     *,
@@ -455,7 +456,7 @@ def tolerance(
     """Return the tool error caused by errors of parts and encoders.
 
     Args:
-        robot: a robot with CAD, or loaded from a stage.
+        robot: a robot with CAD, its name or its folder; or a stage or description file.
         spread: standard deviations of the errors.
         protocol: name of a protocol whose states are used; default: the robot's postures.
         required: maximum position error in m; default: the requirement of the description.
@@ -466,7 +467,14 @@ def tolerance(
 
     Raises:
         TwinError: a standard deviation is invalid, or the protocol cannot be planned.
+
+    Example:
+        >>> import twin
+        >>> budget = twin.tolerance("sher", twin.Spread(shift=1e-5, turn=1e-5, slide=1e-6, angle=1e-5))
+        >>> budget.verdict
+        'disagree'
     """
+    robot = loaded(robot)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
     states = _states(robot, protocol, progress)

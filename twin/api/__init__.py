@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         build as build,
         export as export,
     )
+    from twin.api.new import new as new
     from twin.api.proof import prove as prove
     from twin.api.published import (
         console as console,
@@ -61,6 +62,7 @@ _HOMES = {
     "current": ("check_build",),
     "judge": ("check_plan", "explain", "plan", "strokes", "validate"),
     "make": ("audit", "build", "export"),
+    "new": ("new",),
     "proof": ("prove",),
     "published": ("console", "equations_of_motion", "masses", "study"),
     "robot": ("STAGE_SUFFIXES", "Progress", "Robot", "load", "names"),

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.judge import plan
-from twin.api.robot import Progress, Robot, load, silent
+from twin.api.robot import Progress, Robot, load, loaded, silent
+from twin.api.standing import loaded_scene
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def operate(
-    robot: Robot,
+    robot: Robot | str | Path,
     protocol: str | Path | Protocol | None = None,
     *,
     trials: int = 1,
@@ -36,7 +37,7 @@ def operate(
     """Simulate an operator (handle, clutch pedal) who performs a protocol; hand motion and gains are ASSUMED.
 
     Args:
-        robot: a robot with equations.
+        robot: a robot with equations, its name or its folder.
         protocol: a protocol with an insertion; default: the robot's default protocol.
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial; the same seed gives the same hand motion.
@@ -48,6 +49,12 @@ def operate(
     Raises:
         TwinError: the protocol has no insertion, `trials` is below 1, or `scale` is not above 0 and finite.
         KinematicsError: the robot cannot reach the end pose of a phase.
+
+    Example:
+        >>> import twin
+        >>> operated = twin.operate("sher", "phantom")
+        >>> operated.verdict
+        'agree'
     """
     from twin.planning.protocol import Protocol
     from twin.simulation.operated import run_trials
@@ -56,6 +63,7 @@ def operate(
         raise TwinError(f"--trials {trials}: the number must be at least 1")
     if not 0 < scale < float("inf"):
         raise TwinError(f"--scale {scale:g}: the scale must be above 0 and finite")
+    robot = loaded(robot)
     if not isinstance(protocol, Protocol):
         protocol = robot.protocol(protocol)
     progress("read CAD", 0.0)
@@ -64,24 +72,31 @@ def operate(
     return run_trials(robot.name, kin, mechanism, protocol, trials, seed, clutch, scale, solver, progress)
 
 
-def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
+def world(scene: Scene | str | Path, dt: float = 1e-3, progress: Progress = silent) -> World:
     """Return a World in which every robot of a scene plays its protocol, with the props and organs.
 
     The time step of the organs is the multiple of `dt` nearest to 8 ms.
 
     Args:
-        scene: the scene.
+        scene: a scene, its name or its path.
         dt: time step in s.
         progress: see `twin.api.Progress`.
 
     Raises:
         TwinError: a protocol cannot be planned.
         WorldError: the scene has organs, and either `dt` is above 20 ms or a link starts inside an organ.
+
+    Example:
+        >>> import twin
+        >>> world = twin.world("vsrs")
+        >>> world.dt
+        0.001
     """
     from twin.simulation import scene_play, tissue_scene
     from twin.simulation.plants.tissue import Tissues
     from twin.simulation.plants.tissue.organs import PERIOD
 
+    scene = loaded_scene(scene)
     actors = _actors(scene, progress, at_ports=False)
     organs = None
     anatomy = anatomy_of(scene)
@@ -94,14 +109,22 @@ def world(scene: Scene, dt: float = 1e-3, progress: Progress = silent) -> World:
     return scene_play.world(actors, props_of(scene), dt, organs)
 
 
-def play(scene: Scene, progress: Progress = silent) -> Played:
+def play(scene: Scene | str | Path, progress: Progress = silent) -> Played:
     """Play the protocols of all robots of a scene together, and check clearances and trocar errors at the ports.
+
+    `scene` is a scene, its name or its path.
 
     Raises:
         TwinError: a protocol cannot be planned, or the scene assigns a port to a trocar that the robot lacks.
+
+    Example:
+        >>> import twin
+        >>> twin.play("vsrs").verdict
+        'agree'
     """
     from twin.simulation import scene_play
 
+    scene = loaded_scene(scene)
     actors = _actors(scene, lambda label, f: progress(label, f / 2))
     return scene_play.play(scene, actors, props_of(scene), lambda label, f: progress(label, 0.5 + f / 2))
 
@@ -128,12 +151,12 @@ def _actors(scene: Scene, progress: Progress, *, at_ports: bool = True) -> list[
 
 def robots_at(places: Iterable[Place]) -> dict[str, Robot]:
     """Return {name of a place: its robot}; for places with the same robot, the files are read only once."""
-    loaded: dict[str, Robot] = {}
+    by_robot: dict[str, Robot] = {}
     robots: dict[str, Robot] = {}
     for place in places:
-        if place.robot not in loaded:
-            loaded[place.robot] = load(place.robot)
-        robots[place.name] = loaded[place.robot]
+        if place.robot not in by_robot:
+            by_robot[place.robot] = load(place.robot)
+        robots[place.name] = by_robot[place.robot]
     return robots
 
 

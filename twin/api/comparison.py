@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -78,6 +78,11 @@ def compare(
 
     Raises:
         TwinError: a side cannot be read, or its joints cannot be matched with those of another.
+
+    Example:
+        >>> import twin
+        >>> twin.compare("pa10", "pa10@equations").verdict
+        'agree'
     """
     from twin.comparison.pair import compare_pair
     from twin.comparison.result import Comparison
@@ -357,14 +362,20 @@ def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
 
     if robot.files is None:
         mechanism = robot.mechanism
+        # in the schema of USD, a joint without limits is not limited: a stage cannot leave them open
+        unlimited: Collection[str] = [joint.name for joint in mechanism.tree]
+        efforts: Mapping[str, float] = {}
+        if robot.source.described is not None:
+            unlimited = robot.source.described.unlimited
+            efforts = robot.source.described.efforts
         side = from_mechanism(
             mechanism,
             label,
-            path=robot.source.stage,
+            path=robot.source.path,
             only=only,
             guessed_tool=bool(robot.tool_note),
-            # in the schema of USD, a joint without limits is not limited: a stage cannot leave them open
-            unlimited=[joint.name for joint in mechanism.tree],
+            efforts=efforts,
+            unlimited=unlimited,
         )
     else:
         mechanism = robot.weighed().mechanism

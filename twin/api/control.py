@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from twin.api.judge import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _CURVE = tuple(p / 100 for p in range(-20, 21, 5))
 
 
 def track(
-    robot: Robot,
+    robot: Robot | str | Path,
     protocol: str | Path | Protocol | None = None,
     *,
     mismatch: float = 0.05,
@@ -36,7 +36,7 @@ def track(
     """Simulate computed-torque control along a protocol, with an exact model and with wrong models.
 
     Args:
-        robot: a robot with masses in its description, inertia.toml or stage.
+        robot: a robot with masses in its description, inertia.toml or stage; or its name or folder.
         protocol: a protocol, its name or its path; default: the robot's default protocol.
         mismatch: relative error (at least 0, below 1) of the masses and inertia tensors in the wrong models.
         plant: simulator of the robot, "mujoco" or "pinocchio"; the controller's model always uses Pinocchio.
@@ -47,6 +47,12 @@ def track(
 
     Raises:
         TwinError: a mass is unknown, the protocol cannot be planned, or the simulated robot leaves the planned motion.
+
+    Example:
+        >>> import twin
+        >>> tracked = twin.track("pa10", "circle")
+        >>> tracked.verdict
+        'agree'
     """
     from twin.planning.protocol import Protocol
     from twin.reference import inertia as masses
@@ -57,6 +63,7 @@ def track(
 
     if not 0 <= mismatch < 1:
         raise TwinError(f"mismatch {100 * mismatch:g} %: give at least 0 % and less than 100 %")
+    robot = loaded(robot)
     if not isinstance(protocol, Protocol):
         protocol = robot.protocol(protocol)
     robot = robot.bound(protocol)
@@ -68,7 +75,7 @@ def track(
     else:
         source = "cad"
     if source == "cited" and robot.files is None:
-        raise TwinError(f"{robot.name} was loaded from a USD stage: it has no {masses.NAME}")
+        raise TwinError(f"{robot.name} was loaded from {robot.source.kind}: it has no {masses.NAME}")
     table = None
     if robot.files is not None and (has_table or source == "cited"):
         table = masses.of_robot(robot.files.cad)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from twin.api import make
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, disagreement
@@ -65,7 +65,9 @@ class StageCheck(Result):
             yield f"    unexpected: {name}"
 
 
-def check_build(robot: Robot, folder: Path | None = None, word: str = "", progress: Progress = silent) -> StageCheck:
+def check_build(
+    robot: Robot | str | Path, folder: Path | None = None, word: str = "", progress: Progress = silent
+) -> StageCheck:
     """Compare a robot's USD stage with a new build in a temporary folder.
 
     The default folder is the robot's own stage. `word` is the name of the robot in the rebuild command.
@@ -73,8 +75,9 @@ def check_build(robot: Robot, folder: Path | None = None, word: str = "", progre
     Raises:
         TwinError: the robot was loaded from a stage, or cannot be built.
     """
+    robot = loaded(robot)
     if robot.files is None:
-        raise TwinError(f"{robot.name} was loaded from a USD stage: there is no CAD to build from")
+        raise TwinError(f"{robot.name} was loaded from {robot.source.kind}: there is no CAD to build from")
     current = folder or robot.files.usd
     with Scratch() as work:
         fresh = make.build(robot, Path(work), progress=progress)

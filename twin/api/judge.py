@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.units import UM
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def plan(
-    robot: Robot,
+    robot: Robot | str | Path,
     protocol: str | Path | Protocol | None = None,
     progress: Progress = silent,
     *,
@@ -34,7 +34,7 @@ def plan(
     """Return the timed trajectory of a protocol, checked at 1 kHz.
 
     Args:
-        robot: a robot with protocols.
+        robot: a robot with protocols, its name or its folder.
         protocol: name, path, or the protocol itself; default: the robot's default protocol.
         progress: see `Progress`.
         timing: solver of the timing, "passes" or "toppra"; None: the solver that the protocol names.
@@ -42,10 +42,17 @@ def plan(
     Raises:
         ProtocolError: the protocol cannot be carried out; the message names phase, path position and limit.
         TimingError: no timing satisfies the limits.
+
+    Example:
+        >>> import twin
+        >>> trajectory = twin.plan("hibou")
+        >>> trajectory.q.shape[1] == len(twin.load("hibou").joints)
+        True
     """
     from twin.planning.plan import plan as plan_
     from twin.planning.protocol import Protocol
 
+    robot = loaded(robot)
     if not isinstance(protocol, Protocol):
         protocol = robot.protocol(protocol)
     if timing is not None:
@@ -59,20 +66,28 @@ def plan(
     return plan_(protocol, robot.path_kinematics(), T_tool_frame=T_tool_frame, progress=start_phase)
 
 
-def check_plan(robot: Robot, trajectory: Trajectory, protocol: str | Path | Protocol | None = None) -> CheckedPlan:
+def check_plan(
+    robot: Robot | str | Path, trajectory: Trajectory, protocol: str | Path | Protocol | None = None
+) -> CheckedPlan:
     """Judge the timing of a plan by the solver that did not make it; `validate` does the same.
 
     Args:
-        robot: the robot of the plan, source of the limits of joints and motors.
+        robot: the robot of the plan, its name or its folder; source of the limits of joints and motors.
         trajectory: the plan.
         protocol: the protocol of the plan, source of the limits of the moved frame; default: by the name in the plan.
 
     Raises:
         TwinError: the protocol does not exist, or its file is malformed.
+
+    Example:
+        >>> import twin
+        >>> twin.check_plan("hibou", twin.plan("hibou")).verdict
+        'agree'
     """
     from twin.planning.protocol import Protocol
     from twin.validation.retimed import CheckedPlan, retimed
 
+    robot = loaded(robot)
     if not isinstance(protocol, Protocol):
         protocol = robot.protocol(protocol or trajectory.protocol)
     mechanism = robot.mechanism
@@ -82,7 +97,7 @@ def check_plan(robot: Robot, trajectory: Trajectory, protocol: str | Path | Prot
 
 
 def validate(
-    robot: Robot,
+    robot: Robot | str | Path,
     trajectory: Trajectory | None = None,
     *,
     protocol: str | Path | None = None,
@@ -96,7 +111,7 @@ def validate(
     """Compare the equations with the mechanism along a protocol, and the mechanism with its USD stage.
 
     Args:
-        robot: a robot with CAD and equations.
+        robot: a robot with CAD and equations, its name or its folder.
         trajectory: the planned trajectory; None: `validate` plans it.
         protocol: the protocol of the trajectory; default: the robot's default protocol.
         variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
@@ -110,6 +125,14 @@ def validate(
 
     Raises:
         TwinError: nothing could be judged, because an input is missing or malformed.
+
+    Example:
+        >>> import twin
+        >>> report = twin.validate("sils", variants={"eq1": "printed"})
+        >>> report.verdict
+        'disagree'
+        >>> report.causes[0].message.startswith("point s1")
+        True
     """
     from twin.validation.case import Case
     from twin.validation.commands import commands
@@ -117,6 +140,7 @@ def validate(
     from twin.validation.lengths import check_parameters
     from twin.validation.rows import Tolerances
 
+    robot = loaded(robot)
     progress("read CAD", 0.0)
     used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss, robot.mechanism.link_length)
     name_or_path = protocol
@@ -168,7 +192,7 @@ def _motion(robot: Robot, trajectory: Trajectory) -> LinkMotion | None:
 
 
 def explain(
-    robot: Robot,
+    robot: Robot | str | Path,
     variants: Mapping[str, str] | str | None = None,
     *,
     tolerance: float | None = None,
@@ -179,7 +203,7 @@ def explain(
     """Find which rows (assignments) of the equations disagree with the mechanism, why, and which edits correct them.
 
     Args:
-        robot: a robot with CAD (or a stage) and equations.
+        robot: a robot with CAD (or a stage) and equations, its name or its folder.
         variants: variants of the equations to explain; default: the robot's own.
         tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
         seconds: time limit in s of processor time of the search for edits, numbers and conventions.
@@ -188,6 +212,11 @@ def explain(
 
     Raises:
         TwinError: there are no equations, or the CAD cannot be read.
+
+    Example:
+        >>> import twin
+        >>> twin.explain("sils").verdict
+        'agree'
     """
     from twin.validation.explain.explain import explain as explain_
     from twin.validation.explain.row_deviations import Tolerance
@@ -195,6 +224,7 @@ def explain(
 
     if tolerance is not None and not tolerance > 0:
         raise TwinError(f"tolerance {tolerance / UM:g} um: give a positive length")
+    robot = loaded(robot)
     formula = robot.formula  # read first, so that errors of the formula are raised before the CAD is read
     progress("read CAD", 0.0)
     if tolerance is None:
@@ -222,7 +252,7 @@ def explain(
 
 
 def strokes(
-    robot: Robot,
+    robot: Robot | str | Path,
     joints: Sequence[str] = (),
     standins: Sequence[str] = (),
     variants: Mapping[str, str] | None = None,
@@ -231,7 +261,7 @@ def strokes(
     """Compare the equations with the mechanism over the whole stroke of each joint, with the other joints at home.
 
     Args:
-        robot: a robot with equations.
+        robot: a robot with equations, its name or its folder.
         joints: active joints to sweep; default: all.
         standins: simplified loop models to compare with: "serial", "mimic".
         variants: variants of the equations; default: the robot's own.
@@ -239,9 +269,15 @@ def strokes(
 
     Raises:
         TwinError: there is no such joint or simplified model.
+
+    Example:
+        >>> import twin
+        >>> twin.strokes("sher", ["q5"]).verdict
+        'agree'
     """
     from twin.validation.stroke import STANDINS, Strokes, sweep
 
+    robot = loaded(robot)
     for name in standins:
         if name not in STANDINS:
             raise TwinError(f"--compare: {unknown('simplified loop model', name, STANDINS)}")

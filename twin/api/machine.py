@@ -47,7 +47,7 @@ def machine_parts(
 
     if robot.files is None:
         raise TwinError(
-            f"{robot.name} was loaded from a USD stage: a machine requires a robot folder with {settings.NAME}"
+            f"{robot.name} was loaded from {robot.source.kind}: a machine requires a robot folder with {settings.NAME}"
         )
     needed = {inertia.NAME: "masses", settings.NAME: "motors, gains and limits"}
     missing = [f"no {n} ({what})" for n, what in needed.items() if not (robot.files.cad / n).is_file()]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.api.judge import plan
-from twin.api.robot import Progress, Robot, load, names, silent
+from twin.api.robot import Progress, Robot, loaded, names, silent
 from twin.core import assets
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
@@ -30,8 +30,8 @@ _COMPARED = 24
 
 
 def build(
-    robot: Robot,
-    folder: Path | None = None,
+    robot: Robot | str | Path,
+    out: str | Path | None = None,
     *,
     protocols: tuple[str, ...] | None = None,
     progress: Progress = silent,
@@ -39,8 +39,9 @@ def build(
     """Write the robot's USD stage: meshes, masses, joints, and one baked motion for each protocol.
 
     Args:
-        robot: a robot with CAD. If it has no equations yet, motions that the mechanism cannot follow are skipped.
-        folder: folder to write; default: usd/<robot>/ in a checkout, usd/ in the folder of a user's robot.
+        robot: a robot with CAD, its name or its folder. If it has no equations yet, motions that the mechanism cannot
+            follow are skipped.
+        out: folder to write; default: usd/<robot>/ in a checkout, usd/ in the folder of a user's robot.
         protocols: protocols whose motions are baked; default: all.
         progress: see `Progress`.
 
@@ -48,18 +49,27 @@ def build(
         The files written, root layer first.
 
     Raises:
-        TwinError: the robot was loaded from a stage, or cannot be built; or `folder` is None for a built-in robot of an
+        TwinError: the robot was loaded from a stage, or cannot be built; or `out` is None for a built-in robot of an
             installed package, whose data are read-only.
         OutputError: the folder cannot be written; it stays unchanged.
+
+    Example:
+        >>> import twin
+        >>> files = twin.build("hibou", out="stage", protocols=())
+        >>> files[0].name
+        'hibou.usda'
     """
     from twin.exchange.formats.usd.write import bake, baked_times, write_usd
 
+    robot = loaded(robot)
     if robot.files is None:
-        raise TwinError(f"{robot.name} was loaded from a USD stage: there is no CAD to build from")
-    if folder is None:
+        raise TwinError(f"{robot.name} was loaded from {robot.source.kind}: there is no CAD to build from")
+    if out is None:
         if not assets.is_checkout() and robot.name in names():
             raise TwinError("the installed data is read-only: choose a folder with --out")
         folder = robot.files.usd
+    else:
+        folder = Path(out)
     progress("read CAD, compute masses", 0.0)
     robot = robot.weighed()
     assert robot.files is not None
@@ -88,10 +98,10 @@ def build(
 
 
 def export(
-    robot: Robot,
+    robot: Robot | str | Path,
     trajectory: Trajectory | None = None,
-    folder: Path | None = None,
-    formats: Sequence[str] | None = None,
+    out: str | Path | None = None,
+    to: str | Sequence[str] | None = None,
     *,
     protocols: Sequence[str | Path] | None = None,
     budget: ClipAccuracy | None = None,
@@ -100,23 +110,35 @@ def export(
     """Write the robot with its motions for headsets, engines and simulators, and audit the written files.
 
     Args:
-        robot: a robot with CAD, or loaded from a USD stage (with the motion baked in the stage, if any).
+        robot: a robot with CAD, its name or its folder; or a USD stage (with the motion baked in the stage, if any); or
+            a description file, which is exported without motion.
         trajectory: a planned trajectory as the only motion; None: the motions of the protocols.
-        folder: folder to write; default: ./twin-out/<robot>/export/.
-        formats: names of formats, which `twin.exchange.formats.exported` returns; default: all of them.
+        out: folder to write; default: ./twin-out/<robot>/export/.
+        to: names of formats, as ["glb", "tracks"] or "glb,tracks"; default: all that `twin export --help` lists.
         protocols: names or paths; default: every protocol of the robot.
         budget: maximum interpolation errors between keys; the key rate is chosen accordingly.
         progress: see `Progress`.
 
     Raises:
         TwinError: an input is missing or malformed; the folder stays unchanged.
+
+    Example:
+        >>> import twin
+        >>> bundle = twin.export("hibou", to="glb", out="export", protocols=())
+        >>> bundle.verdict
+        'agree'
     """
     from twin.exchange.audit import audit
     from twin.exchange.write.bundle import chosen_formats, write_bundle
     from twin.exchange.write.order import order
 
-    kinds = chosen_formats(formats)
-    folder = Path(folder or Path("twin-out") / robot.name / "export")
+    if isinstance(trajectory, (str, Path)):
+        raise TwinError(f"'{trajectory}' is not a trajectory: write out='{trajectory}' for a folder")
+    if isinstance(to, str):
+        to = [name.strip() for name in to.split(",") if name.strip()]
+    kinds = chosen_formats(to)
+    robot = loaded(robot)
+    folder = Path(out or Path("twin-out") / robot.name / "export")
     assets.require_writable(folder)
     ordered = order(robot, trajectory, protocols, budget, plan, progress)
     return write_bundle(ordered, folder, kinds, audit, progress)
@@ -141,6 +163,12 @@ def audit(
 
     Raises:
         TwinError: the file does not exist, or there are clips, but none has the name of a protocol of the robot.
+
+    Example:
+        >>> import twin
+        >>> _ = twin.export("hibou", to="glb,urdf", out="hibou", protocols=())
+        >>> twin.audit("hibou", "hibou").verdict
+        'agree'
     """
     from twin.exchange.audit import SCENE
     from twin.exchange.audit import audit as audit_
@@ -159,8 +187,7 @@ def audit(
         raise TwinError(
             f"{path} is an exported scene: omit the robot, or give the folder of one of the scene's robots instead"
         )
-    if not isinstance(robot, Robot):
-        robot = load(robot)
+    robot = loaded(robot)
     expected = robot.weighed().mechanism
     truth = _truth(robot, path, progress, xacro)
     return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress, xacro=xacro)
@@ -172,8 +199,7 @@ def _audited_certificate(path: Path, robot: Robot | str | Path | None) -> AuditR
 
     if robot is None:
         return audit_certificate(path)
-    if not isinstance(robot, Robot):
-        robot = load(robot)
+    robot = loaded(robot)
     return audit_certificate(path, robot.hashes())
 
 
@@ -212,7 +238,7 @@ def _truth(
     if not clips:
         return {}
     if robot.files is None:
-        raise TwinError(f"{robot.name}: a stage has no protocols; give a robot by name, or its folder")
+        raise TwinError(f"{robot.name}: {robot.source.kind} has no protocols; give a robot by name, or its folder")
     known = robot.files.protocols()
     poses: dict[str, tuple[Array, dict[str, Array]]] = {}
     for clip, times in clips.items():

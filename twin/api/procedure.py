@@ -11,7 +11,7 @@ import numpy as np
 
 from twin.api.act import anatomy_of, members_of, props_of, robots_at
 from twin.api.robot import Progress, silent
-from twin.api.standing import load_scene
+from twin.api.standing import load_scene, loaded_scene
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
@@ -203,7 +203,7 @@ def _setup(scene: Scene, task: ConsoleTask) -> Setup:
 
 
 def operate_procedure(
-    scene: Scene,
+    scene: Scene | str | Path,
     task: str | None = None,
     *,
     seed: int = 0,
@@ -213,7 +213,7 @@ def operate_procedure(
     """Simulate a surgeon who performs a procedure with the robots of a scene; the surgeon's habits are ASSUMED.
 
     Args:
-        scene: a scene with organs, vessels and tools.
+        scene: a scene with organs, vessels and tools; or its name or path.
         task: a task with a procedure; default: the first task of the scene.
         seed: random seed; the same seed gives the same session.
         mistake: a mistake that the surgeon makes; "": none.
@@ -222,7 +222,14 @@ def operate_procedure(
     Raises:
         TwinError: the scene has no such task, or the task is not a procedure.
         WorldError: there is no such mistake, no robot can carry a tool, or a link is inside an organ at the start.
+
+    Example:
+        >>> import twin
+        >>> session = twin.operate_procedure("vsrs", "cholecystectomy")
+        >>> session.verdict
+        'agree'
     """
+    scene = loaded_scene(scene)
     chosen = task_of(scene, task)
     operating_scene.procedure_of(scene, chosen)
     progress("read CAD", 0.0)
@@ -245,6 +252,14 @@ def replay_procedure(
     Raises:
         WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
         TwinError: there is no such scene, or the session is not of a procedure.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import twin
+        >>> session = twin.operate_procedure("vsrs", "cholecystectomy")
+        >>> _ = Path("hands.session").write_bytes(session.recorded)
+        >>> twin.replay_procedure("hands.session").verdict
+        'agree'
     """
     path = Path(path)
     session = read_session(path)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, load, silent
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, error, info, warning
 from twin.core.json_types import JsonObject
@@ -161,7 +161,7 @@ class Proved(Result):
 
 
 def prove(
-    source: Robot | str,
+    robot: Robot | str | Path,
     variants: Mapping[str, str] | str | None = None,
     states: int = STATES,
     seed: int = 0,
@@ -173,7 +173,7 @@ def prove(
     """Prove that the equations of a robot agree with its mechanism at all poses, or find a pose where they do not.
 
     Args:
-        source: a robot, its name or its folder.
+        robot: a robot, its name or its folder.
         variants: {equation: variant}, or one variant for all equations that have it.
         states: number of random states.
         seed: of the random states.
@@ -185,6 +185,11 @@ def prove(
     Raises:
         TwinError: the robot has no equations, the number of states is out of range, a protocol does not exist or cannot
             be planned, or a phase of it is a table of samples.
+
+    Example:
+        >>> import twin
+        >>> twin.prove("pa10", states=2000).verdict
+        'agree'
     """
     from twin.api.motion_proof import prove_motion
     from twin.formula import flow
@@ -192,9 +197,7 @@ def prove(
 
     if not _FEWEST_STATES <= states <= MOST_STATES:
         raise TwinError(f"{states} states: give {_FEWEST_STATES} to {MOST_STATES}")
-    robot = source
-    if not isinstance(robot, Robot):
-        robot = load(robot)
+    robot = loaded(robot)
     chosen = flow.choose(robot.formula, variants)
     proof = prove_formula(robot.formula, chosen, robot.mechanism, states, seed, progress)
     if not proof.claims:

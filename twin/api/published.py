@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, load, silent
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, by_severity, verdict
@@ -87,6 +87,11 @@ def study(source: Robot | str | Path) -> Result:
 
     Raises:
         TwinError: there is nothing to recompute, or a file is malformed.
+
+    Example:
+        >>> import twin
+        >>> twin.study("sher").verdict
+        'disagree'
     """
     if isinstance(source, Robot):
         return _study_of_robot(source)
@@ -101,7 +106,7 @@ def study(source: Robot | str | Path) -> Result:
     study_files = assets.studies(str(source))
     if study_files:
         return _users(study_files)
-    robot = load(source)
+    robot = loaded(source)
     return _study_of_robot(robot)
 
 
@@ -287,13 +292,20 @@ def _body_row(body: JudgedInertia) -> tuple[str, ...]:
     return (body.name, mass, f"{body.least:.4g}", f"{body.slack:.3g}", f"{body.definite:.1e}", density, centre, note)
 
 
-def masses(robot: Robot, progress: Progress = silent) -> Masses:
+def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
     """Check the masses and inertias stated in a robot's CAD, stage and tables.
 
     Raises:
         TwinError: no mass is stated anywhere.
+
+    Example:
+        >>> import twin
+        >>> twin.masses("hibou").verdict
+        'agree'
     """
     from twin.validation.masses import collect
+
+    robot = loaded(robot)
 
     sources = []
     progress("compute masses", 0.0)
@@ -378,18 +390,24 @@ class PublishedMotion(Result):
         yield self.word
 
 
-def equations_of_motion(robot: Robot, states: int = 200) -> PublishedMotion:
+def equations_of_motion(robot: Robot | str | Path, states: int = 200) -> PublishedMotion:
     """Compare a robot's published equations of motion with the dynamics of its mechanism.
 
     The masses are those of inertia.toml; the comparison uses `states` random states.
 
     Raises:
         TwinError: the robot has no published equations of motion, or no masses.
+
+    Example:
+        >>> import twin
+        >>> twin.equations_of_motion("raven_left", states=20).verdict
+        'agree'
     """
     from twin.reference import inertia
     from twin.simulation.dynamics.arm import arm
     from twin.validation.closed_form import judge
 
+    robot = loaded(robot)
     form = robot.formula.motion
     if form is None or robot.files is None:
         raise TwinError(
@@ -410,6 +428,11 @@ def console(
 
     Raises:
         TwinError: there is no such console, equation or variant.
+
+    Example:
+        >>> import twin
+        >>> twin.console("davinci", "paper").verdict
+        'disagree'
     """
     from twin.simulation.controllers import console_equations as equations
     from twin.validation.console_clauses import judge

@@ -1,13 +1,15 @@
-"""A robot, loaded by name, folder or USD stage: its mechanism, equations and protocols."""
+"""A robot, loaded by name, folder, USD stage or description file: its mechanism, equations and protocols."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
 import logging
+import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -20,6 +22,7 @@ from twin.core.foreign.budget import STAGE_SUFFIXES, read_bytes
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
+    from twin.api.by_mechanism import MechanismKinematics
     from twin.cad.build import CadModel
     from twin.cad.description import Description
     from twin.kinematics import Formula, Kinematics, Solution, Task
@@ -51,17 +54,73 @@ def silent(label: str, fraction: float) -> None:
 
 
 def names() -> list[str]:
-    """Return the names of the built-in robots."""
+    """Return the names of the built-in robots.
+
+    Example:
+        >>> import twin
+        >>> "sils" in twin.names()
+        True
+    """
     return assets.names()
 
 
-class RobotSource:
-    """The CAD or USD stage of a robot, read once and shared by all robots with this source."""
+class DescribedRobot(typing.Protocol):
+    """A description file in a foreign format; see `twin.api.imported_file`."""
 
-    def __init__(self, files: assets.RobotFiles | None, stage: Path | None, tool: str | None = None) -> None:
+    @property
+    def path(self) -> Path:
+        """The file."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Name of the file without suffixes."""
+        ...
+
+    @property
+    def opened(self) -> tuple[Mechanism, str]:
+        """Mechanism with its tool, and a note on the assumed tool."""
+        ...
+
+    @property
+    def unlimited(self) -> frozenset[str]:
+        """Joints of which the file states that they have no limits."""
+        ...
+
+    @property
+    def efforts(self) -> Mapping[str, float]:
+        """Largest effort in N or N m of each joint for which the file states an effort, but no gains."""
+        ...
+
+
+class RobotSource:
+    """The CAD, USD stage or description file of a robot, read once and shared by all robots with this source."""
+
+    def __init__(
+        self,
+        files: assets.RobotFiles | None,
+        stage: Path | None,
+        tool: str | None = None,
+        described: DescribedRobot | None = None,
+    ) -> None:
         self.files = files
         self.stage = stage
         self.tool = tool
+        self.described = described
+
+    @property
+    def path(self) -> Path | None:
+        """The stage or the description file; None for a robot with a folder."""
+        if self.described is not None:
+            return self.described.path
+        return self.stage
+
+    @property
+    def kind(self) -> str:
+        """What the robot was loaded from, for messages: "a USD stage", or "the file arm.urdf"."""
+        if self.described is not None:
+            return f"the file {self.described.path.name}"
+        return "a USD stage"
 
     @cached_property
     def cad(self) -> CadModel:
@@ -83,14 +142,17 @@ class RobotSource:
     @property
     def _files(self) -> assets.RobotFiles:
         if self.files is None:
-            name = self.stage.stem if self.stage else "the robot"
-            raise TwinError(f"{name} was loaded from a USD stage: it has no CAD")
+            name = self.path.stem if self.path else "the robot"
+            raise TwinError(f"{name} was loaded from {self.kind}: it has no CAD")
         return self.files
 
     @cached_property
     def opened(self) -> tuple[Mechanism, str]:
-        """Mechanism of the USD stage, and a note on the assumed tool (the note is "" if the stage names its tool)."""
+        """Mechanism of the stage or file, and a note on the assumed tool (the note is "" if the tool is named)."""
         from twin.usd.read import read_stage, with_tool
+
+        if self.described is not None:
+            return self.described.opened
 
         assert self.stage is not None
         mechanism = read_stage(self.stage)
@@ -113,15 +175,15 @@ class RobotSource:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A robot: its mechanism from the CAD (or a USD stage) and its equations. Created by `load`; immutable.
+    """A robot: its mechanism from the CAD (or a stage or file) and its equations. Made by `load`; immutable.
 
     Arrays are in SI units; poses are T_base_tool (4, 4); q (n,) has the values of the active joints, in the order of
     `joints`. CAD and equations are loaded when first used. `bound`, `weighed` and `with_...` return new robots with the
-    same source.
+    same source. Without equations, `forward`, `inverse` and `jacobian` are those of the mechanism.
 
     Attributes:
-        source: the CAD or stage from which the robot is read.
-        files: files of the robot; None if it was loaded from a stage.
+        source: the CAD, stage or description file from which the robot is read.
+        files: files of the robot; None if it was loaded from a stage or a description file.
         chosen_variants: {equation: variant}, one name for all equations, or None (the default of each equation).
         parameters: values (SI) by name that replace published values in the equations.
         trocars: {trocar: position (3,) in m in the base frame} that replace the positions of the description.
@@ -145,9 +207,11 @@ class Robot:
 
     @property
     def name(self) -> str:
-        """Name of the robot's folder, or of the stage's file."""
+        """Name of the robot's folder, or of the file of the stage or description."""
         if self.files is not None:
             return self.files.name
+        if self.source.described is not None:
+            return self.source.described.name
         if self.source.stage is not None:
             return self.source.stage.stem
         return ""
@@ -155,15 +219,27 @@ class Robot:
     def __repr__(self) -> str:
         return f"Robot({self.name!r})"
 
+    def _repr_html_(self) -> str:
+        """Return the robot as a notebook shows it."""
+        from twin.api.robot_page import html_of
+
+        variants: list[str] = ["no equations: the mechanism answers"]
+        if self.has_equations:
+            variants = []
+            for equation, choices in self.variants.items():
+                variants += [f"{equation}={choice}" for choice in choices]
+        protocols = () if self.files is None else tuple(self.files.protocols())
+        return html_of(self.name, self.mechanism, variants, protocols)
+
     @cached_property
     def cad(self) -> CadModel:
         """The mechanism measured on the CAD, with findings.
 
         Raises:
-            TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
+            TwinError: the robot was loaded from a stage or file, or its description or CAD is malformed.
         """
         if self.files is None:
-            raise TwinError(f"{self.name} was loaded from a USD stage: it has no CAD")
+            raise TwinError(f"{self.name} was loaded from {self.source.kind}: it has no CAD")
         if self.is_weighed:
             cad = self.source.weighed
         else:
@@ -173,8 +249,8 @@ class Robot:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """Bodies, joints and loops, from the CAD or from the stage."""
-        if self.source.stage is None:
+        """Bodies, joints and loops, from the CAD, the stage or the description file."""
+        if self.source.path is None:
             return self.cad.mechanism
         if self.changed is not None:
             return self._placed(self.changed)
@@ -190,8 +266,8 @@ class Robot:
 
     @property
     def tool_note(self) -> str:
-        """Note on the assumed tool if the robot's USD stage names no tool; else ""."""
-        if self.source.stage is None:
+        """Note on the assumed tool if the robot's stage or description file names no tool; else ""."""
+        if self.source.path is None:
             return ""
         _, note = self.source.opened
         return note
@@ -284,6 +360,19 @@ class Robot:
             inverse = self._kinematics.inverse_many
         return link_motion(self.loops, trajectory, times, inverse)
 
+    @cached_property
+    def has_equations(self) -> bool:
+        """Whether the robot has equations; without them, its mechanism answers `forward`, `inverse` and `jacobian`."""
+        if self.equations is not None:
+            return True
+        return self.files is not None and self.files.has_equations
+
+    @cached_property
+    def _by_mechanism(self) -> MechanismKinematics:
+        from twin.api.by_mechanism import MechanismKinematics
+
+        return MechanismKinematics(self.loops, self.reference())
+
     @property
     def unwritten(self) -> bool:
         """Whether the robot's formula.py is still the empty template."""
@@ -310,13 +399,25 @@ class Robot:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
         Without an inverse equation, each solution is searched from the solution for the pose before; the first search
-        starts at `seed` (n,).
+        starts at `seed` (n,). Without any equations, the mechanism is solved, from the rest poses or from `seed`.
 
         Raises:
             KinematicsError: a pose is out of reach; for several poses, the message names the index of the first one.
+
+        Example:
+            >>> import twin
+            >>> robot = twin.load("sils")
+            >>> q = robot.mechanism.posture("insertion")
+            >>> T = robot.forward(q)
+            >>> bool(abs(robot.inverse(T) - q).max() < 1e-9)
+            True
         """
-        kin = self.kinematics(variant)
         T = np.asarray(T_base_tool, float)
+        if variant is None and not self.has_equations:
+            if T.ndim == 2:
+                return self._by_mechanism.inverse(T, seed)
+            return self._by_mechanism.inverse_of_all(T, seed)
+        kin = self.kinematics(variant)
         if T.ndim == 2:
             return kin.inverse(T, seed)
         return kin.inverse_of_all(T, seed)
@@ -324,19 +425,45 @@ class Robot:
     def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
-        For rows of q (k, n) without a solution, the poses are NaN.
+        For rows of q (k, n) without a solution, the poses are NaN. Without equations, the mechanism is solved, from
+        the rest poses or from its assembly at the seed pose.
 
         Raises:
             KinematicsError: for q (n,), there is no assembly, or no assembly on that branch.
+
+        Example:
+            >>> import twin
+            >>> robot = twin.load("pa10")
+            >>> robot.forward([0.1, 0.4, 0.0, 1.2, 0.0, 0.5, 0.0]).shape
+            (4, 4)
         """
-        kin = self.kinematics(variant)
         q = np.asarray(q, float)
+        if variant is None and not self.has_equations:
+            if q.ndim == 1:
+                return self._by_mechanism.forward(q, seed)
+            return self._by_mechanism.forward_many(q, seed)
+        kin = self.kinematics(variant)
         if q.ndim == 1:
             return kin.forward(q, seed)
         return kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
-        """Return the Jacobian (6, n) from rates of the active joints to the tool twist in base, linear rows first."""
+        """Return the Jacobian (6, n) from rates of the active joints to the tool twist in base, linear rows first.
+
+        `seed` (4, 4) is a pose that selects the branch of the forward kinematics. Without equations, the mechanism is
+        solved.
+
+        Raises:
+            KinematicsError: there is no assembly at q (n,), or no assembly on that branch.
+
+        Example:
+            >>> import twin
+            >>> robot = twin.load("sils")
+            >>> robot.jacobian(robot.mechanism.posture("insertion")).shape
+            (6, 6)
+        """
+        if not self.has_equations:
+            return self._by_mechanism.jacobian(np.asarray(q, float), seed)
         kin = self._kinematics
         T = kin.forward(np.asarray(q, float), seed)
         return kin.jacobian(T, q)
@@ -403,7 +530,7 @@ class Robot:
         if is_path:
             path = Path(str(name))
         elif self.files is None:
-            raise TwinError(f"{self.name} was loaded from a USD stage: give the path of a protocol file")
+            raise TwinError(f"{self.name} was loaded from {self.source.kind}: give the path of a protocol file")
         else:
             path = self.files.protocol(str(name or self.source.description.default_protocol))
         if self.files is None:
@@ -489,10 +616,10 @@ class Robot:
         """Return the robot with the masses of its parts; trocar positions are kept.
 
         Raises:
-            TwinError: the robot was loaded from a stage, or its description or CAD is malformed.
+            TwinError: the robot was loaded from a stage or file, or its description or CAD is malformed.
         """
         if self.files is None:
-            raise TwinError(f"{self.name} was loaded from a USD stage: there is no CAD to compute masses from")
+            raise TwinError(f"{self.name} was loaded from {self.source.kind}: there is no CAD to compute masses from")
         if self.is_weighed:
             return self
         weighed = replace(self, is_weighed=True)
@@ -585,33 +712,70 @@ class Robot:
         )
 
 
+def loaded(robot: Robot | str | Path) -> Robot:
+    """Return a robot that is given as such, by name or by path; the functions of the API take all three."""
+    if isinstance(robot, Robot):
+        return robot
+    return load(robot)
+
+
+def _is_described(path: Path) -> bool:
+    """Return whether a path is that of a description file, not of a USD stage, a robot folder or a built-in robot."""
+    suffix = path.suffix.lower()
+    if not suffix or suffix in STAGE_SUFFIXES or path.is_dir():
+        return False
+    from twin.exchange.formats import imported
+
+    return any(suffix in format.sources for format in imported())
+
+
 def load(
     robot: str | Path,
     *,
     variants: Mapping[str, str] | str | None = None,
     parameters: Mapping[str, float] | None = None,
     tool: str | None = None,
+    xacro: object = None,
+    dh: str | None = None,
+    units: str | None = None,
 ) -> Robot:
-    """Load a robot by its name, folder or USD stage.
+    """Load a robot by its name, folder, USD stage or description file.
 
     Args:
-        robot: the name of a built-in robot, or the path of a robot folder or of a USD stage (mechanism only).
+        robot: the name of a built-in robot, or the path of a robot folder, of a USD stage, or of a file in a format
+            that `twin new` reads (URDF, MJCF, SDF, xacro, DH table). A stage or file gives a mechanism without
+            equations: `forward`, `inverse` and `jacobian` are those of the mechanism.
         variants: {equation: variant}, or one name for all equations; default: the default of each equation.
         parameters: {name: value in SI} that replace published values in the equations.
-        tool: frame or body of a stage to use as tool; default: the tool that the stage names, else the end of the
-            stage's longest chain.
+        tool: frame or body of a stage or file to use as tool; default: the tool that it names, else the end of its
+            longest chain.
+        xacro: arguments and package folders, for a xacro: a `twin.exchange.xacro.XacroSettings`.
+        dh: convention of a table of Denavit-Hartenberg parameters, if the table does not state it: "standard",
+            "modified", "khalil" or "hayati".
+        units: units of such a table, as "mm,deg", if the table does not state them.
 
     Raises:
-        TwinError: there is no such robot, or `tool` is given for a robot whose description names its tool.
+        TwinError: there is no such robot or file, or `tool` is given for a robot whose description names its tool.
+
+    Example:
+        >>> import twin
+        >>> twin.load("sils").joints
+        ('q1', 'q2', 'q3', 'q4', 'q5', 'q6')
     """
     path = Path(robot)
+    if _is_described(path):
+        # by name: who loads robots with equations, as `twin validate` does, loads nothing that reads other formats
+        described = import_module("twin.api.imported_file").imported_file(path, tool, xacro, dh, units)
+        return Robot(RobotSource(None, None, tool, described), None, variants, dict(parameters or {}))
+    if xacro is not None or dh is not None or units is not None:
+        raise TwinError(f"{robot}: xacro, dh and units are for a description file, such as arm.xacro or arm.csv")
     if path.suffix in STAGE_SUFFIXES:
         if not path.is_file():
             raise TwinError(f"{path}: the stage does not exist")
         admit(path)
         return Robot(RobotSource(None, path, tool), None, variants, dict(parameters or {}))
     if tool is not None:
-        raise TwinError(f"{robot} is not a USD stage: the tool is set in the robot's description")
+        raise TwinError(f"{robot} is neither a USD stage nor a description file: its tool is set in its description")
     files = assets.files(robot)
     other = assets.hidden(robot)
     if other is not None:

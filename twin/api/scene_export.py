@@ -156,8 +156,8 @@ def export_scene(
             protocols = [place.protocol] if place.protocol else []
             bundles[place.name] = export(
                 _robot(place),
-                folder=work / place.name,
-                formats=kinds,
+                out=work / place.name,
+                to=kinds,
                 protocols=protocols,
                 budget=budget,
                 progress=lambda label, part, name=place.name: progress(f"{name}: {label}", part),

@@ -11,7 +11,7 @@ from twin.api.act import members_of, props_of, robots_at
 from twin.api.console_session import ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
-from twin.api.standing import load_scene
+from twin.api.standing import load_scene, loaded_scene
 from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
@@ -29,7 +29,7 @@ from twin.simulation.setup import Setup
 
 
 def operate_console(
-    scene: Scene,
+    scene: Scene | str | Path,
     task: str | None = None,
     *,
     seed: int = 0,
@@ -41,7 +41,7 @@ def operate_console(
     """Simulate a surgeon who performs a task at the console of a scene; the surgeon's habits are ASSUMED.
 
     Args:
-        scene: a scene with a console.
+        scene: a scene with a console, its name or its path.
         task: a task of the scene; default: the first task.
         seed: random seed; the same seed gives the same session.
         scale: motion scale, 0.05 to 1; default: the motion scale of the console.
@@ -51,9 +51,16 @@ def operate_console(
 
     Raises:
         TwinError: the scene has no console or no such task, or the scale is out of range.
+
+    Example:
+        >>> import twin
+        >>> session = twin.operate_console("davinci", "touch")
+        >>> session.verdict
+        'agree'
     """
     from twin.simulation.session import run
 
+    scene = loaded_scene(scene)
     console_scene.console_of(scene)
     chosen = run.task_of(scene, task)
     _require_console(chosen)
@@ -146,6 +153,14 @@ def replay_session(
     Raises:
         WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
         TwinError: there is no such scene, or the scene has no console.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import twin
+        >>> session = twin.operate_console("davinci", "touch")
+        >>> _ = Path("hands.session").write_bytes(session.recorded)
+        >>> twin.replay_session("hands.session").verdict
+        'agree'
     """
     from twin.simulation.session import run
     from twin.simulation.session.file import read_session

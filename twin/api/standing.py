@@ -23,6 +23,11 @@ def load_scene(scene: str | Path) -> Scene:
     Raises:
         TwinError: there is no such scene.
         DescriptionError: the scene file is malformed.
+
+    Example:
+        >>> import twin
+        >>> [place.robot for place in twin.load_scene("vsrs").places]
+        ['pa10', 'lapbot', 'hibou']
     """
     from twin.model.scene import load_scene as read
 
@@ -30,6 +35,15 @@ def load_scene(scene: str | Path) -> Scene:
     if file is None:
         raise TwinError(unknown("scene", str(scene), assets.scenes()))
     return read(file)
+
+
+def loaded_scene(scene: Scene | str | Path) -> Scene:
+    """Return a scene that is given as such, by name or by path; the functions of the API take all three."""
+    from twin.model.scene import Scene as Read
+
+    if isinstance(scene, Read):
+        return scene
+    return load_scene(scene)
 
 
 def place_of(scene: Scene, name: str, taken: Collection[str] = ()) -> Place:

@@ -59,6 +59,16 @@ def check(
 
     Raises:
         TwinError: the folder or the baseline cannot be read, or an option has no meaning.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import twin
+        >>> text = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='revolute'>"
+        >>> text += "<parent link='a'/><child link='b'/></joint></robot>"
+        >>> Path("arms").mkdir()
+        >>> _ = Path("arms/r.urdf").write_text(text)
+        >>> twin.check("arms").verdict
+        'disagree'
     """
     if jobs < 1:
         raise TwinError(f"jobs {jobs}: give at least 1")

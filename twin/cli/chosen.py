@@ -19,7 +19,10 @@ def protocols(robot: Robot, args: argparse.Namespace) -> tuple[str, ...]:
         TwinError: the robot has no protocols, or one of the chosen protocols is invalid.
     """
     if robot.files is None:
-        raise TwinError(f"{robot.name} is a USD stage, which has neither equations nor protocols to validate")
+        raise TwinError(
+            f"{robot.name} was loaded from {robot.source.kind}, which has neither equations nor protocols to validate; "
+            "`twin new` makes a robot folder for them"
+        )
     if getattr(args, "all_protocols", False):
         chosen = tuple(robot.files.protocols())
         if not chosen:

@@ -60,6 +60,13 @@ def computing_on(choice: Choice) -> Iterator[ComputeDevice]:
 
     Raises:
         TwinError: there is no such choice.
+
+    Example:
+        >>> import twin
+        >>> with twin.computing_on("cpu") as device:
+        ...     poses = twin.load("pa10").forward([[0.0] * 7])
+        >>> device.name
+        'processor'
     """
     device = ComputeDevice(checked(choice))
     token = _current.set(device)

@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -89,12 +90,42 @@ class Result(ABC):
         """Return the result as plain data for JSON, with the most severe findings first."""
         return record(self.kind, self.content(), self.findings, self.verdict)
 
+    def _repr_html_(self) -> str:
+        """Return the result as a notebook shows it: the verdict, then the parts of the text."""
+        parts = []
+        if self.judges:
+            color = {"agree": "#1a7f37", "disagree": "#cf222e", "unchecked": "#9a6700"}[self.verdict]
+            parts.append(f'<b style="color: {color}">{escape(self.word)}</b> {escape(self.summary)}')
+        for part in self.text():
+            parts.append(_html_of(part))
+        return f"<div>{''.join(parts)}</div>"
+
     def to_json(self) -> str:
         """Return `as_dict` as JSON text."""
         return as_json(self.as_dict())
 
     def write(self, folder: Path) -> None:  # noqa: B027 - most have nothing
         """Write data files other than the JSON (curves as CSV, point clouds); the base class writes none."""
+
+
+def _html_of(part: Part) -> str:
+    """Return one part of a text as HTML."""
+    if isinstance(part, TextTable):
+        rows = []
+        if part.header:
+            rows.append("".join(f"<th>{escape(str(cell))}</th>" for cell in part.header))
+        for row in part.rows:
+            rows.append("".join(f"<td>{escape(str(cell))}</td>" for cell in row))
+        lines = "".join(f"<tr>{cells}</tr>" for cells in rows)
+        return f"<table>{lines}</table>"
+    if isinstance(part, Finding):
+        text = f"{part.severity}: {part.message}"
+        if part.suggestion:
+            text += f"\n    {part.suggestion}"
+        return f"<pre>{escape(text)}</pre>"
+    if isinstance(part, Line):
+        return f"<pre>{escape(part.text)}</pre>"
+    return f"<pre>{escape(part)}</pre>"
 
 
 def record(

@@ -54,6 +54,14 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
         mask: six flags, one for each error: x, y, z of the position, then x, y, z of the rotation vector, in the axes
             of the target. An error with flag 0 is ignored: (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
             axis free.
+
+    Example:
+        >>> import twin
+        >>> robot = twin.load("pa10")
+        >>> T = robot.forward([0.1, 0.4, 0.0, 1.2, 0.0, 0.5, 0.0])
+        >>> free_about_z = twin.Pose(T, mask=(1, 1, 1, 1, 1, 0))
+        >>> bool(abs(robot.solve(free_about_z).T_base_tool[:3, 3] - T[:3, 3]).max() < 1e-8)
+        True
     """
     T = np.asarray(T_base_tool, float)
     if not spatial.is_pose(T, 1e-6) or T.shape != (4, 4):
@@ -66,7 +74,14 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 
 
 def Tip(p_base: ArrayLike, p_tool_tip: ArrayLike = (0.0, 0.0, 0.0)) -> Task:  # noqa: N802
-    """Return the task of bringing the point p_tool_tip (3,) of the tool frame to p_base (3,), both in m."""
+    """Return the task of bringing the point p_tool_tip (3,) of the tool frame to p_base (3,), both in m.
+
+    Example:
+        >>> import twin
+        >>> solution = twin.load("pa10").solve(twin.Tip([0.4, 0.1, 0.5]))
+        >>> solution.T_base_tool[:3, 3].round(6).tolist()
+        [0.4, 0.1, 0.5]
+    """
     return _task("tip", np.concatenate([_vector("Tip", p_base), _vector("Tip", p_tool_tip)]), (0, 1, 2))
 
 
@@ -88,6 +103,13 @@ def Trocar(  # noqa: N802
         axis: shaft direction (3,) in the tool frame, towards the tip; of any length except 0.
         p_tool_tip: tip (3,) in the tool frame, in m; the shaft axis passes through the tip.
         depth: distance of the tip beyond the trocar, in m; None: free.
+
+    Example:
+        >>> import twin
+        >>> task = twin.Tip([0.5, 0.0, 0.3]) + twin.Trocar([0.5, 0.0, 0.4], axis=[0, 0, 1])
+        >>> solution = twin.load("pa10").solve(task)
+        >>> solution.T_base_tool[:3, 3].round(6).tolist()
+        [0.5, 0.0, 0.3]
     """
     a = _vector("Trocar", axis)
     if not np.linalg.norm(a) > 0:
@@ -101,7 +123,15 @@ def Trocar(  # noqa: N802
 
 
 def Joints(q: ArrayLike) -> Task:  # noqa: N802
-    """Return the task of bringing the active joints to q (n,); with a small weight, the task of staying near q."""
+    """Return the task of bringing the active joints to q (n,); with a small weight, the task of staying near q.
+
+    Example:
+        >>> import twin
+        >>> q = [0.1, 0.4, 0.2, 1.2, 0.3, 0.5, 0.6]
+        >>> solution = twin.load("pa10").solve(twin.Joints(q))
+        >>> bool(abs(solution.q - q).max() < 1e-8)
+        True
+    """
     q = np.asarray(q, float)
     if q.ndim != 1 or not np.isfinite(q).all():
         raise KinematicsError(f"task Joints: q must be a finite vector (n,), found shape {q.shape}.")

@@ -251,6 +251,7 @@ def assemble(
         limit_margin=np.minimum(q - kinematics.lower, kinematics.upper - q),
         reach=reach,
         singularity=dict(kinematics.singularity(Ts, q)),
+        revolute=tuple(kinematics.revolute),
     )
 
 

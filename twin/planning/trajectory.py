@@ -307,7 +307,7 @@ class PhaseSpan:
         return {name: _plain(value) for name, value in vars(self).items() if name != "curve"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory:
     """A timed protocol: k samples with a fixed time step, in SI, in base unless stated otherwise.
 
@@ -332,6 +332,7 @@ class Trajectory:
         singularity: singularity measures (k,), by name.
         findings: findings of the check of every sample.
         followed: whether the mechanism, not the equations, determines joint values and poses; see `mechanism_path`.
+        revolute: (n,) whether each joint is in rad; empty: all joints are lengths.
     """
 
     protocol: str
@@ -358,6 +359,20 @@ class Trajectory:
     singularity: Mapping[str, Array]
     findings: tuple[Finding, ...] = field(default=())
     followed: bool = False
+    revolute: tuple[bool, ...] = ()
+
+    def __repr__(self) -> str:
+        joints = len(self.joint_names)
+        size = f"{self.duration:.2f} s, {len(self.t)} samples, {joints} joints"
+        return f"Trajectory({self.protocol!r} of {self.robot!r}, {size})"
+
+    def _repr_html_(self) -> str:
+        """Return the trajectory as a notebook shows it."""
+        from twin.planning.trajectory_picture import html_of
+
+        angles = self.revolute or (False,) * len(self.joint_names)
+        facts = f"{self.duration:.2f} s, {len(self.t)} samples, {len(self.joint_names)} joints"
+        return html_of(f"{self.robot}: {self.protocol}", facts, self.joint_names, self.q, self.qd, angles)
 
     @property
     def step(self) -> float:

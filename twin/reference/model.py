@@ -112,6 +112,19 @@ class ReferenceModel:
         x = self._reach(self._start(seed), T, self._move_posed)
         return self.state(x)
 
+    def near_pose(self, X: Array, T_base_tool: Array) -> Array:
+        """Return configurations (j, nq) with the tool at T_base_tool (4, 4), by Newton's method from rows of X (k, nq).
+
+        Rows that lead to no such configuration are left out. Unlike `solve_pose`, the tool need not follow a straight
+        line to the pose, which a mechanism with fewer than six degrees of freedom cannot; the result may be in another
+        assembly mode than its start.
+        """
+        Ts = np.tile(np.asarray(T_base_tool, float), (len(X), 1, 1))
+        found, converged = self._move_posed(X, Ts)
+        rows = np.flatnonzero(converged)
+        there = self._misfits(found[rows], Ts[rows]) < GAP_TOLERANCE
+        return found[rows[there]]
+
     def home(self) -> Assembly:
         """Return the assembly at the rest poses, with the loops closed."""
         return self.state(self._start(None))
@@ -635,6 +648,14 @@ class ReferenceModel:
         missed = targets - states[:, self._active_q]
         correction = np.einsum("kij,kj->ki", gain[nearest], missed)
         return self.tree.integrate(states, correction)
+
+    def tool_jacobians(self, states: Array) -> Array:
+        """Return the Jacobians (k, 6, n) from rates of the active joints to the tool twist in base, linear rows first.
+
+        `states` (k, nq) are configurations with closed loops.
+        """
+        A, J = self._jacobians(states)
+        return J @ self.gains(states, A)
 
     def gains(self, states: Array, A: Array | None = None) -> Array:
         """Return the rates (k, nv, n) of tree joints per rate of each active joint; passive rates by least squares."""

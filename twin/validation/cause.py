@@ -64,6 +64,11 @@ class Cause:
     perhaps: tuple[Finding, ...] = ()
 
     @property
+    def message(self) -> str:
+        """The message of `head`."""
+        return self.head.message
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """All findings of the cause, `head` first."""
         return (self.head, *self.also, *self.follows, *self.perhaps)

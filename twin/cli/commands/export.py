@@ -66,8 +66,8 @@ def run(args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         bundle = export(
             robot,
-            folder=Path(args.out) if args.out else None,
-            formats=formats,
+            out=args.out,
+            to=formats,
             protocols=args.protocol or None,
             budget=budget,
             progress=progress,

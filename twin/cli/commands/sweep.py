@@ -51,19 +51,12 @@ def run(args: argparse.Namespace) -> int:
     if args.parquet:
         table.arrow()
     robot = api.load(args.robot)
-    folder = Path(args.out) if args.out else Path("twin-out") / robot.name
-    assets.require_writable(folder)
-
-    def place(key: str) -> Path:
-        nonlocal folder
-        folder = folder if args.out else folder / f"sweep-{key[:8]}"
-        return folder
-
+    assets.require_writable(Path(args.out) if args.out else Path("twin-out") / robot.name)
     with show.progress(args.quiet or args.json) as progress:
         found = judge(
             robot,
             args.vary,
-            place,
+            args.out,
             source=str(Path(args.robot).resolve()) if Path(args.robot).exists() else args.robot,
             objectives=[x.strip() for x in (args.objective or "").split(",") if x.strip()],
             protocol=args.protocol,
@@ -77,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
         )
         progress("write", 0.0)
-        with assets.atomic_folder(folder) as made:
+        with assets.atomic_folder(found.folder) as made:
             table.write(found.rows, made, parquet=args.parquet)
             shown = write_result(found, made)
-    return show.finish(found, args, folder, [*shown, "sweep.csv"])
+    return show.finish(found, args, found.folder, [*shown, "sweep.csv"])

@@ -126,9 +126,11 @@ def order(
     if robot.files is None:
         if protocols or trajectory is not None:
             raise TwinError(
-                f"{robot.name} is a USD stage, which has no protocols; only its baked motion is exported: name no "
-                "protocol"
+                f"{robot.name} was loaded from {robot.source.kind}, which has no protocols; only a motion baked in a "
+                "stage is exported: name no protocol"
             )
+        if robot.source.described is not None:
+            return _of_file(robot, robot.source.described.path, progress)
         return _of_stage(robot, progress)
     progress("read CAD, compute masses", 0.0)
     files = robot.files
@@ -260,6 +262,14 @@ def _of_stage(robot: Robot, progress: Progress) -> Order:
         stage.name,
         (),
     )
+
+
+def _of_file(robot: Robot, path: Path, progress: Progress) -> Order:
+    """Return the mechanism of a description file, without motion."""
+    progress(f"read {path.name}", 0.0)
+    mechanism = robot.mechanism
+    numbers = _assumed(mechanism.parameters)
+    return Order(mechanism, (), (), ((path.name, _sha256(path)),), numbers, mechanism.name, path.name, ())
 
 
 def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]:

@@ -203,7 +203,7 @@ class LoopSolver:
         Ts = np.zeros((len(qs), 4, 4))
         Ts[:, 3, 3] = 1
         Ts[:, :3] = poses.T.reshape(-1, 3, 4)
-        Ts[~self._good(gaps)] = np.nan
+        Ts[~(self._good(gaps) & finite)] = np.nan
         return ClosedStates(Ts, np.ascontiguousarray(states.T), *gaps)
 
     def _rows(self, states: Array, count: int) -> Array:
@@ -215,7 +215,9 @@ class LoopSolver:
         rows = np.asarray(states, float)
         expected = (count, len(self._start))
         if rows.shape != expected:
-            raise MechanismError(f"the loop unknowns have shape {rows.shape}; expected {expected}, a row for each state")
+            raise MechanismError(
+                f"the loop unknowns have shape {rows.shape}; expected {expected}, a row for each state"
+            )
         return rows
 
     def _walked(self, Q: Array, stations: int, threads: int | None) -> tuple[Array, Array, Array]:
