@@ -221,15 +221,15 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """Return the robot as a notebook shows it."""
-        from twin.api.robot_page import html_of
-
         variants: list[str] = ["no equations: the mechanism answers"]
         if self.has_equations:
             variants = []
             for equation, choices in self.variants.items():
                 variants += [f"{equation}={choice}" for choice in choices]
         protocols = () if self.files is None else tuple(self.files.protocols())
-        return html_of(self.name, self.mechanism, variants, protocols)
+        # by name: only notebooks need it
+        page = import_module("twin.api.robot_page")
+        return page.html_of(self.name, self.mechanism, variants, protocols)
 
     @cached_property
     def cad(self) -> CadModel:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, Literal
 from typing import Protocol as Interface
 
@@ -368,11 +369,11 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """Return the trajectory as a notebook shows it."""
-        from twin.planning.trajectory_picture import html_of
-
         angles = self.revolute or (False,) * len(self.joint_names)
         facts = f"{self.duration:.2f} s, {len(self.t)} samples, {len(self.joint_names)} joints"
-        return html_of(f"{self.robot}: {self.protocol}", facts, self.joint_names, self.q, self.qd, angles)
+        # by name: only notebooks need it
+        picture = import_module("twin.planning.trajectory_picture")
+        return picture.html_of(f"{self.robot}: {self.protocol}", facts, self.joint_names, self.q, self.qd, angles)
 
     @property
     def step(self) -> float:
