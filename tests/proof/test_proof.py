@@ -6,6 +6,7 @@ import inspect
 import json
 import os
 from dataclasses import replace
+from fractions import Fraction
 from functools import wraps
 from pathlib import Path
 
@@ -402,3 +403,25 @@ def test_validate_proves_as_well_if_asked(capsys, tmp_path):
 def test_a_number_of_states_out_of_range_is_refused(states):
     with pytest.raises(TwinError, match="give 64 to 1000000"):
         twin.prove("sils", states=states)
+
+
+def test_a_refuted_claim_has_a_witness_in_fractions():
+    """The printed eq. (1) is computed there by doubles: the distance of two points of the platform is wrong."""
+    robot = twin.load("sils")
+    found = twin.prove(robot, {"eq1": "printed"}, states=256)
+    claim = {claim.name: claim for claim in found.proof.claims}["inverse: s1 to s3"]
+    values = []
+    for name in robot.formula.coordinates.names:
+        text = claim.fractions[name]
+        half = text.removeprefix("2 atan(").removesuffix(")")
+        values.append(
+            2 * np.arctan(float(Fraction(half))) if half != text else float(Fraction(text.removesuffix(" m")))
+        )
+    equations = compile_formula(robot.formula, {"eq1": "printed"})
+    T = np.array(equations.program.pose_of_coordinates.one(values)).reshape(1, 4, 4)
+    points = equations.points_many(Ts=T)
+    assert abs(np.linalg.norm(points["s1"] - points["s3"]) - 0.135) > 1e-6
+    assert "it is wrong at these fractions too: X_E = " in "\n".join(finding.message for finding in found.findings)
+    proved = next(claim for claim in found.proof.claims if claim.status == "proved")
+    assert proved.fractions == {}
+    assert not {c["name"] for c in found.certificate()["claims"]} & {"inverse: s1 to s3"}

@@ -243,6 +243,9 @@ def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     text = f"it is not so that {claim.sentence}"
     if claim.error:
         text += f"; the error is {claim.error}"
+    if claim.fractions:
+        state = ", ".join(f"{name} = {value}" for name, value in claim.fractions.items() if name not in drawn)
+        text += f"; it is wrong at these fractions too: {state}"
     return disagreement("prove.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
 
 
@@ -272,6 +275,7 @@ def _record(claim: JudgedClaim) -> JsonObject:
         "log10_odds": claim.log_odds,
         "largest": claim.largest,
         "witness": dict(claim.witness),
+        "witness_in_fractions": dict(claim.fractions),
         "reason": claim.reason,
         "error": claim.error,
     }

@@ -33,7 +33,7 @@ def certificate(
         motions: what is proved along protocols, with the SHA-256 of each protocol's file.
     """
     # numbers that are 0 in the equations and in the mechanism, as a point at the origin, need no certificate
-    proved = [claim for claim in proof.claims if program.depends(claim.nodes)]
+    proved = [claim for claim in proof.claims if claim.status == "proved" and program.depends(claim.nodes)]
     nodes = []
     for claim in proved:
         nodes += [*claim.nodes, *claim.reach]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -43,10 +43,12 @@ class JudgedClaim:
             bound.
         largest: largest real value in m; a difference of directions counts by the distance at half a metre.
         witness: {name of a random number: its real value} at the state with the largest value, if the claim is refuted.
+        fractions: {name of a random number: a fraction as text} where the claim is wrong too; empty if not refuted, or
+            if no such state is found.
         reason: why a claim is not proved; "" if it is.
         error: what is not zero, as a formula of cosines, sines and lengths in m; "" if the claim is not refuted, or if
             there is no short formula.
-        nodes: the operations of the numbers that are zero, if the claim is proved and all of them are known.
+        nodes: the operations of the numbers that must be zero, if the claim is proved or refuted, and all are known.
         reach: those of the margins that are not negative where it is claimed.
         roots: the roots in its numbers.
         different: whether the claim is unproved because exact values are not zero, or may not be.
@@ -73,6 +75,7 @@ class JudgedClaim:
     different: bool = False
     undefined: int = 0
     doubtful: tuple[Mapping[str, float], ...] = ()
+    fractions: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def share(self) -> float:
@@ -138,7 +141,7 @@ def judged(
     else:
         reason = _shortage(zeros, exact, int(inside.sum()), log_odds, reasons)
     kept: tuple[ProgramStep, ...] = ()
-    if status == "proved" and None not in found.nodes:
+    if status != "unproved" and None not in found.nodes:
         kept = tuple(node for node in found.nodes if node is not None)
     open_claim = status == "unproved" and bool(inside.any()) and not undefined
     # where many exact values are known and none is zero, luck is no reason

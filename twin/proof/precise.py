@@ -45,6 +45,21 @@ _Result = PreciseNumber | bool | None
 """A number or a condition; None where the expression is not defined."""
 
 
+StateOfFractions = Mapping[str, Fraction]
+"""{name of a random number: its value in m, or the tangent of half of the angle}."""
+
+
+def numbers_at(nodes: Iterable[ProgramStep], state: StateOfFractions) -> list[PreciseNumber | None]:
+    """Return numbers at a state; None for one that is not defined there."""
+    rows, places = program.rows(nodes)
+    results: list[_Result] = []
+    with localcontext(Context(prec=_DIGITS)):
+        for row in rows:
+            results.append(_constant(row) if row[0] in ("number", "real") else _evaluated(row, results, state))
+    found = [results[place] for place in places]
+    return [number if isinstance(number, PreciseNumber) else None for number in found]
+
+
 def certainly_not_zero(nodes: Iterable[ProgramStep], states: Iterable[Mapping[str, float]]) -> float:
     """Return the largest of the numbers that certainly are not zero at one of some states; 0 if there is none.
 
@@ -81,14 +96,17 @@ def _constant(row: Row) -> PreciseNumber | None:
     return total
 
 
-def _evaluated(row: Row, results: Sequence[_Result], state: Mapping[str, float]) -> _Result:
+def _evaluated(row: Row, results: Sequence[_Result], state: Mapping[str, float | Fraction]) -> _Result:
     """Return the result of an operation at a state."""
     name = str(row[0])
     if name == "input":
-        return PreciseNumber(Decimal(state[str(row[1])]), 0.0)
+        return _fraction(Fraction(state[str(row[1])]))
     if name in ("cosine", "sine"):
+        value = state[str(row[1])]
+        if isinstance(value, Fraction):
+            return _cosine_or_sine(name, value)
         # the tangent of half of the angle is taken as exact: another state near this one
-        t = Decimal(math.tan(math.remainder(state[str(row[1])], math.tau) / 2))
+        t = Decimal(math.tan(math.remainder(value, math.tau) / 2))
         part = 1 - t * t if name == "cosine" else 2 * t
         return PreciseNumber(part / (1 + t * t), _UNIT)
     operands = [results[int(place)] for place in row[1:]]
@@ -104,6 +122,17 @@ def _evaluated(row: Row, results: Sequence[_Result], state: Mapping[str, float])
     for operand in operands:
         numbers.append(operand if isinstance(operand, PreciseNumber) else PreciseNumber(Decimal(bool(operand)), 0.0))
     return _NUMERIC[name](*numbers)
+
+
+def _cosine_or_sine(name: str, t: Fraction) -> PreciseNumber:
+    """Return cosine or sine of the angle whose half has the tangent t."""
+    part = 1 - t * t if name == "cosine" else 2 * t
+    return _fraction(part / (1 + t * t))
+
+
+def _fraction(x: Fraction) -> PreciseNumber:
+    value = Decimal(x.numerator) / Decimal(x.denominator)
+    return PreciseNumber(value, abs(float(value)) * _UNIT)
 
 
 def _sum(a: PreciseNumber, b: PreciseNumber) -> PreciseNumber:

@@ -16,6 +16,7 @@ from twin.proof.branches import Branches, BranchReport, examined
 from twin.proof.claims import JudgedClaim, unclaimed
 from twin.proof.constants import exact_angle
 from twin.proof.precise import certainly_not_zero
+from twin.proof.rational_witness import rational_witness
 from twin.proof.states import ANGULAR, ProofStates, angles, random_states
 
 STATES = 4096
@@ -179,7 +180,12 @@ class _Course:
         if proof.count("refuted"):
             self.progress("the errors as formulas", 0.5)
             formulas = {claim.name: claim.error for claim in self._attempt((), _FORMULA_STATES, formulas=True).claims}
-            claims = [replace(claim, error=formulas[claim.name]) for claim in proof.claims]
+            claims = []
+            for claim in proof.claims:
+                if claim.status == "refuted":
+                    fractions = rational_witness(claim, proof.ranges)
+                    claim = replace(claim, error=formulas[claim.name], fractions=fractions)
+                claims.append(claim)
             return replace(proof, claims=tuple(claims))
         proof = self._for_other_parameters(proof)
         for factor in _ROOTED_FACTORS:

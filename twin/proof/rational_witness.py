@@ -1,0 +1,55 @@
+"""A pose in fractions at which a claim is wrong: everybody can repeat it by hand, or with exact arithmetic."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+
+from twin.proof.claims import ROUNDING, JudgedClaim
+from twin.proof.precise import StateOfFractions, numbers_at
+
+_DENOMINATORS = (10, 100, 1000, 10_000, 1_000_000)
+"""Largest denominators that are tried, of lengths in m and of tangents of half angles."""
+
+
+def rational_witness(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]]) -> dict[str, str]:
+    """Return a state of fractions near the witness of a refuted claim, where it is wrong too; empty if none is found.
+
+    An angle is given by the tangent of its half, as "2 atan(1/8)"; then its cosine and sine are fractions as well. The
+    claim's number is evaluated there with 60 digits and a bound of its error, and no margin of the equations is
+    negative.
+
+    Args:
+        claim: a refuted claim with the operations of its numbers; without them, the result is empty.
+        ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
+    """
+    if not claim.nodes or not all(name in ranges for name in claim.witness):
+        return {}
+    for state in _states(claim, ranges):
+        numbers = numbers_at(claim.nodes, state)
+        margins = numbers_at(claim.reach, state)
+        inside = all(margin is not None and margin.value >= 0 for margin in margins)
+        if not inside or None in numbers:
+            continue
+        if any(number is not None and number.size > ROUNDING + number.error for number in numbers):
+            return {name: _text(value, ranges[name][0]) for name, value in state.items()}
+    return {}
+
+
+def _states(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]]) -> Iterator[StateOfFractions]:
+    """Yield states of fractions near the witness, the simplest ones first."""
+    for denominator in _DENOMINATORS:
+        state = {}
+        for name, value in claim.witness.items():
+            number = value
+            if ranges[name][0]:
+                number = math.tan(math.remainder(value, math.tau) / 2)
+            state[name] = Fraction(number).limit_denominator(denominator)
+        yield state
+
+
+def _text(value: Fraction, is_angle: bool) -> str:
+    if is_angle:
+        return f"2 atan({value})"
+    return f"{value} m"
