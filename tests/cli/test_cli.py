@@ -73,7 +73,7 @@ def no_pictures(monkeypatch):
     monkeypatch.setattr(files, "write_report", _json_only)
 
 
-def _json_only(report, folder):
+def _json_only(report, folder, **_):
     (folder / "report.json").write_text(report.to_json())
 
 

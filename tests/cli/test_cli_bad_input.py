@@ -361,7 +361,7 @@ def test_formula_drives_joints_that_the_drawing_lacks(robot, refused):
 def no_pictures(monkeypatch):
     from twin.ui.report import files
 
-    def write(report, folder):
+    def write(report, folder, **_):
         (folder / "report.json").write_text(report.to_json())
 
     monkeypatch.setattr(files, "write_report", write)

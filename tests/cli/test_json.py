@@ -93,7 +93,7 @@ def test_every_command_is_here():
 @pytest.mark.parametrize("case", [pytest.param(c, marks=marks(c)) for c in DONE])
 def test_a_result_fits_its_schema(printed, no_plots, tmp_path, monkeypatch, case):
     kind, argv = DONE[case]
-    monkeypatch.setattr(files, "write_report", lambda report, folder: None)  # plots take most of the time
+    monkeypatch.setattr(files, "write_report", lambda report, folder, **_: None)  # plots take most of the time
     code, data = printed(*(str(column.folder(tmp_path / "column")) if a == "{column}" else a for a in argv))
     assert data["schema"] == f"twin/{kind}/1"
     assert code == EXIT_CODES[data["verdict"]] or (kind, code) == ("tolerance", 0)

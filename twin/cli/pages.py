@@ -13,16 +13,22 @@ from typing import TYPE_CHECKING
 from twin.core.result import Result
 
 if TYPE_CHECKING:
+    from twin.api.robot import Robot
     from twin.validation.result import Report
 
 _FILES = "twin.ui.report.files"
+_PICTURE = "twin.ui.report.robot_picture"
 _SELFTEST = "twin.ui.report.selftest"
 
 
-def write_report(report: Report, folder: Path, selftest: Path) -> None:
-    """Write a report into a folder; it includes the score in the file `selftest` if this belongs to the robot."""
+def write_report(report: Report, folder: Path, selftest: Path, robot: Robot) -> None:
+    """Write a report of a robot into a folder; it includes the score in the file `selftest` if that is of the robot."""
     scored = import_module(_SELFTEST).with_selftest(report, selftest)
-    import_module(_FILES).write_report(scored, folder)
+
+    def picture() -> object:
+        return import_module(_PICTURE).picture_of(robot, scored)
+
+    import_module(_FILES).write_report(scored, folder, robot=picture)
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:

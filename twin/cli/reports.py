@@ -17,10 +17,10 @@ def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
     return name
 
 
-def write(report, folder: Path, root: Path) -> None:
-    """Write a report into a folder; if `root` contains selftest.json, include the score of the self-test."""
+def write(report, folder: Path, root: Path, robot) -> None:
+    """Write a report of a robot into a folder; if `root` contains selftest.json, include the score of the self-test."""
     folder.mkdir(parents=True, exist_ok=True)
-    pages.write_report(report, folder, root / "selftest.json")
+    pages.write_report(report, folder, root / "selftest.json", robot)
 
 
 def finish(reports, args: argparse.Namespace, proofs=()) -> int:

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
             report = api.validate(robot, protocol=protocol, stage=stage, baked=True, progress=progress)
             report = cures.of(report, protocol, progress)
             progress("report", 0.0)
-            reports.write(report, work / report.protocol, root)
+            reports.write(report, work / report.protocol, root, robot)
             found.append((report, root / report.protocol))
     code = reports.finish(found, args)
     if not args.json:

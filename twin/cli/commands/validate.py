@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
                 progress("report", 0.0)
                 folder = root / reports.folder(report.protocol, variants)
                 with assets.atomic_folder(folder) as work:
-                    reports.write(report, work, root)
+                    reports.write(report, work, root, robot)
                 found.append((report, folder))
         proofs = []
         if args.prove:

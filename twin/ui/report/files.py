@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 
 from twin.core.errors import OutputError, unknown
 from twin.core.result import Result
 from twin.ui.report.html import render_html
+from twin.ui.report.robot_picture import RobotPicture
 from twin.ui.report.style import drawable, png
 from twin.validation.result import Report
 
@@ -16,11 +17,22 @@ FORMATS = ("html", "json", "png")
 """Formats that `write_report` can write."""
 
 
-def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS) -> dict[str, Path]:
+def write_report(
+    report: Report,
+    folder: Path,
+    formats: Iterable[str] = FORMATS,
+    robot: Callable[[], RobotPicture | None] | None = None,
+) -> dict[str, Path]:
     """Write a report into a folder in the given formats: report.html, report.json and plots/*.png.
 
     Without matplotlib, there are no plots, and the page says so.
     For an atomic write, use `twin.core.assets.atomic_folder`.
+
+    Args:
+        report: the report.
+        folder: folder of the files.
+        formats: names out of `FORMATS`.
+        robot: function that returns the picture of the robot for the top of the page; None: no picture.
 
     Returns:
         Paths of the written files, with the keys "html", "json" and "plots/<name>".
@@ -41,7 +53,10 @@ def write_report(report: Report, folder: Path, formats: Iterable[str] = FORMATS)
         figures = plots.figures(report)
     # bytes, because text would get other line ends on Windows
     if "html" in formats:
-        page = render_html(report, figures)
+        picture = None
+        if robot is not None:
+            picture = robot()
+        page = render_html(report, figures, picture)
         path = folder / "report.html"
         path.write_bytes(page.encode())
         written["html"] = path

@@ -1,7 +1,8 @@
-"""Write the report as a self-contained HTML page: no network access, no scripts, inline figures."""
+"""Write the report as a self-contained HTML page: no network access, inline figures, its scripts inside."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -15,6 +16,7 @@ from twin.core.findings import Finding, by_severity
 from twin.core.json_types import JsonObject
 from twin.core.provenance import Parameter
 from twin.ui.report import curves
+from twin.ui.report.answers import answers, not_judged, times_limit
 from twin.ui.report.matrix import PAIRS, label, pair_names
 from twin.validation.cause import SIDES
 from twin.validation.commands import again
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from jinja2 import Template
     from markupsafe import Markup
     from matplotlib.figure import Figure
+
+    from twin.ui.report.robot_picture import RobotPicture
 
 VERDICTS = {
     "agree": "Equations (A), CAD (B) and USD (C) agree",
@@ -57,10 +61,11 @@ CAPTIONS = {
 _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
 
-def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> str:
+def render_html(report: Report, figures: Mapping[str, Figure] | None = None, robot: RobotPicture | None = None) -> str:
     """Return the report as a self-contained HTML page; the same report always gives the same bytes.
 
     `figures` are the plots by name, as `twin.ui.report.plots.figures` returns them; None: this function draws them.
+    `robot` is the picture of the robot at the top; None: no picture.
     """
     from markupsafe import Markup
 
@@ -73,8 +78,12 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
     pictures = {}
     for name, figure in figures.items():
         caption = CAPTIONS.get(name, name)
+        axes = style.hover(figure, name)
         svg = style.svg(figure, name, f"{caption} {title}")
-        pictures[name] = {"svg": Markup(svg), "caption": caption}
+        pictures[name] = {"svg": Markup(svg), "caption": caption, "axes": json.dumps(axes) if axes else ""}
+    robot_data = Markup("")
+    if robot is not None:
+        robot_data = Markup(robot.data)
     grave = []
     infos = []
     for finding in by_severity(_without_cause(report)):
@@ -98,11 +107,26 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None) -> 
         counts=_counts(report),
         groups=_groups(report),
         pictures=pictures,
+        plots=_plots(report, pictures),
         drawable=style.drawable(),
         parameters=_parameters(report),
         origins=list(numbers.items()),
         command=command(report),
+        answers=answers(report, robot),
+        unjudged="; ".join(not_judged(report)),
+        robot=robot,
+        robot_data=robot_data,
+        hovers=any(picture["axes"] for picture in pictures.values()),
     )
+
+
+def _plots(report: Report, pictures: Iterable[str]) -> list[str]:
+    """Return the names of the plots in the order of the page; after a disagreement, the residuals come first."""
+    names = [name for name in pictures if name != "residual_matrix"]
+    if report.causes and "residuals" in names:
+        names.remove("residuals")
+        names.insert(0, "residuals")
+    return names
 
 
 def _without_cause(report: Report) -> list[Finding]:
@@ -426,6 +450,8 @@ def _template() -> Template:
         value=_parameter_value,
         when=_when,
         bar=_bar,
+        capital=_capitalised,
+        times_limit=times_limit,
         times=lambda r: fmt.ratio(r.worst, r.tolerance),
         words=lambda name: name.replace("_", " "),
     )

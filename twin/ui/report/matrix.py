@@ -132,8 +132,8 @@ def residual_matrix(report: Report) -> Figure | None:
     legend = "green: within tolerance (darker: further below it); red ✗: beyond tolerance; no colour: no tolerance"
     dropped = len(table) - len(names)
     if dropped:
-        legend += f"; not shown: the {dropped} rows furthest below their tolerance"
-    figure.text(left / WIDTH, 0.2 / total_height, legend, fontsize=8, va="center")
+        legend += f"\nnot shown: the {dropped} rows furthest below their tolerance"
+    figure.text(0.12 / WIDTH, 0.2 / total_height, legend, fontsize=8, va="center", linespacing=1.15)
     return figure
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin.core.format import power, quantity, seconds
+from twin.core.json_types import JsonObject
 from twin.core.units import DEG
 from twin.validation.result import PhaseSummary, Report
 
@@ -133,7 +134,7 @@ def template(name: str, **filters: Callable[..., Any]) -> Template:
 
     folder = files("twin.ui.report")
     texts = {}
-    for file in (name, "report.css"):
+    for file in (name, "report.css", "robot_view.js", "plot_hover.js"):
         texts[file] = folder.joinpath(file).read_text("utf-8")
     environment = Environment(
         loader=DictLoader(texts),
@@ -390,6 +391,41 @@ def png(figure: Figure) -> bytes:
             pil_kwargs={"compress_level": 2},
         )
     return buffer.getvalue()
+
+
+def hover(figure: Figure, name: str) -> list[JsonObject]:
+    """Return the places and scales of a figure's time plots, for the script that shows values under the pointer.
+
+    Call it before `svg` with the same name: it names the curves. Each entry has the box in units of the SVG (left, top,
+    right, bottom), the limits of x and y, whether y is logarithmic, and the curves with their ids.
+    """
+    wide, tall = (72.0 * float(inches) for inches in figure.get_size_inches())
+    if not any(ax.get_xlabel() == "time [s]" for ax in figure.axes):
+        return []
+    entries: list[JsonObject] = []
+    number = 0
+    for ax in figure.axes:
+        curves: list[JsonObject] = []
+        for line in ax.lines:
+            label = str(line.get_label())
+            if label.startswith("_") or np.size(line.get_xdata()) < 3:
+                continue
+            line.set_gid(f"curve{number}")
+            curves.append({"id": f"{name}-curve{number}", "name": label})
+            number += 1
+        if not curves:
+            continue
+        place = ax.get_position()
+        box = [place.x0 * wide, (1 - place.y1) * tall, place.x1 * wide, (1 - place.y0) * tall]
+        entry: JsonObject = {
+            "box": [round(v, 2) for v in box],
+            "x": [float(v) for v in ax.get_xlim()],
+            "y": [float(v) for v in ax.get_ylim()],
+            "log": ax.get_yscale() == "log",
+            "curves": curves,
+        }
+        entries.append(entry)
+    return entries
 
 
 def svg(figure: Figure, name: str, label: str) -> str:

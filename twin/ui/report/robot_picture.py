@@ -1,0 +1,316 @@
+"""The robot of a report at the worst moment, with the place of the fault marked: drawn, and to be turned."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from twin.api import Robot
+from twin.core import units
+from twin.core.errors import TwinError
+from twin.core.findings import Finding
+from twin.core.format import quantity, seconds, shown
+from twin.core.spatial import Array
+from twin.core.units import MM
+from twin.model.mechanism import Mechanism
+from twin.reference.states import Assembly
+from twin.validation.result import Report, Residual
+
+MOST_TRIANGLES = 70_000
+"""Maximum number of triangles in a page; meshes with more are made coarser."""
+
+_FAULTY = (214, 40, 40)
+"""Colour (sRGB, 0 to 255) of the links at the place of the fault."""
+
+_STEPS = 32767
+"""Vertices are stored as integers up to this number; it is the largest extent of the robot."""
+
+
+@dataclass(frozen=True)
+class RobotPicture:
+    """A robot in one state, with the place of the first cause of a report.
+
+    Attributes:
+        vertices: (n, 3) in m in the base frame.
+        triangles: (m, 3) indices of vertices.
+        colors: (m, 3) uint8, sRGB.
+        marked: names of the links at the place of the fault; () if no part of the mechanism is named.
+        mark: (3,) place of the fault in m in the base frame; None: no place.
+        label: name of the place, and the size of the deviation.
+        moment: the state that is shown, as text.
+        line: file and line that describe the part or phase; "" if unknown.
+    """
+
+    vertices: Array
+    triangles: np.ndarray
+    colors: np.ndarray
+    marked: tuple[str, ...]
+    mark: Array | None
+    label: str
+    moment: str
+    line: str
+
+    @property
+    def data(self) -> str:
+        """The picture for the script of the page, as JSON that is safe within an HTML element."""
+        low = self.vertices.min(axis=0)
+        extent = float(np.max(self.vertices.max(axis=0) - low)) or 1.0
+        whole = np.round((self.vertices - low) / extent * _STEPS).astype("<i2")
+        content = {
+            "low": [round(float(v), 6) for v in low],
+            "step": extent / _STEPS,
+            "vertices": _base64(whole),
+            "triangles": _base64(self.triangles.astype("<u4")),
+            "colors": _runs(self.colors),
+            "mark": None if self.mark is None else [round(float(v), 6) for v in self.mark],
+            "label": self.label,
+        }
+        return json.dumps(content).replace("<", "\\u003c")
+
+    @property
+    def png(self) -> str:
+        """The picture from the standard direction as base64 of a PNG file; "" without the package Pillow."""
+        try:
+            from PIL import Image
+        except ImportError:
+            return ""
+        from twin.ui.report.raster import shaded
+
+        out = io.BytesIO()
+        pixels = shaded(self.vertices, self.triangles, self.colors, self.mark)
+        Image.fromarray(pixels).convert("P", palette=Image.Palette.ADAPTIVE, colors=128).save(out, "PNG", optimize=True)
+        return base64.b64encode(out.getvalue()).decode()
+
+
+def picture_of(robot: Robot, report: Report) -> RobotPicture | None:
+    """Return the robot at the moment of the largest deviation of the first cause; without a cause, at its home.
+
+    Return None if the robot has no meshes, or cannot be assembled.
+    """
+    head: Finding | None = None
+    places: tuple[str, ...] = ()
+    label = ""
+    moment_of_head: tuple[float, str] | None = None
+    if report.causes:
+        head = report.causes[0].head
+        places = _names(head.where)
+        if report.causes[0].side == "CAD":
+            # the message names both parts that do not fit
+            places = (*places, *re.findall(r"'(\w+)'", head.message))
+        label = head.where
+        if head.size is not None:
+            label += f"  {shown(head.size, head.unit)}"
+        moment_of_head = _moment(report, head)
+    try:
+        bound = robot
+        if robot.files is not None:
+            bound = robot.bound(robot.protocol(report.protocol))
+        assembly, moment = _state(bound, report, moment_of_head)
+        mechanism = bound.mechanism
+    except TwinError:
+        return None
+    marked, mark = _place(mechanism, assembly, places)
+    rcm = _rcm(head)
+    if rcm is not None:
+        marked, _ = _place(mechanism, assembly, ("tool",))
+        mark = rcm
+        label = label.partition(" at ")[0] + label.rpartition(")")[2].removeprefix(" mm")
+    parts = _triangles(mechanism, assembly, marked)
+    if parts is None:
+        return None
+    vertices, triangles, colors = parts
+    return RobotPicture(vertices, triangles, colors, marked, mark, label, moment, _line(robot, report, places))
+
+
+def _names(where: str) -> tuple[str, ...]:
+    """Return the names in the place of a finding, such as ("s1", "s2") of "s1, s2"."""
+    names = [where]
+    names += [part.strip() for part in re.split(r"[,\s]+", where) if part.strip()]
+    return tuple(dict.fromkeys(names))
+
+
+def _moment(report: Report, head: Finding) -> tuple[float, str] | None:
+    """Return (time in s, text) of a finding's largest deviation; None if it has no time."""
+    worst: Residual | None = None
+    for row in report.residuals:
+        if row.name != head.where or row.agrees or not np.isfinite(row.t):
+            continue
+        if worst is None or row.worst / (row.tolerance or 1.0) > worst.worst / (worst.tolerance or 1.0):
+            worst = row
+    if worst is not None:
+        return worst.t, f"{worst.phase}, t = {seconds(worst.t)}: {quantity(worst.worst, worst.unit)}"
+    stated = re.search(r"\bt = ([\d.]+) s", head.when)
+    if stated is None:
+        return None
+    return float(stated[1]), head.when
+
+
+def _rcm(head: Finding | None) -> Array | None:
+    """Return the RCM (3,) in m in base that is the place of a finding; None if the place is something else."""
+    if head is None:
+        return None
+    stated = re.match(r"RCM at \(([-\d.]+), ([-\d.]+), ([-\d.]+)\) mm", head.where)
+    if stated is None:
+        return None
+    return np.array([float(value) for value in stated.groups()]) * MM
+
+
+def _state(robot: Robot, report: Report, moment: tuple[float, str] | None) -> tuple[Assembly, str]:
+    """Return the state at a moment (time in s, text) of the protocol, and a text; without one, the posture home."""
+    model = robot.reference()
+    t = report.series.get("t")
+    q = report.series.get("q")
+    note = ""
+    if moment is not None and t is not None and q is not None and len(t) == len(q) > 0:
+        k = int(np.argmin(np.abs(t - moment[0])))
+        try:
+            return model.solve(q[k]), f"the worst moment: {moment[1]}"
+        except TwinError:
+            # the joint values of wrong equations need not be reachable
+            note = "; the joint values of the equations at the worst moment cannot be assembled"
+    home = robot.mechanism.home
+    if home is None:
+        return model.home(), f"as drawn{note}"
+    return model.solve(home), f"at home{note}"
+
+
+def _place(mechanism: Mechanism, assembly: Assembly, names: tuple[str, ...]) -> tuple[tuple[str, ...], Array | None]:
+    """Return the links that the names denote, and the place (3,) in m in base of the first one; ((), None) if none."""
+    links: list[str] = []
+    place: Array | None = None
+    points = {point.name: point for point in mechanism.points}
+    frames = {frame.name: frame for frame in mechanism.frames}
+    joints = {joint.name: joint for joint in mechanism.joints}
+    bodies = {body.name: body for body in mechanism.bodies}
+    for name in names:
+        where = None
+        link = ""
+        if name in points:
+            link = points[name].body
+            where = (assembly.link_poses[link] @ np.append(points[name].p_body, 1.0))[:3]
+        elif name in joints:
+            link = joints[name].child
+            where = (assembly.link_poses[link] @ joints[name].T_child_joint)[:3, 3]
+        elif name in frames or name == "tool":
+            frame = frames.get(name) or mechanism.frame(mechanism.tool)
+            link = frame.body
+            where = (assembly.link_poses[link] @ frame.T_body_frame)[:3, 3]
+        elif name in bodies:
+            link = name
+            corners = np.concatenate([mesh.vertices for mesh in bodies[name].meshes] or [np.zeros((1, 3))])
+            middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+            where = (assembly.link_poses[link] @ np.append(middle, 1.0))[:3]
+        if where is None:
+            continue
+        if link not in links:
+            links.append(link)
+        if place is None:
+            place = where
+    return tuple(links), place
+
+
+def _triangles(
+    mechanism: Mechanism, assembly: Assembly, marked: tuple[str, ...]
+) -> tuple[Array, np.ndarray, np.ndarray] | None:
+    """Return (vertices (n, 3) in base, triangles (m, 3), colours (m, 3)) of all links; None without meshes."""
+    count = sum(len(mesh.triangles) for body in mechanism.bodies for mesh in body.meshes)
+    if not count:
+        return None
+    vertices: list[Array] = []
+    triangles: list[np.ndarray] = []
+    colors: list[np.ndarray] = []
+    start = 0
+    for body in mechanism.bodies:
+        T = assembly.link_poses[body.name]
+        for mesh in body.meshes:
+            points, faces = mesh.vertices, np.asarray(mesh.triangles)
+            if count > MOST_TRIANGLES:
+                points, faces = _coarser(points, faces, MOST_TRIANGLES / count)
+            vertices.append(points @ T[:3, :3].T + T[:3, 3])
+            triangles.append(faces + start)
+            color = [round(255 * units.srgb(c)) for c in mesh.color_rgba[:3]]
+            if body.name in marked:
+                color = list(_FAULTY)
+            colors.append(np.tile(np.array(color, np.uint8), (len(faces), 1)))
+            start += len(points)
+    return np.concatenate(vertices), np.concatenate(triangles), np.concatenate(colors)
+
+
+def _coarser(vertices: Array, triangles: np.ndarray, share: float) -> tuple[Array, np.ndarray]:
+    """Return a mesh with about the given share of the triangles: vertices within one cell of a grid become one."""
+    extent = float(np.max(np.ptp(vertices, axis=0))) or 1.0
+    cells = 64.0
+    while True:
+        cell = np.floor((vertices - vertices.min(axis=0)) / extent * cells).astype(np.int64)
+        _, first, of_vertex = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+        faces = of_vertex.reshape(-1)[triangles]
+        proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+        if proper.sum() <= share * len(triangles) or cells < 4:
+            return vertices[first], faces[proper]
+        cells /= 1.4
+
+
+def _line(robot: Robot, report: Report, names: tuple[str, ...]) -> str:
+    """Return "FILE:LINE" of what is to be edited; "" if it is not found.
+
+    For equations, this is the parameter that the fix sets to another value. For the CAD, it is the table of the
+    description with one of the names; for the protocol, the table of the phase or joint.
+    """
+    if robot.files is None or not report.causes:
+        return ""
+    side = report.causes[0].side
+    if side == "equations":
+        parameters = re.findall(r"(\w+) = \S+ \S* ?instead of", report.cure)
+        if robot.files.formula is None:
+            return ""
+        return _found([robot.files.formula], parameters, r"\s*[\"']{0}[\"']\s*:")
+    files = [robot.files.description]
+    if side == "protocol":
+        head = report.causes[0].head
+        names = (*re.findall(r"'([\w ]+)'", head.when), *_names(head.when), *names)
+        files.insert(0, robot.files.protocol(report.protocol))
+    return _found(files, names, r'\s*name\s*=\s*"{0}"|\s*\[\w+\.{0}\]')
+
+
+def _found(files: Sequence[Path], names: Sequence[str], pattern: str) -> str:
+    """Return "FILE:LINE" of the first line that matches the pattern of a name; "" if there is none."""
+    for file in files:
+        try:
+            lines = file.read_text("utf-8", "replace").splitlines()
+        except OSError:
+            continue
+        for name in names:
+            place = re.compile(pattern.format(re.escape(name)))
+            for number, text in enumerate(lines, 1):
+                if place.match(text):
+                    return f"{_short(file)}:{number}"
+    return ""
+
+
+def _short(file: Path) -> str:
+    """Return a path relative to the working directory, if it is in it."""
+    try:
+        return str(file.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(file)
+
+
+def _runs(colors: np.ndarray) -> list[list[int]]:
+    """Return [number of triangles, red, green, blue] of each sequence of triangles with one colour."""
+    runs: list[list[int]] = []
+    begins = [0, *(np.flatnonzero(np.any(np.diff(colors.astype(int), axis=0), axis=1)) + 1), len(colors)]
+    for begin, end in pairwise(begins):
+        runs.append([int(end - begin), *(int(v) for v in colors[begin])])
+    return runs
+
+
+def _base64(values: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
