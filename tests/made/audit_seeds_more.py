@@ -20,6 +20,7 @@ from made.audit_seeds import (
     attribute,
     baked,
     by,
+    drive_attribute,
     every,
     geometry,
     has_drive,
@@ -102,6 +103,17 @@ def set_or_add(name: str, kind, new):
         a.default = new
 
     return change
+
+
+def target_aside(j, layer) -> None:
+    """Put the target of a drive 0.2 degrees, or 0.2 units of the stage, further."""
+    a = drive_attribute(j, "targetPosition")
+    a.default = a.default + 0.2
+
+
+def target_velocity(j, layer) -> None:
+    token = drive_attribute(j, "stiffness").name.split(":")[1]
+    set_or_add(f"drive:{token}:physics:targetVelocity", Sdf.ValueTypeNames.Float, 3.0)(j, layer)
 
 
 def stray(folder):
@@ -217,6 +229,8 @@ for kind, edit, says in (
     ("child's joint frame turned", usd_joints(turning, turned_frame("physics:localRot1")), "axis|joint"),
     ("limits shifted", usd_joints(limited, limit_shift), "limit"),
     ("drive of acceleration", usd_joints(has_drive, acceleration_drive), "drive"),
+    ("drive target aside", usd_joints(has_drive, target_aside), "target"),
+    ("drive target velocity", usd_joints(has_drive, target_velocity), "target velocity"),
     (
         "joint breaks",
         usd_joints(turning, set_or_add("physics:breakForce", Sdf.ValueTypeNames.Float, 5.0)),
@@ -371,6 +385,41 @@ def visual_moved(root):
     origin.set("xyz", "0 0.003 0")
 
 
+def collision_of(change):
+    """Return an edit of the first collision shape with a mesh."""
+
+    def edit(root):
+        link = next(e for e in root.findall("link") if e.find("collision/geometry/mesh") is not None)
+        change(link, link.find("collision"), root)
+
+    return edit
+
+
+def collision_deleted(link, collision, root) -> None:
+    link.remove(collision)
+
+
+def collision_of_other_mesh(link, collision, root) -> None:
+    meshes = root.findall("link/visual/geometry/mesh")
+    collision.find("geometry/mesh").set("filename", meshes[-1].get("filename"))
+
+
+def collision_lost(link, collision, root) -> None:
+    collision.find("geometry/mesh").set("filename", "meshes/no_such_mesh.obj")
+
+
+def collision_scaled(link, collision, root) -> None:
+    collision.find("geometry/mesh").set("scale", "0.00101 0.001 0.001")
+
+
+def collision_moved(link, collision, root) -> None:
+    ET.SubElement(collision, "origin", xyz="0 0.0005 0")
+
+
+def collision_turned(link, collision, root) -> None:
+    ET.SubElement(collision, "origin", rpy="0 0 1.5708")
+
+
 def extra_link(root):
     link = ET.SubElement(root, "link", name="ballast")
     inertial = ET.SubElement(link, "inertial")
@@ -404,6 +453,12 @@ for kind, change, says in (
     ("transmission's joints exchanged", transmissions_exchange("joint"), "actuator|transmission|reduction"),
     ("transmission's actuators exchanged", transmissions_exchange("actuator"), "actuator|transmission"),
     ("dynamics", dynamics, "friction"),
+    ("collision deleted", collision_of(collision_deleted), "collision"),
+    ("collision of another mesh", collision_of(collision_of_other_mesh), "collision"),
+    ("collision mesh does not exist", collision_of(collision_lost), "collision mesh|collision"),
+    ("collision scaled", collision_of(collision_scaled), "collision"),
+    ("collision 0.5 mm aside", collision_of(collision_moved), "collision"),
+    ("collision turned", collision_of(collision_turned), "collision"),
     ("bounds mirrored", bounds_mirrored, "limit"),
     ("limits exchanged", limits_exchanged, "limit|effort|speed"),
     ("another link's mesh", other_mesh, "mesh"),

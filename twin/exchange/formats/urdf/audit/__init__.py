@@ -29,6 +29,7 @@ from twin.exchange.audit.motion import Content, FileClip, LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, FileClosures, check_gap, read_closures
+from twin.exchange.formats.urdf.audit.collisions import check_collisions
 from twin.exchange.xacro import SUFFIX, Expanded, expand, is_xacro
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
@@ -104,6 +105,7 @@ class Urdf:
         self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
         self.content.rest = dict.fromkeys(links, np.eye(4))
         self.content.shapes, self.content.colors = _shapes(root, path, ledger)
+        check_collisions(root, ledger, lambda name: mesh_path(path, name), _scale_and_pose)
         masses = _masses(root)
         joints = {joint.name for joint in self.above.values()}
         moving = _moving(root)
@@ -396,6 +398,12 @@ def _origin(element: ET.Element | None) -> Array:
     return poses.pose(R, numbers(element.get("xyz"), 3, (0, 0, 0)))
 
 
+def _scale_and_pose(shape: ET.Element) -> tuple[Array, Array]:
+    """Return scale (3,) and pose (4, 4) in the link of an element <visual> or <collision> with a mesh."""
+    mesh = shape.find("geometry/mesh")
+    return numbers(_text(mesh, "scale"), 3, (1, 1, 1)), _origin(shape.find("origin"))
+
+
 def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
     shapes: dict[str, LinkShape] = {}
     named = {material.get("name"): material.find("color") for material in root.findall("material")}
@@ -440,6 +448,17 @@ def placed_shape(solid: tuple[Array, Array], T: Array, code: str) -> LinkShape |
     return check_mesh(Ledger(""), "", points @ T[:3, :3].T + T[:3, 3], triangles, None, code)
 
 
+def mesh_path(path: Path, name: str) -> Path | None:
+    """Return the mesh file `name` of the robot's file `path`; None if it does not exist, or is not below its folder."""
+    folder = path.resolve().parent
+    file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
+    # the expansion of a xacro replaces the package of a mesh by its folder, which is not below the file
+    of_package = path.suffix == SUFFIX and name.startswith("file:///")
+    if not name or not (of_package or file.is_relative_to(folder)) or not file.is_file():
+        return None
+    return file
+
+
 def named_mesh(
     path: Path, name: str, scale: Array, checked: dict[str, tuple[Array, Array] | None], ledger: Ledger, code: str
 ) -> tuple[Array, Array] | None:
@@ -454,11 +473,8 @@ def named_mesh(
     if key in checked:
         return checked[key]
     checked[key] = None  # a file with a fault is reported once
-    folder = path.resolve().parent
-    file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
-    # the expansion of a xacro replaces the package of a mesh by its folder, which is not below the file
-    of_package = path.suffix == SUFFIX and name.startswith("file:///")
-    if not name or not (of_package or file.is_relative_to(folder)) or not file.is_file():
+    file = mesh_path(path, name)
+    if file is None:
         ledger.wrong(f"{code}.mesh", f"mesh file '{name}' does not exist.", name)
         return None
     if file.suffix.lower() != ".obj":

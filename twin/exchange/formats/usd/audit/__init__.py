@@ -26,6 +26,7 @@ from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
+from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets
 from twin.exchange.formats.usd.audit.header import trouble
 from twin.exchange.formats.usd.audit.joint_gaps import joint_gaps, joint_values
 from twin.exchange.formats.usd.audit.physics import stage_physics
@@ -75,6 +76,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         shown_paths = {prim.GetPath() for prim in shown.values()}
         content.shapes, content.colors = _shapes(prims, shown_paths, world, ledger)
         content.physics = stage_physics(stage, bodies, world.meters, world.up)
+        check_drive_targets(stage, content.rest, content.physics, world.meters, ledger, moving=len(codes) > 0)
     else:
         content.shapes, content.colors = _shapes(prims, None, world, ledger)
     content.extra["assumed"] = _assumed(stage)

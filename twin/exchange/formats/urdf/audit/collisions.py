@@ -1,0 +1,125 @@
+"""Check the collision meshes of a URDF: their files exist, and they are the visual ones where the file says so.
+
+An export shows and collides each link by the same meshes: `arm_visual` and `arm_collision` are both meshes/arm.obj.
+Files of others often collide by simpler meshes, or do not collide at all. So only visual meshes with such a name and
+file are compared, and what differs is only reported if most of them are equal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger
+
+_VISUAL = "_visual"
+
+_COLLISION = "_collision"
+
+_EXPORTED = "meshes/{}.obj"
+"""File of an exported mesh, by its name."""
+
+_UNNAMED = "\0"
+"""Beginning of the keys of meshes without a name of this kind, which no name of XML has."""
+
+_SAME = 1e-9
+"""Difference of scales, and of poses in m and components of unit vectors, that is only rounding."""
+
+
+@dataclass(frozen=True)
+class _PlacedMesh:
+    """A mesh of a link: its file as written, its scale (3,), its pose (4, 4) in the link."""
+
+    file: str
+    scale: Array
+    T: Array
+
+    def differences(self, other: _PlacedMesh) -> list[str]:
+        """Return in what another mesh differs, as texts."""
+        found = []
+        if self.file != other.file:
+            found.append(f"file '{other.file}' instead of '{self.file}'")
+        if np.abs(self.scale - other.scale).max() > _SAME * np.abs(self.scale).max():
+            found.append(f"scale {_text(other.scale)} instead of {_text(self.scale)}")
+        if np.abs(self.T - other.T).max() > _SAME:
+            shift = float(np.linalg.norm(self.T[:3, 3] - other.T[:3, 3]))
+            turn = float(np.abs(self.T[:3, :3] - other.T[:3, :3]).max())
+            place = f"another place ({1e3 * shift:.4g} mm)" if shift > _SAME else "another place"
+            found.append(f"{place}, turned" if turn > _SAME else place)
+        return found
+
+
+def check_collisions(
+    root: ET.Element,
+    ledger: Ledger,
+    resolve: Callable[[str], Path | None],
+    placed: Callable[[ET.Element], tuple[Array, Array]],
+) -> None:
+    """Report collision meshes that do not exist, or are others than the visual meshes of the same names.
+
+    Args:
+        root: the element <robot>.
+        ledger: receives the findings.
+        resolve: returns the file of a mesh by its name in the URDF; None if there is none.
+        placed: returns scale (3,) and pose (4, 4) in the link of an element <visual> or <collision> with a mesh.
+    """
+    missing: set[str] = set()
+    equal = 0
+    faults: list[tuple[str, str]] = []
+    for link in root.findall("link"):
+        owner = link.get("name", "")
+        collisions = _meshes(link, "collision", _COLLISION, placed)
+        visuals = _meshes(link, "visual", _VISUAL, placed)
+        for mesh in collisions.values():
+            if mesh.file not in missing and resolve(mesh.file) is None:
+                missing.add(mesh.file)
+                ledger.wrong("urdf.mesh", f"collision mesh file '{mesh.file}' does not exist.", mesh.file)
+        for name, visual in visuals.items():
+            if visual.file != _EXPORTED.format(name):
+                continue
+            collision = collisions.get(name)
+            if collision is None:
+                text = f"link '{owner}' has the visual mesh '{name}{_VISUAL}', but no '{name}{_COLLISION}'."
+                faults.append((owner, text))
+                continue
+            differences = visual.differences(collision)
+            if not differences:
+                equal += 1
+                continue
+            text = f"link '{owner}': '{name}{_COLLISION}' differs from '{name}{_VISUAL}': {', '.join(differences)}."
+            faults.append((owner, text))
+        for name in collisions:
+            if name not in visuals and collisions[name].file == _EXPORTED.format(name):
+                text = f"link '{owner}' has the collision mesh '{name}{_COLLISION}', but no '{name}{_VISUAL}'."
+                faults.append((owner, text))
+    if equal <= len(faults):
+        return
+    for owner, text in faults:
+        ledger.wrong("urdf.collision", text, owner, suggestion="export the file again")
+
+
+def _meshes(
+    link: ET.Element, tag: str, ending: str, placed: Callable[[ET.Element], tuple[Array, Array]]
+) -> dict[str, _PlacedMesh]:
+    """Return {name without its ending: mesh} of the elements `tag` of a link; other keys for those with other names."""
+    found: dict[str, _PlacedMesh] = {}
+    for k, element in enumerate(link.findall(tag)):
+        mesh = element.find("geometry/mesh")
+        if mesh is None:
+            continue
+        name = element.get("name", "")
+        key = name.removesuffix(ending)
+        if key == name or not key or key in found:
+            key = f"{_UNNAMED}{k}"
+        scale, T = placed(element)
+        found[key] = _PlacedMesh(mesh.get("filename", ""), scale, T)
+    return found
+
+
+def _text(scale: Array) -> str:
+    return " ".join(f"{value:g}" for value in scale)

@@ -1,0 +1,239 @@
+"""Check the targets of the drives of a stage: they hold the robot in the pose in which the stage shows it.
+
+A drive is a spring: under the weight of the robot it holds a pose only if its target is ahead of the pose by effort
+per stiffness. The efforts are computed here, from masses, joints and poses of the stage, by virtual work: for all
+velocities that the joints allow, weight and drives together do no work. Only stages that state this meaning of their
+targets are checked; elsewhere a target may be any pose to move to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pxr import Usd, UsdPhysics
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.mechanism_data import WORLD, FileJoint, FilePhysics, JointLine
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, Measured
+
+_TOLERANCE = 1e-6
+"""Difference of a target in m or rad, and part of the target, that single precision explains."""
+
+_PART = 1e-3
+"""Part of the deflection by which a target may differ: masses are in single precision."""
+
+_ZERO = 1e-9
+"""Size of a singular value, relative to the largest, below which it counts as zero."""
+
+_BALANCED = 1e-6
+"""Part of the weight's power that may remain where drives hold a robot."""
+
+_EARTH = (0.0, 0.0, -9.81)
+"""Gravity in m/s2 of a robot that states none, z up."""
+
+_SINGLE = ("revolute", "prismatic")
+
+
+@dataclass(frozen=True)
+class _Target:
+    """Targets of the drive of a joint: position in m or rad, velocity in m/s or rad/s; None if not stated."""
+
+    position: float | None
+    velocity: float | None
+
+
+def check_drive_targets(
+    stage: Usd.Stage, rest: Mapping[str, Array], physics: FilePhysics, meters: float, ledger: Ledger, *, moving: bool
+) -> None:
+    """Report drives whose targets do not hold the robot in its authored pose, or move it.
+
+    Args:
+        stage: the stage.
+        rest: {body: T_world_body (4, 4)} of the authored pose, in m, z up.
+        physics: the mechanism data of the stage.
+        meters: unit of length of the stage in m.
+        ledger: receives the findings.
+        moving: whether the stage has a motion: it may begin elsewhere than its targets, which are those of the robot.
+    """
+    if not physics.all_motors:  # no stage of this project: its targets may mean anything
+        return
+    targets = _targets(stage, meters)
+    gravity = physics.gravity
+    if gravity is None:  # the layers of a robot have no physics scene
+        gravity = np.array(stage.GetDefaultPrim().GetAttribute("twin:gravity").Get() or _EARTH, float)
+    efforts = None if moving else _efforts(rest, physics, gravity)
+    for joint in physics.joints:
+        name = joint.names[0]
+        target = targets.get(name)
+        if target is None:
+            continue
+        if target.velocity:
+            unit = "rad/s" if joint.kind == "revolute" else "m/s"
+            text = f"the drive of joint '{name}' has a target velocity of {target.velocity:g} {unit}; expected 0."
+            ledger.wrong("usd.drive_target", text, name, suggestion="export the stage again")
+        q = _coordinate(joint, rest)
+        if q is not None and efforts is not None:
+            _check_position(joint, q, target.position, efforts.get(name, 0.0), ledger)
+
+
+def _check_position(joint: FileJoint, q: float, target: float | None, effort: float, ledger: Ledger) -> None:
+    """Report a target that does not hold a joint at the coordinate q against an effort, all in SI units."""
+    low, high = joint.drive.limits or (-np.inf, np.inf)
+    deflection = 0.0
+    if joint.drive.stiffness:
+        deflection = effort / joint.drive.stiffness
+    stated = 0.0 if target is None else target
+    if joint.kind == "revolute":
+        q = _nearest_turn(q, stated - deflection, low, high)
+    expected = float(np.clip(q + deflection, low, high))
+    off = abs(stated - expected)
+    limit = _TOLERANCE * (1.0 + abs(stated)) + _PART * abs(deflection)
+    if off <= limit:
+        return
+    unit = "rad" if joint.kind == "revolute" else "m"
+    text = (
+        f"the drive of joint '{joint.names[0]}' has the target {stated:.6g} {unit}; {expected:.6g} {unit} holds the "
+        "pose that the stage shows."
+    )
+    advice = "export the stage again, or write the target that holds the pose"
+    ledger.wrong("usd.drive_target", text, joint.names[0], suggestion=advice, size=Measured(off, limit, unit))
+
+
+def _targets(stage: Usd.Stage, meters: float) -> dict[str, _Target]:
+    """Return {joint: targets of its drive} of the joints with a drive along or about their axis."""
+    found = {}
+    for prim in stage.Traverse():
+        for schema, token, unit in (
+            (UsdPhysics.RevoluteJoint, "angular", np.pi / 180),
+            (UsdPhysics.PrismaticJoint, "linear", meters),
+        ):
+            if prim.IsA(schema) and prim.HasAPI(UsdPhysics.DriveAPI, token):
+                drive = UsdPhysics.DriveAPI(prim, token)
+                position = drive.GetTargetPositionAttr().Get()
+                velocity = drive.GetTargetVelocityAttr().Get()
+                found[prim.GetName()] = _Target(
+                    None if position is None else float(position) * unit,
+                    None if velocity is None else float(velocity) * unit,
+                )
+    return found
+
+
+def _nearest_turn(q: float, wanted: float, low: float, high: float) -> float:
+    """Return the angle q, plus full turns, within limits if possible, and there nearest to another angle."""
+    near = q + 2 * np.pi * np.round((wanted - q) / (2 * np.pi))
+    allowed = [q + 2 * np.pi * k for k in range(-2, 3) if low - 1e-6 <= q + 2 * np.pi * k <= high + 1e-6]
+    if not np.isfinite([low, high]).all() or not allowed:
+        return float(near) if abs(near) <= 2 * np.pi else q
+    return min(allowed, key=lambda angle: abs(angle - wanted))
+
+
+def _coordinate(joint: FileJoint, rest: Mapping[str, Array]) -> float | None:
+    """Return the coordinate of a joint in m or rad at the authored pose; None if it has not exactly one."""
+    if joint.kind not in _SINGLE or joint.T is None or len(joint.motions) != 1:
+        return None
+    T_parent = _placed(joint.parent, rest)
+    T_child = _placed(joint.child, rest)
+    if T_parent is None or T_child is None:
+        return None
+    moved = poses.inverse(T_parent) @ T_child @ poses.inverse(joint.T)
+    line = joint.motions[0]
+    if line.kind == "slide":
+        return float(line.direction @ moved[:3, 3])
+    R = moved[:3, :3]
+    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.arctan2(line.direction @ sine, 0.5 * (np.trace(R) - 1.0)))
+
+
+def _placed(link: str, rest: Mapping[str, Array]) -> Array | None:
+    if link in ("", WORLD) and link not in rest:
+        return np.eye(4)
+    return rest.get(link)
+
+
+# -- statics ------------------------------------------------------------------------------------------
+
+
+def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) -> dict[str, float] | None:
+    """Return {driven joint: effort in N or N m} that holds the robot at the authored pose; None if it is not unique.
+
+    `gravity` (3,) is in m/s2, in the world with z up.
+    """
+    if not physics.held:
+        return None
+    links = [link for link in physics.links if link not in physics.held]
+    columns = {link: 6 * k for k, link in enumerate(links)}
+    joints = [joint for joint in physics.joints if joint.parent in rest or joint.child in rest]
+    first = 6 * len(links)
+    rates: dict[str, int] = {}
+    count = first
+    for joint in joints:
+        rates[joint.names[0]] = count
+        count += len(joint.motions)
+    allowed = _allowed(joints, columns, rates, count, rest, physics)
+    power = np.zeros(count)
+    for link, column in columns.items():
+        mass = physics.masses.get(link)
+        if mass is None or mass.center is None:
+            continue
+        share = 1.0 - (physics.floats or {}).get(link, 0.0)
+        force = share * mass.mass * gravity
+        center = rest[link][:3, :3] @ mass.center + rest[link][:3, 3]
+        power[column : column + 3] = np.cross(center, force)
+        power[column + 3 : column + 6] = force
+    driven = [joint.names[0] for joint in joints if joint.drive.driven and joint.kind in _SINGLE]
+    by_drives = allowed[[rates[name] for name in driven]].T
+    by_weight = allowed.T @ power
+    if np.linalg.matrix_rank(by_drives, tol=_ZERO) < len(driven):
+        return None
+    efforts = -np.linalg.lstsq(by_drives, by_weight, rcond=None)[0]
+    left = np.linalg.norm(by_drives @ efforts + by_weight)
+    if left > _BALANCED * max(float(np.linalg.norm(by_weight)), 1e-12):
+        return None  # what no drive holds would fall
+    return dict(zip(driven, efforts.tolist(), strict=True))
+
+
+def _allowed(
+    joints: Sequence[FileJoint],
+    columns: Mapping[str, int],
+    rates: Mapping[str, int],
+    count: int,
+    rest: Mapping[str, Array],
+    physics: FilePhysics,
+) -> Array:
+    """Return velocities (count, freedoms) that joints and couplings allow.
+
+    Of the rows, six are the angular velocity of a link and the velocity of its point at the world's origin, from
+    `columns` on; the others are the rates of the joints, from `rates` on.
+    """
+    rows = []
+    for joint in joints:
+        row = np.zeros((6, count))
+        for link, sign in ((joint.child, 1.0), (joint.parent, -1.0)):
+            if link in columns:
+                row[:, columns[link] : columns[link] + 6] = sign * np.eye(6)
+        T_parent = _placed(joint.parent, rest)
+        if T_parent is not None:
+            for k, line in enumerate(joint.motions):
+                row[:, rates[joint.names[0]] + k] = -_screw(line.seen(T_parent))
+        rows.append(row)
+    for ratios, _ in (physics.couplings or {}).values():
+        row = np.zeros((1, count))
+        for name, ratio in ratios.items():
+            if name in rates:
+                row[0, rates[name]] = ratio
+        rows.append(row)
+    if not rows:
+        return np.eye(count)
+    _, sizes, Vt = np.linalg.svd(np.concatenate(rows))
+    rank = int(np.sum(sizes > _ZERO * sizes[0]))
+    return Vt[rank:].T
+
+
+def _screw(line: JointLine) -> Array:
+    """Return angular velocity and velocity at the origin (6,) of a unit rate of a joint."""
+    if line.kind == "slide":
+        return np.concatenate([np.zeros(3), line.direction])
+    return np.concatenate([line.direction, np.cross(line.point, line.direction)])
