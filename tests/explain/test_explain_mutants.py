@@ -121,6 +121,78 @@ def test_a_missing_square_term_or_vector_is_found(name, right, wrong, tmp_path):
     assert seeds.outcome(case, formula, tmp_path, 4.0) in ("rank 1", "tie")
 
 
+_AZIMUTHS = "for a, q in zip(_AZIMUTHS, (q1, q2, q3), strict=True))\n    d = "
+LOOP = (f"(vertcat(rho * cos(a), rho * sin(a), q) {_AZIMUTHS}", f"(vertcat(rho * cos(a), rho / sin(a), q) {_AZIMUTHS}")
+"""The slip makes a length of 1e15 m, so that nothing is found without its repair."""
+
+LEFT_OVER = (
+    (
+        "sils",
+        " * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2 - (L_H - Y_S3)**2 + 2 * l_0 * sqrt((L_H - Y_S3)**2 + X_S3**2))",
+        "",
+    ),
+    ("sher", "acos((L_AR**2 + AQ**2 - QR**2) / (2 * L_AR * AQ)) + atan2(y_AR, x_AR)", "atan2(y_AR, x_AR)"),
+    ("sher", "AQ * cos(al) + sqrt(QR**2 - (AQ * sin(al) - y_AR) ** 2)", "AQ * cos(al)"),
+    ("sher", " - (r_x - rho * cos(a)) ** 2 - (r_y - rho * sin(a)) ** 2)", " - (r_y - rho * sin(a)) ** 2)"),
+)
+
+
+@pytest.mark.parametrize(("name", "right", "wrong"), LEFT_OVER, ids=["row", "function", "name of a term", "loop"])
+@pytest.mark.slow
+def test_a_missing_term_is_found_by_the_names_that_nobody_reads(name, right, wrong, tmp_path):
+    """A similar expression stands elsewhere in the file, with other names."""
+    case, formula = changed(name, right, wrong, tmp_path)
+    assert seeds.outcome(case, formula, tmp_path, SECONDS) in ("rank 1", "tie")
+
+
+IN_PARTS = (
+    ("sher", (" - (r_y - rho * sin(a)) ** 2)", " - (r_y - rho) ** 2)")),
+    ("pa10", ("atan2(sqrt(w[0] ** 2 + w[1] ** 2), w[2])", "atan2(sqrt(w[1] ** 2), w[2])")),
+    ("sher", ("(r_x - rho * cos(a)) ** 2 - (r_y - rho * sin(a)) ** 2)", "(r_x - cos(a)) ** 2 - (r_y - rho) ** 2)")),
+    ("sher", ("H = sqrt(l**2 - X**2 - Y**2)\n    r = c1", "H = sqrt(l**2 - X**2 - Y)\n    r = c1"), LOOP),
+    (
+        "sils",
+        (
+            "Y_E + sqrt(3) / 6 * l_p * s_psi * c_theta + l_p / 2 * s_psi * s_theta * s_phi + l_p / 2 * c_psi * c_phi",
+            "Y_E + sqrt(3) / 6 * Z_S1 * s_psi * c_theta + l_p / 2 * c_psi * c_phi",
+        ),
+    ),
+    (
+        "davinci_psm",
+        ("q1, q2, q3, origin)\n    T_36", "q1, q2, q3, q1)\n    T_36"),
+        ("T_03 @ T_36 @ row(-", "T_36 @ T_36 @ row(-"),
+    ),
+)
+
+
+@pytest.mark.parametrize(
+    "change",
+    IN_PARTS,
+    ids=[
+        "either root of a square",
+        "root of zero",
+        "two factors in a loop",
+        "edit in a loop",
+        "name and term",
+        "result that nobody reads",
+    ],
+)
+@pytest.mark.slow
+def test_what_a_part_of_an_expression_must_be_is_found(change, tmp_path, monkeypatch):
+    monkeypatch.setattr(time, "monotonic", time.process_time)
+    name, first, *more = change
+    case, formula = changed(name, *first, tmp_path, *more)
+    assert seeds.outcome(case, formula, tmp_path, 2 * SECONDS) in ("rank 1", "tie")
+
+
+def test_repairs_of_two_groups_that_undo_each_other_are_not_proposed(tmp_path):
+    """One of two edits that repair q4 has no effect on it, but makes q1 and q2 wrong."""
+    second = ("atan2(sqrt(w[0] ** 2 + w[1] ** 2), w[2])", "atan2(sqrt(w[1] ** 2), w[2])")
+    first = ("P_c[0] * P_m[0] + P_c[1] * P_m[1]", "P_c[0] * P_m[0] - P_c[1] * P_m[1]")
+    case, formula = changed("pa10", *first, tmp_path, second)
+    assert seeds.outcome(case, formula, tmp_path, 4.0) in ("rank 1", "tie")
+
+
 @pytest.mark.slow
 def test_a_missing_term_in_a_function_that_rows_call_is_found(tmp_path, monkeypatch):
     """There are many edits of these rows, so that the values required of expressions come first."""

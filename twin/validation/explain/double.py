@@ -31,6 +31,7 @@ from twin.validation.explain.row_deviations import Judge, worst
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import FEWEST, Shift, shifted
 from twin.validation.explain.source import Edit
+from twin.validation.explain.term_pairs import with_term
 
 _FULL_TURNS = (0.5, -0.5, 1.0)
 """Shifts, in units of pi, of an angle whose constant is wrong; Gauss-Newton does not reach them from zero."""
@@ -83,6 +84,8 @@ class Double:
         self.unsure: list[tuple[Path, int, int]] = []
         """Places of expressions whose values may differ from call to call, so that one value of them proves nothing."""
         self._cuts: list[Cut] | None = None
+        self._in_loops: list[tuple[Site, ast.expr]] = []
+        """The largest scalar expressions that an evaluation computes several times."""
         self._first_shifts: dict[Cut, Array] = {}
         self._arguments: dict[tuple[Path, str], list[Array]] = {}
 
@@ -93,10 +96,25 @@ class Double:
 
     def in_one(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits that both are in one expression."""
+        for expression, wanted in self._required_of_one(rows, deadline):
+            yield from expression.two(wanted)
+
+    def in_one_with_term(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of an edit, and a missing term or factor in the same expression."""
+        for expression, wanted in self._required_of_one(rows, deadline):
+            yield from with_term(expression, wanted)
+
+    def _required_of_one(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Expression, Array]]:
+        """Yield expressions with the values (k,) that they must have so that rows agree."""
         choices = [(cut,) for cut in self.cuts(rows, deadline)]
         for (cut,), (shift,) in self._solutions((), choices, rows, deadline):
-            expression = Expression(cut.site, cut.node, shift, deadline)
-            yield from expression.two((shift.value + shift.shift)[:, 0])
+            yield Expression(cut.site, cut.node, shift, deadline), (shift.value + shift.shift)[:, 0]
+        for site, node in self._in_loops:
+            if deadline.passed:
+                return
+            shift = Required(self.judge, self.step, rows, deadline).in_calls(site.source, site.statement, node)
+            if shift is not None:
+                yield Expression(site, node, shift, deadline), (shift.value + shift.shift)[:, 0]
 
     def in_two(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
@@ -153,11 +171,17 @@ class Double:
             if deadline.passed:
                 return
             search = Required(self.judge, self.step, rows, deadline, [first])
-            for site in self.sites:
+            for site in sorted(self.sites, key=lambda site: not self._assigns(site, rows)):
                 if (first.path, first.function) != (site.source.path, site.source.name):
                     continue
                 for second in search.edits(site.source, site.statement):
                     yield first, second
+
+    def _assigns(self, site: Site, rows: Sequence[Key]) -> bool:
+        """Return whether a statement assigns one of the rows itself."""
+        if site.source is not self.step.source:
+            return False
+        return any(key[:2] == (self.step.equation.name, site.statement.index) for key in rows)
 
     def outside(self, edits: Sequence[Edit], deadline: Deadline) -> tuple[list[Edit], list[Edit]]:
         """Return (edits in no scalar expression, so that only `beside` finds a pair with them; the other edits)."""
@@ -231,6 +255,8 @@ class Double:
                 cut = Cut(site, node, {})
                 if probe is not None and (probe.mixed or probe.several):
                     self.unsure.append(cut.place)
+                if probe is not None and probe.scalar and probe.several and not _is_inside(site, node, self._in_loops):
+                    self._in_loops.append((site, node))
                 if probe is not None and probe.scalar and not probe.mixed:
                     cuts.append(Cut(site, node, {}, probe.value[:, 0], probe.several))
                 elif not isinstance(node, ast.Subscript):
@@ -513,6 +539,16 @@ def _together(pairs: Sequence[tuple[Cut, Cut]]) -> Iterator[list[tuple[Cut, Cut]
         if len(part) == _PAIRS:
             yield by_function.pop(pair[0].function)
     yield from by_function.values()
+
+
+def _is_inside(site: Site, node: ast.expr, others: Sequence[tuple[Site, ast.expr]]) -> bool:
+    """Return whether an expression is part of one of `others`."""
+    start, end = site.source.span(node)
+    for other, outer in others:
+        first, last = other.source.span(outer)
+        if other.source.path == site.source.path and first <= start and end <= last:
+            return True
+    return False
 
 
 def _may_be_scalar(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:

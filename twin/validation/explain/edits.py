@@ -13,7 +13,7 @@ import tokenize
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.source import Edit, Source, Statement, comprehension_targets
 from twin.validation.explain.tokens import cut, shape, tokens_of
 
 _FUNCTIONS = (
@@ -55,6 +55,9 @@ def pool(
     if isinstance(statement.node, ast.For):  # its lines may use names assigned by earlier lines of the loop
         local |= set(statement.writes)
         readable |= set(statement.writes)
+    inner = set(comprehension_targets(statement.node))
+    local |= inner
+    readable |= inner
     names = {n for n in available if n.isidentifier()} | local
     aliases: dict[str, str] = {}
     angles: set[str] = set()
@@ -321,22 +324,41 @@ def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         whole |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Return | ast.Assign)
         if whole:
             end = w.source.span(node)[1]
-            if any(isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) for n in ast.walk(node)):
+            if _has_square(node):
                 yield from _squares(w, node)
             for name in sorted(w.pool.names):
                 for sign in "+-":
                     yield w.between(end, end, f" {sign} {name}", "missing", w.need(name))
+        elif _is_inner_sum(w, node) and _has_square(node):
+            yield from _roots(w, node)
 
 
 def _squares(w: _Writer, node: ast.expr) -> Iterator[Edit]:
     """Yield edits of an expression with squares: its square root, and one more square."""
     end = w.source.span(node)[1]
-    roots = re.findall(r"(?:\w+\.)?\bsqrt(?=\()", w.source.data.decode())
-    for root in sorted(set(roots)):
-        yield w.replace(node, f"{root}({w.text(node)})", "missing")
+    yield from _roots(w, node)
     for name in sorted(w.pool.names):
         for sign in "+-":
             yield w.between(end, end, f" {sign} {name}**2", "missing", w.need(name))
+
+
+def _roots(w: _Writer, node: ast.expr) -> Iterator[Edit]:
+    """Yield the edits that put an expression under a square root, as the file writes it."""
+    names = re.findall(r"(?:\w+\.)?\bsqrt(?=\()", w.source.data.decode())
+    for name in sorted(set(names)):
+        yield w.replace(node, f"{name}({w.text(node)})", "missing")
+
+
+def _has_square(node: ast.AST) -> bool:
+    return any(isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) for n in ast.walk(node))
+
+
+def _is_inner_sum(w: _Writer, node: ast.AST) -> bool:
+    """Return whether a node is a sum in parentheses inside a sum or product."""
+    parent = w.parent(node)
+    if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub) and isinstance(parent, ast.BinOp)):
+        return False
+    return not (isinstance(parent.op, ast.Add | ast.Sub | ast.Pow) and parent.left is node)
 
 
 def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:

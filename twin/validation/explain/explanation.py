@@ -266,7 +266,11 @@ class Explanation(Result):
         fitted = list(_identified(self.identified)) if self.identified is not None else []
         if self.lead == "numbers":
             yield from _section(numbers, fitted)
-        yield from _section("wrong rows", [line for row in self.rows for line in _row(row)])
+        faults = _first_changes(self.repairs)
+        wrong = []
+        for row in self.rows:
+            wrong += _row(row, faults.get(f"{row.equation}.{row.symbol}", ()))
+        yield from _section("wrong rows", wrong)
         yield from _section("violated invariants", self.invariants)
         yield from _section("possible fixes", [line for repair in self.repairs for line in _repair(repair)])
         if self.lead != "numbers":
@@ -308,11 +312,25 @@ def _section(title: str, parts: Sequence[Part]) -> Iterator[Part]:
         yield from parts
 
 
-def _row(r: Row) -> Iterator[Line]:
+def _first_changes(repairs: Sequence[Repair]) -> dict[str, tuple[Change, ...]]:
+    """Return, for each row with a fix, the changes of its first fix: they are where the fault is."""
+    out: dict[str, tuple[Change, ...]] = {}
+    for repair in repairs:
+        if repair.cures:
+            for row in repair.rows:
+                out.setdefault(row, repair.cures[0][0].changes)
+    return out
+
+
+def _row(r: Row, faults: Sequence[Change]) -> Iterator[Line]:
+    """Yield the lines on a wrong row; `faults` are the changes of its first fix, the line of each is cited first."""
     unit = "°" if r.unit == "deg" else f" {r.unit}"
     much = "no value" if isnan(r.off) else f"{r.off:.4g}{unit}"
     share = "at every pose" if r.share == 1 else f"at {100 * r.share:.0f} % of the poses"
     yield Line(f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {r.why or f'{much}, {share}'}", "")
+    for fault in faults:
+        if (fault.file, fault.line) != (r.file, r.line):
+            yield Line(f"      fault: {fault.file}:{fault.line}   {fault.before}", "dim")
     yield Line(f"      {r.file}:{r.line}   {r.text}", "dim")
     if r.why:
         yield Line(f"      at {r.worst_at}", "dim")
@@ -346,7 +364,9 @@ def _repair(r: Repair) -> Iterator[Part]:
             yield Line(f"        {r.proofs[i]}", colour)
     if r.tie:
         yield Line(f"      tie: {r.tie}", "yellow")
-    yield Line(f"      {margin}: {r.runner_up}; {_tried(r)}", "dim")
+    if r.runner_up:
+        margin += f": {r.runner_up}"
+    yield Line(f"      {margin}; {_tried(r)}", "dim")
 
 
 def _reading(r: Reading, mark: str) -> Iterator[Line]:
@@ -364,7 +384,8 @@ def _reading(r: Reading, mark: str) -> Iterator[Line]:
 def _tried(r: Repair) -> str:
     if not r.seconds:
         more = "" if r.complete else "; not every edit (a larger --seconds gives more time)"
-        return f"{r.tried} edits were tried{more}"
+        edits = "1 edit was" if r.tried == 1 else f"{r.tried} edits were"
+        return f"{edits} tried{more}"
     most = "every pair" if r.complete else "not every pair (a larger --seconds gives more time)"
     return f"{r.tried} edits and pairs of edits were tried; {most} was tried, in {r.seconds:.1f} s"
 

@@ -18,9 +18,9 @@ from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import REST, TOKENS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edits import Pool, edits
-from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.inverses import inverse
 from twin.validation.explain.required import expressions, scalar_atoms, written
-from twin.validation.explain.shifts import DIFFERENCE, Shift
+from twin.validation.explain.shifts import DIFFERENCE, Flat, Shift
 from twin.validation.explain.source import Edit, Source, Statement, apply
 from twin.validation.explain.term_texts import EQUAL, Atom
 
@@ -67,35 +67,34 @@ class Expression:
         self.node = node
         self.known: NDArray[np.bool_] = shift.known
         self.deadline = deadline
-        self._scope = dict(shift.scope)
-        self._k = len(shift.shift)
+        self.scopes = [dict(scope) for scope in shift.scopes]
+        self.k = len(shift.shift)
         self._span = site.source.span(node)
         self._size = _size(shift.value[:, 0])
         self._sizes: dict[ast.expr, float] = {}
 
     def one(self, wanted: Array) -> Iterator[Edit]:
         """Yield single edits after which the expression has the values `wanted` (k,)."""
-        singles, values = self._singles
+        singles, values = self.singles
         for i in self._equal(values, wanted, self._size):
             yield singles[i]
 
     def composed(self, wanted: Array) -> Iterator[Edit]:
         """Yield edits that add a term or a factor, a root, a square or a sign to a part of the expression."""
         atoms: list[Atom] | None = None
-        for part in self._parts:
+        for part in self.parts:
             if self.deadline.passed:
                 return
-            needed = self._needed(part, (), wanted)
-            own = self._value((), self._span_of(part))
+            needed = self.needed(part, (), wanted)
+            own = self.value((), self.span_of(part))
             if needed is None or own is None:
                 continue
-            shift = Shift(self._k)
+            shift = Flat(self.k, self.scopes)
             shift.value = own[:, None]
             shift.shift = (needed - own)[:, None]
             shift.known = self.known
-            shift.scope = self._scope
             if atoms is None:
-                atoms = scalar_atoms(self.site.source, self.site.statement, shift, self._k)
+                atoms = scalar_atoms(self.site.source, self.site.statement, shift)
             texts = written(self.site.source, self.site.statement, part, self.site.parents, shift, atoms)
             yield from islice(texts, _MOST_WRITTEN)
 
@@ -105,22 +104,22 @@ class Expression:
         For each edit and each largest part beside it, the value that this part must then have is computed; the edits of
         the part that give this value are looked up.
         """
-        singles = self._singles[0]
+        singles = self.singles[0]
         within: dict[ast.expr, NDArray[np.intp]] = {}
-        for part in self._parts:
-            start, end = self._span_of(part)
+        for part in self.parts:
+            start, end = self.span_of(part)
             inside = [i for i, e in enumerate(singles) if start <= e.start and e.end <= end]
             within[part] = np.array(inside, dtype=np.intp)
         seen: set[tuple[int, int]] = set()
         for i, first in enumerate(singles):
-            for part in self._beside(first):
+            for part in self.beside(first):
                 if self.deadline.passed:
                     return
                 inside = within[part]
-                needed = self._needed(part, (first,), wanted) if len(inside) else None
+                needed = self.needed(part, (first,), wanted) if len(inside) else None
                 if needed is None:
                     continue
-                for j in inside[self._equal(self._edited(part, singles, inside), needed, self._size_of(part))]:
+                for j in inside[self._equal(self.edited(part, singles, inside), needed, self._size_of(part))]:
                     pair = (min(i, int(j)), max(i, int(j)))
                     if pair not in seen:
                         seen.add(pair)
@@ -129,35 +128,39 @@ class Expression:
     # -- parts ----------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _parts(self) -> list[ast.expr]:
+    def parts(self) -> list[ast.expr]:
         """The scalar parts of the expression, itself first."""
         out = []
         for node in expressions(self.node, self.site.parents):
             if self.deadline.passed:
                 break
-            if self._value((), self._span_of(node)) is not None:
+            if self.value((), self.span_of(node)) is not None:
                 out.append(node)
         return out
 
-    def _span_of(self, node: ast.expr) -> tuple[int, int]:
+    def span_of(self, node: ast.expr) -> tuple[int, int]:
+        """Return (first byte, end byte) of a part."""
         return self.site.source.span(node)
 
-    def _beside(self, edit: Edit) -> Iterator[ast.expr]:
+    def beside(self, edit: Edit) -> Iterator[ast.expr]:
         """Yield the largest scalar parts whose text the edit does not touch."""
-        parts = set(self._parts)
+        parts = set(self.parts)
         todo: list[ast.AST] = [self.node]
         while todo:
             node = todo.pop()
             if isinstance(node, ast.expr) and node in parts:
-                start, end = self._span_of(node)
+                start, end = self.span_of(node)
                 if edit.end < start or end < edit.start:
                     yield node
                     continue
             todo += ast.iter_child_nodes(node)
 
-    def _needed(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
+    def needed(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
         """Return the values (k,) of a part with which the expression after `change` has the values `wanted`."""
-        start, end = self._span_of(part)
+        found = self._inverted(part, change, wanted)
+        if found is not None:
+            return found
+        start, end = self.span_of(part)
         source = self.site.source
         line = source.line_of(start)
         hole = Edit(
@@ -172,7 +175,7 @@ class Expression:
             source.name,
         )
         code = _compiled(apply(source.data, [*change, hole], *self._span))
-        values = self._value((), (start, end))
+        values = self.value((), (start, end))
         if code is None or values is None:
             return None
         known = self.known
@@ -197,10 +200,25 @@ class Expression:
             values = values - np.where(np.isfinite(step), step, 0.0)
         return None
 
+    def _inverted(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
+        """Return what `needed` does, by inverse operations; None if there is one without an inverse."""
+        nodes: list[ast.AST] = [part]
+        while nodes[-1] is not self.node:
+            nodes.append(self.site.parents[nodes[-1]])
+        values = wanted
+        for child, node in zip(reversed(nodes[:-1]), reversed(nodes[1:]), strict=True):
+            if not isinstance(node, ast.expr) or not isinstance(child, ast.expr):
+                return None
+            inner = inverse(node, child, values, lambda other: self.value(change, self.span_of(other)))
+            if inner is None or not np.isfinite(inner[self.known]).all():
+                return None
+            values = inner
+        return values
+
     # -- values ---------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _singles(self) -> tuple[list[Edit], Array]:
+    def singles(self) -> tuple[list[Edit], Array]:
         """The single edits inside the expression that give it a value, and these values (edits, k)."""
         found, values = [], []
         start, end = self._span
@@ -208,21 +226,21 @@ class Expression:
             if self.deadline.passed:
                 break
             if start <= edit.start and edit.end <= end:
-                value = self._value((edit,), self._span)
+                value = self.value((edit,), self._span)
                 if value is not None:
                     found.append(edit)
                     values.append(value)
-        return found, np.array(values).reshape(len(found), self._k)
+        return found, np.array(values).reshape(len(found), self.k)
 
-    def _edited(self, part: ast.expr, singles: Sequence[Edit], inside: NDArray[np.intp]) -> Array:
+    def edited(self, part: ast.expr, singles: Sequence[Edit], inside: NDArray[np.intp]) -> Array:
         """Return the values (edits, k) of a part after each of the edits `inside` it."""
         if part not in self._tables:
-            span = self._span_of(part)
-            values = np.full((len(inside), self._k), np.nan)
+            span = self.span_of(part)
+            values = np.full((len(inside), self.k), np.nan)
             for row, i in enumerate(inside):
                 if self.deadline.passed:
                     break
-                value = self._value((singles[i],), span)
+                value = self.value((singles[i],), span)
                 if value is not None:
                     values[row] = value
             self._tables[part] = values
@@ -235,7 +253,7 @@ class Expression:
     def _size_of(self, part: ast.expr) -> float:
         """Return the largest absolute value of a part before edits."""
         if part not in self._sizes:
-            self._sizes[part] = _size(self._value((), self._span_of(part)))
+            self._sizes[part] = _size(self.value((), self.span_of(part)))
         return self._sizes[part]
 
     def _equal(self, values: Array, wanted: Array, size: float) -> NDArray[np.intp]:
@@ -251,32 +269,51 @@ class Expression:
         limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), size, 1e-9)
         return np.flatnonzero(np.abs(off).max(axis=1) <= limit)
 
-    def _value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
-        """Return the values (k,) of the text in `span` after edits; None if it is not a scalar."""
-        code = _compiled(apply(self.site.source.data, change, *span))
+    def value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
+        """Return the values (k,) of the text in `span` after the edits in it; None if it is not a scalar."""
+        start, end = span
+        inside = [edit for edit in change if start <= edit.start and edit.end <= end]
+        code = _compiled(apply(self.site.source.data, inside, start, end))
         return None if code is None else self._run(code, None)
 
-    def _run(self, code: CodeType, hole: Array | None) -> Array | None:
-        if hole is not None:
-            self._scope[_HOLE] = self._entered(hole)
-        try:
-            value: Any = eval(code, self._scope)
-        except Exception:  # an edit may be any invalid text: a name without value, a matrix in a scalar function
-            return None
-        x = value.x if isinstance(value, Scalar) else value
-        if isinstance(x, Matrix | bool | str | tuple | list) or np.shape(x) not in ((), (self._k,)):
-            return None
-        try:
-            return np.broadcast_to(np.asarray(x, float), (self._k,))
-        except (TypeError, ValueError):
-            return None
+    def own(self, part: ast.expr) -> Array | None:
+        """Return the values (k,) of a part without edits; None if it is not a scalar."""
+        return self.value((), self.span_of(part))
 
-    def _entered(self, hole: Array) -> Any:
-        """Return values in the form that the scope has: in plain functions, scalars are objects."""
-        for value in self._scope.values():
-            if isinstance(value, Scalar):
-                return type(value)(hole)
-        return hole
+    def _run(self, code: CodeType, hole: Array | None) -> Array | None:
+        each = self.k // len(self.scopes)
+        parts = []
+        for n, scope in enumerate(self.scopes):
+            if hole is not None:
+                scope[_HOLE] = _entered(hole[n * each : (n + 1) * each], scope)
+            values = _scalar(code, scope, each)
+            if values is None:
+                return None
+            parts.append(values)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _scalar(code: CodeType, scope: dict[str, Any], k: int) -> Array | None:
+    """Return the values (k,) of an expression in a scope; None if it is not a scalar."""
+    try:
+        value: Any = eval(code, scope)
+    except Exception:  # an edit may be any invalid text: a name without value, a matrix in a scalar function
+        return None
+    x = value.x if isinstance(value, Scalar) else value
+    if not isinstance(x, int | float | np.number | np.ndarray) or isinstance(x, bool) or np.shape(x) not in ((), (k,)):
+        return None
+    try:
+        return np.broadcast_to(np.asarray(x, float), (k,))
+    except (TypeError, ValueError):
+        return None
+
+
+def _entered(hole: Array, scope: dict[str, Any]) -> Any:
+    """Return values in the form that the scope has: in plain functions, scalars are objects."""
+    for value in scope.values():
+        if isinstance(value, Scalar):
+            return type(value)(hole)
+    return hole
 
 
 def _size(values: Array | None) -> float:

@@ -24,11 +24,13 @@ class FormulaState:
 
     By chance means: only for the present values of equal or assumed parameters; see `varied`. `chance` is the
     condition, "because a = b"; "" if the formula holds in general. `worse`: whether a row is further off than before.
+    `failing`: the wrong rows.
     """
 
     wrong: int
     chance: str
     worse: bool = False
+    failing: frozenset[Key] = frozenset()
 
 
 def is_worse(base: Mapping[Key, float], row: Key, off: float) -> bool:
@@ -60,7 +62,8 @@ class FormulaStates:
     def _state(self, formula: Formula) -> FormulaState:
         before = self.judge
         judge = Judge(formula, before.variants, before.truth, before.tolerance, before.limits)
-        wrong = len(judge.failing())
+        failing = frozenset(place.key for place in judge.failing())
+        wrong = len(failing)
         worse = False
         for place, residual in judge.residuals.items():
             worse |= is_worse(self.base, place.key, worst(residual))
@@ -70,4 +73,4 @@ class FormulaStates:
         if not wrong and not chance and free and closes(judge, {}) is False:
             # The rows were judged at the best value of the free parameter, which need not be the formula's value.
             chance = f"for another {free} than that of the equations"
-        return FormulaState(wrong, chance, worse)
+        return FormulaState(wrong, chance, worse, failing)

@@ -18,7 +18,7 @@ from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 from twin.validation.explain.trials import Trials
 
-_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.4, 0.3, 0.5, 1.0)
+_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.3, 0.4, 0.3, 0.5, 1.0)
 """Maximum parts of the remaining time for the kinds of such pairs, in the order of `found`."""
 
 _IN_ONE, _IN_TWO = 2, 3
@@ -82,6 +82,7 @@ class PairSearch:
             lambda double, rows, end: double.required(known, rows, end),
             lambda double, rows, end: double.in_one(rows, end),
             lambda double, rows, end: double.in_two(rows, end),
+            lambda double, rows, end: double.in_one_with_term(rows, end),
             self._in_one_statement,
             lambda double, rows, end: double.beside(parted(double)[0], rows, end),
             lambda double, rows, end: double.beside(parted(double)[1], rows, end),

@@ -37,7 +37,7 @@ class RepairChoice:
 
     def is_rejected(self, c: Candidate) -> bool:
         """Return whether a candidate's edits were rejected together with the repairs of other rows."""
-        return frozenset(c.edits) in self.trials.rejected
+        return self.trials.is_rejected(c.edits)
 
     def is_general(self, c: Candidate) -> bool:
         """Return whether the rows agree after a candidate's edits not only by chance; also if that is not known.
@@ -116,10 +116,10 @@ class RepairChoice:
     def together(self, found: list[Found]) -> tuple[list[Found], list[Key]]:
         """Return (results of which the first repairs of all groups hold together, rows that are left without a repair).
 
-        Repairs of several groups may hold only together for the present values of parameters. Then another repair of
-        one group is put first; if none holds, the repair with the most unusual edit is left out.
+        Repairs of several groups may hold together only for the present values of parameters, or one may undo another.
+        Then another repair of one group is put first; if none holds, the repair with the most unusual edit is left out.
         """
-        if len(found) < 2 or not self._by_chance_together(found):
+        if len(found) < 2 or self._hold_together(found):
             return found, []
         for n, f in enumerate(found):
             for cure in f.cures[1:]:
@@ -127,11 +127,11 @@ class RepairChoice:
                     break
                 others = [other for other in f.cures if other is not cure]
                 changed = [*found[:n], replace(f, cures=[cure, *others]), *found[n + 1 :]]
-                if not self._by_chance_together(changed):
+                if self._hold_together(changed):
                     return changed, []
         unusual = max(found, key=lambda f: f.cures[0][0].rank)
         after = self.states.after(_first_edits(found))
-        if after is not None:
+        if after is not None and after.chance:
             self._tell(unusual.cures[0][0], after.chance)
         for c in unusual.cures[0]:
             c.by_chance = True
@@ -139,9 +139,16 @@ class RepairChoice:
         n = found.index(unusual)
         return [*found[:n], replace(unusual, cures=[]), *found[n + 1 :]], list(unusual.rows)
 
-    def _by_chance_together(self, found: Sequence[Found]) -> bool:
+    def _hold_together(self, found: Sequence[Found]) -> bool:
+        """Return whether all rows agree after the first repairs of all groups, and not only by chance.
+
+        That is also so if it is not known.
+        """
         after = self.states.after(_first_edits(found))
-        return after is not None and after.chance != ""
+        if after is None:
+            return True
+        rows = {row for f in found for row in f.rows}
+        return not (after.chance or rows & after.failing)
 
 
 def _first_edits(found: Sequence[Found]) -> list[Edit]:

@@ -14,20 +14,22 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.formula.scalar import Scalar
+from twin.validation.explain.analogies import analogies, scalar_values
 from twin.validation.explain.candidate import evaluated
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.inverses import inverse
 from twin.validation.explain.numeric import Matrix, unguarded
 from twin.validation.explain.row_deviations import Judge, Residuals, evaluate
 from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.shifts import DIFFERENCE, Shift, shifted, solution
-from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.shifts import DIFFERENCE, Calls, Flat, Shift, shifted, solution
+from twin.validation.explain.source import Edit, Source, Statement, comprehension_targets
 from twin.validation.explain.swivel import fitted
-from twin.validation.explain.term_texts import Atom, equal, factors, sums, terms
+from twin.validation.explain.term_texts import Atom, Products, equal, factors, roots, sums, terms
 from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
 _NAME = "_required_"
@@ -41,6 +43,9 @@ _COFUNCTIONS = {"sin": "cos", "cos": "sin"}
 
 _LONGEST = 100
 """Maximum length of the text of a value."""
+
+_MOST_CALLS = 6
+"""Maximum number of calls of an expression in which it may have different values."""
 
 _MOST_EDITS = 40
 """Maximum number of edits of one expression."""
@@ -72,7 +77,8 @@ class Required:
 
     def edits(self, source: Source, statement: Statement) -> Iterator[Edit]:
         """Yield edits of a statement after which a row agrees, until the deadline; all of them must be tried."""
-        atoms: list[Atom] | None = None
+        atoms: dict[int, list[Atom]] = {}  # by the number of calls
+        passed_on: dict[ast.expr, Shift] = {}  # required of the operands, where Gauss-Newton finds no value
         parents = {c: n for n in ast.walk(statement.node) for c in ast.iter_child_nodes(n)}
         for node in expressions(statement.node, parents):
             start, end = source.span(node)
@@ -84,12 +90,20 @@ class Required:
                 if self.deadline.passed:
                     return
                 solved = self._solved(source, statement, node, entries)
+                if solved is None and not entries:
+                    solved = passed_on.get(node)
                 if solved is None:
                     continue
-                if atoms is None:
-                    atoms = scalar_atoms(source, statement, solved, self.judge.truth.k)
+                if not entries:
+                    passed_on |= _of_operands(node, solved)
+                calls = len(solved.scopes)
+                if calls not in atoms:
+                    atoms[calls] = scalar_atoms(source, statement, solved, self.fixed)
                 writer = written if not entries else _written_vectors
-                yield from islice(writer(source, statement, node, parents, solved, atoms), _MOST_EDITS)
+                yield from islice(writer(source, statement, node, parents, solved, atoms[calls]), _MOST_EDITS)
+                if not entries and is_square(node):
+                    products = Products([Atom(a.text, a.values[solved.known]) for a in atoms[calls]])
+                    yield from in_square(source, statement, node, parents, solved, atoms[calls], products)
 
     def _solved(self, source: Source, statement: Statement, node: ast.expr, entries: int) -> Shift | None:
         """Return the shift of an expression with which all rows agree, or the first row that can; None without one.
@@ -107,6 +121,10 @@ class Required:
             return None
         mine = [k for k in self.rows if k in moved and k in base and not np.array_equal(base[k], moved[k])]
         every = [k for k in moved if k in base and not np.array_equal(base[k], moved[k])]
+        if not entries and mine:
+            called = self._called(edit, every, at_zero)
+            if called is not None:
+                return called
         choices = [mine, *([k] for k in mine if len(mine) > 1)]
         if entries and mine:  # rows that agree also determine entries of a vector
             choices = [every, mine]
@@ -115,6 +133,44 @@ class Required:
             if shift is not None:
                 return shift
         return None
+
+    def in_calls(self, source: Source, statement: Statement, node: ast.expr) -> Shift | None:
+        """Return the shift of a scalar that is computed several times; None for other expressions.
+
+        With it, the rows agree that the expression moves; see `Calls.flat`.
+        """
+        edit = shifted(source, statement, node, _NAME)
+        shift = Shift(self.judge.truth.k)
+        base = self._residual(edit, shift, self._swivel)
+        shift.shift = np.full_like(shift.shift, DIFFERENCE)
+        moved = self._residual(edit, shift, self._swivel)
+        if base is None or moved is None:
+            return None
+        rows = [k for k in moved if k in base and not np.array_equal(base[k], moved[k], equal_nan=True)]
+        return self._called(edit, rows, shift) if rows else None
+
+    def _called(self, edit: Edit, rows: Sequence[Key], probe: Shift) -> Shift | None:
+        """Return the shifts of an expression in each of its calls with which the rows agree, as one.
+
+        Return None without such shifts, or if `probe` was called once.
+        """
+        count = probe.count
+        if not 1 < count <= _MOST_CALLS or self._swivel is not None:
+            return None
+        shift = Calls(self.judge.truth.k, count)
+
+        def residual(values: Array) -> Array | None:
+            shift.shift = values
+            found = self._residual(edit, shift, None)
+            if found is None or shift.count != count or any(k not in found for k in rows):
+                return None
+            return np.hstack([found[k] for k in rows])
+
+        solved = solution(residual, np.zeros_like(shift.shift), lambda: shift.values.copy(), self.deadline)
+        if solved is None:
+            return None
+        _, shift.known = solved
+        return shift.flat()
 
     def _fitted(self, edit: Edit, rows: Sequence[Key], entries: int) -> Shift | None:
         """Return the shift with which the rows agree at every pose; None if Gauss-Newton does not find it."""
@@ -146,6 +202,7 @@ class Required:
 
     def _residual(self, edit: Edit, shift: Shift, angle: Array | None) -> dict[Key, Array] | None:
         """Return the residuals of the rows with a shifted expression; `angle`: values (k,) of the swivel, if any."""
+        shift.begin()
         with unguarded():
             return evaluated(self.judge, self.step.equation.name, [*self.fixed, edit], {_NAME: shift}, angle)
 
@@ -188,11 +245,15 @@ def _in_index(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
     return False
 
 
-def scalar_atoms(source: Source, statement: Statement, shift: Shift, k: int) -> list[Atom]:
-    """Return the scalars in scope at a statement: names, entries of vectors, and expressions of the same function."""
+def scalar_atoms(source: Source, statement: Statement, shift: Shift, fixed: Sequence[Edit] = ()) -> list[Atom]:
+    """Return the scalars in scope at a statement: names, entries of vectors, and expressions of the same function.
+
+    Then expressions of the file with names that nobody reads, see `analogies`; `fixed` are edits made in any case.
+    """
     scope = shift.scope
     texts: dict[str, None] = {}
     own = {w for s in source.statements[: statement.index + 1] for w in (*s.reads, *s.writes)}
+    own.update(comprehension_targets(statement.node))
     for name in sorted({*source.arguments, *own}):
         value = scope.get(name)
         size = len(value) if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1 else 0
@@ -212,20 +273,10 @@ def scalar_atoms(source: Source, statement: Statement, shift: Shift, k: int) -> 
     out = []
     with np.errstate(all="ignore"):
         for text in sorted(texts, key=len):
-            try:
-                value = eval(text, dict(scope))
-            except Exception:  # a name that is not in scope, a matrix, an index out of range
-                continue
-            x = value.x if isinstance(value, Scalar) else value
-            if isinstance(x, Matrix | bool) or np.shape(x) not in ((), (k,)):
-                continue
-            try:
-                values = np.broadcast_to(np.asarray(x, float), (k,))
-            except (TypeError, ValueError):
-                continue
-            if np.isfinite(values).any() and np.nanmax(np.abs(values)) > 0:
+            values = scalar_values(compile(text, "<explain>", "eval"), shift)
+            if values is not None:
                 out.append(Atom(text, values))
-    return out[:_MOST_ATOMS]
+    return [*out[:_MOST_ATOMS], *analogies(source, statement, shift, fixed)]
 
 
 def _patterns(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> list[list[Atom]]:
@@ -289,21 +340,99 @@ def written(
         yield made(f"-{whole}", "sign")
     if equal(wanted, x**2):
         yield made(f"{whole}**2", "exponent")
+    root = "np.sqrt" if "np." in source.text(statement.start, statement.end) else "sqrt"
     with np.errstate(all="ignore"):
-        root, ratio = np.sqrt(x), wanted / x
-    if equal(wanted, root):
-        prefix = "np." if "np." in source.text(statement.start, statement.end) else ""
-        yield made(f"{prefix}sqrt({text})", "missing")
+        ratio = wanted / x
+        is_root = equal(wanted, np.sqrt(x))
+    if is_root:
+        yield made(f"{root}({text})", "missing")
     if not summand:  # a term of the sum is found at the sum
         for sign, term in terms(added, atoms):
             yield made(f"{text} {sign} {term}", "missing")
         for several in sums(added, _patterns(source, node, atoms)):
             yield made(f"{text} {several}", "missing")
+        for sign, factor_of_root in (("+", 1.0), ("-", -1.0)):
+            for term in roots(factor_of_root * added, atoms, root):
+                yield made(f"{text} {sign} {term}", "missing")
     if not factor and np.isfinite(ratio).all():
         for term in factors(ratio, atoms):
             yield made(f"{term} * {whole}", "missing")
         for term in factors(1 / ratio, atoms):
             yield made(f"{whole} / ({term})", "missing")
+        for term in roots(ratio, atoms, root):
+            yield made(f"{term} * {whole}", "missing")
+
+
+def _present(part: ast.expr, shift: Shift) -> Array | None:
+    """Return the present values (k,) of a part of an expression in the scopes of a shift; None if it is no scalar."""
+    return scalar_values(compile(ast.unparse(part), "<explain>", "eval"), shift)
+
+
+def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
+    """Return the shifts of the operands of an expression that give it its required value; see `inverse`."""
+    wanted = shift.value[:, 0] + shift.shift[:, 0]
+    out: dict[ast.expr, Shift] = {}
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.expr):
+            continue
+        needed = inverse(node, child, wanted, lambda part: _present(part, shift))
+        own = _present(child, shift) if needed is not None else None
+        if needed is None or own is None or not np.isfinite((needed + own)[shift.known]).all():
+            continue
+        inner = Flat(len(own), shift.scopes)
+        inner.known = shift.known
+        inner.value = own[:, None]
+        inner.shift[shift.known, 0] = (needed - own)[shift.known]
+        out[child] = inner
+    return out
+
+
+def is_square(node: ast.AST) -> TypeGuard[ast.BinOp]:
+    """Return whether a syntax node is the square of an expression."""
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and ast.unparse(node.right) == "2"
+
+
+def in_square(
+    source: Source,
+    statement: Statement,
+    node: ast.expr,
+    parents: dict[ast.AST, ast.AST],
+    shift: Shift,
+    atoms: Sequence[Atom],
+    products: Products,
+) -> Iterator[Edit]:
+    """Yield edits of a part of a square that give the square its required value.
+
+    The part has two required values at each pose, because the root of the square may have either sign there.
+    """
+    if not is_square(node):
+        return
+
+    def value(part: ast.expr) -> Array | None:
+        return _present(part, shift)
+
+    known = shift.known
+    with np.errstate(all="ignore"):
+        root = np.sqrt(shift.value[:, 0] + shift.shift[:, 0])
+    todo = [(node.left, root, -root)]
+    while todo:
+        part, first, second = todo.pop(0)
+        own = value(part)
+        if own is not None and np.isfinite(own[known]).all():
+            with np.errstate(all="ignore"):
+                added = products.either(first[known] - own[known], second[known] - own[known])
+                ratios = products.either(first[known] / own[known], second[known] / own[known])
+            for values in (*(own[known] + added), *(own[known] * ratios)):
+                inner = Flat(len(own), shift.scopes)
+                inner.known = known
+                inner.value = own[:, None]
+                inner.shift[known, 0] = values - own[known]
+                yield from islice(written(source, statement, part, parents, inner, atoms), _MOST_EDITS)
+        for child in ast.iter_child_nodes(part):
+            if isinstance(child, ast.expr):
+                above, below = inverse(part, child, first, value), inverse(part, child, second, value)
+                if above is not None and below is not None:
+                    todo.append((child, above, below))
 
 
 def _written_vectors(

@@ -43,7 +43,7 @@ class Shift:
 
     `known` (k,): the poses at which the row has a value. Values and shifts are (k, entries); `entries` is 0 for a
     scalar, which is stored as one entry. `differs` (k,): where the calls since `begin` had different arguments;
-    `several`: whether there was more than one call.
+    `several`: whether there was more than one call; `count`: their number.
     """
 
     def __init__(self, k: int, entries: int = 0) -> None:
@@ -54,17 +54,25 @@ class Shift:
         self.scope: dict[str, Any] = {}
         self.differs: NDArray[np.bool_] = np.zeros(k, bool)
         self.several = False
+        self.count = 0
         self._called = False
+        self._latest = self.shift
 
     @property
     def mixed(self) -> bool:
         """Whether the calls since `begin` had different arguments."""
         return bool(self.differs.any())
 
+    @property
+    def scopes(self) -> list[dict[str, Any]]:
+        """The scopes of the calls in which the values are; see `Calls.flat`."""
+        return [self.scope]
+
     def begin(self) -> None:
         """Forget the calls of earlier evaluations."""
         self.differs = np.zeros(len(self.shift), bool)
         self.several = False
+        self.count = 0
         self._called = False
 
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
@@ -80,17 +88,69 @@ class Shift:
             raise TypeError("not a scalar, and not a vector of this length")
         values = np.broadcast_to(to_array(x, k), self.shift.shape)
         if self._called:
-            same = (values == self.value) | (np.isnan(values) & np.isnan(self.value))
-            self.differs = self.differs | ~same.all(axis=1)
+            same = values == self._latest
+            self.differs = self.differs | ~(same | (np.isnan(values) & np.isnan(self._latest))).all(axis=1)
             self.several = True
+        self.count += 1
         self._called = True
-        self.value = values
+        self._latest = values
+        self.value = np.where(np.isnan(values), 0.0, values)  # without a value, the shift is the value
         if scope is not None:
             self.scope = scope
         out = self.value + self.shift
         if self.entries:
             return Matrix(out[:, :, None])
         return type(value)(out[:, 0]) if isinstance(value, Scalar) else out[:, 0]
+
+
+class Calls(Shift):
+    """Shifts (k, calls) of a scalar that an evaluation computes several times, such as in a loop: one for each call."""
+
+    def __init__(self, k: int, calls: int) -> None:
+        super().__init__(k)
+        self.shift = np.zeros((k, calls))
+        self.values: Array = np.zeros((k, calls))
+        self._scopes: list[dict[str, Any]] = [{} for _ in range(calls)]
+
+    @property
+    def scopes(self) -> list[dict[str, Any]]:
+        """The scope of each call."""
+        return self._scopes
+
+    def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
+        """Return the value with the shift of this call; raise TypeError if it is no scalar, or one call too many."""
+        x = value.x if isinstance(value, Scalar) else value
+        call = self.count
+        if isinstance(x, Matrix) or np.shape(x) not in ((), (len(self.shift),)) or call == self.shift.shape[1]:
+            raise TypeError("not a scalar, or more calls than shifts")
+        self.count += 1
+        self.values[:, call] = np.nan_to_num(to_array(x, len(self.shift))[:, 0], posinf=np.inf, neginf=-np.inf)
+        if scope is not None:
+            self._scopes[call] = scope
+        out = self.values[:, call] + self.shift[:, call]
+        return type(value)(out) if isinstance(value, Scalar) else out
+
+    def flat(self) -> Shift:
+        """Return one shift for all calls, with the values of the first call first."""
+        out = Flat(self.shift.size, self._scopes)
+        out.shift = self.shift.T.reshape(-1, 1)
+        out.value = self.values.T.reshape(-1, 1)
+        out.known = np.tile(self.known, self.shift.shape[1])
+        return out
+
+
+class Flat(Shift):
+    """The shifts of several calls of a scalar, one after the other; each call has its own scope."""
+
+    def __init__(self, k: int, scopes: list[dict[str, Any]]) -> None:
+        super().__init__(k)
+        self.scope = scopes[0]
+        self._scopes = scopes
+
+    @property
+    def scopes(self) -> list[dict[str, Any]]:
+        """The scope of each call."""
+        return self._scopes
 
 
 def shifted(source: Source, statement: Statement, node: ast.expr, name: str, scope: bool = True) -> Edit:

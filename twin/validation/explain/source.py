@@ -102,6 +102,18 @@ def _names(node: ast.AST, *contexts: type[ast.expr_context]) -> set[str]:
     return {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, contexts)}
 
 
+def comprehension_targets(node: ast.AST) -> dict[str, list[ast.Name]]:
+    """Return the loop variables of comprehensions, which have a value only there, with their targets in the tree."""
+    out: dict[str, list[ast.Name]] = {}
+    for inner in ast.walk(node):
+        if not isinstance(inner, ast.comprehension):
+            continue
+        for target in ast.walk(inner.target):
+            if isinstance(target, ast.Name):
+                out.setdefault(target.id, []).append(target)
+    return out
+
+
 class Source:
     """Text of one function.
 
@@ -164,10 +176,12 @@ class Source:
         writes: dict[str, None] = {}  # in the order of the text
         called: set[str] = set()
         entries: dict[str, None] = {}
+        inner = comprehension_targets(node)
+        targets = {id(n) for name in inner.values() for n in name}
         for n in ast.walk(node):
             if isinstance(n, ast.comprehension | ast.For):  # a loop variable is no symbol of the function
                 reads -= _names(n.target, ast.Load, ast.Store)
-            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
+            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and id(n) not in targets:
                 writes[n.id] = None
             if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name):
                 called.add(n.value.id)

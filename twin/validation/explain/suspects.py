@@ -19,6 +19,20 @@ def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
     return out
 
 
+def unread(step: Step) -> set[int]:
+    """Return the indices of statements whose results no later statement reads, and no row compares.
+
+    A result that nobody reads is itself a hint: a later statement may have another name in its place.
+    """
+    found: set[int] = set()
+    read: set[str] = set()
+    for statement in reversed(step.source.statements):
+        if not (statement.returns or step.held.intersection(statement.writes) or read.intersection(statement.writes)):
+            found.add(statement.index)
+        read |= statement.reads
+    return found
+
+
 def shared(judge: Judge, places: Sequence[Place]) -> bool:
     """Return whether all given rows use a common statement or function, so that one fault could explain them all."""
     statements: list[set[tuple[str, int]]] = []

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 
@@ -91,6 +92,30 @@ def factors(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     yield from _differences(wanted, atoms)
 
 
+def roots(wanted: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
+    """Yield the texts of square roots with the values `wanted` (k,): of an atom, or of a sum of two squares.
+
+    `root` is the name of the function. Values that are the same at all poses are no proof, so that none is yielded.
+    """
+    if not atoms or wanted.min() < 0 or np.ptp(wanted) <= EQUAL * wanted.max():
+        return
+    few = atoms[:_MOST_FACTORS]
+    for i, coefficient in _proportional(wanted**2, np.stack([a.values for a in few])):
+        if equal(np.array([coefficient]), np.ones(1)):
+            yield f"{root}({few[i].text})"
+    squares = np.stack([a.values for a in few]) ** 2
+    limit = EQUAL * float((wanted**2).max())
+    sizes = np.abs(squares).max(axis=1)
+    for first in np.flatnonzero(sizes > limit).tolist():
+        for sign, factor in (("+", 1.0), ("-", -1.0)):
+            rest = wanted**2 - squares[first] - factor * squares
+            for second in np.flatnonzero((np.abs(rest).max(axis=1) <= limit) & (sizes > limit)):
+                if sign == "-" or first < second:  # a sum of two squares has no order
+                    one = in_product(atoms[first].text)
+                    other = in_product(atoms[int(second)].text)
+                    yield f"{root}({one}**2 {sign} {other}**2)"
+
+
 def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     """Yield the texts of differences of two names with the values `wanted` (k,), which vary from pose to pose."""
     if np.ptp(wanted) <= EQUAL * np.abs(wanted).max():  # lengths often have the same differences
@@ -113,18 +138,18 @@ def _products(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str
     if not atoms:
         return
     A = np.stack([a.values for a in atoms])
-    texts = [in_product(a.text) for a in atoms]
     for i, coefficient in _proportional(wanted, A):
-        yield coefficient, texts[i]
+        yield coefficient, in_product(atoms[i].text)
+    for i, coefficient in _proportional(wanted, A**2):
+        yield coefficient, f"{in_product(atoms[i].text)}**2"
     if np.ptp(wanted) <= EQUAL * np.abs(wanted).max():  # products of decimal numbers often coincide
-        for i, coefficient in _proportional(wanted, A**2):
-            yield coefficient, f"{texts[i]}**2"
         return
     A = A[:_MOST_FACTORS]
-    first, second = np.triu_indices(len(A))
+    first, second = np.triu_indices(len(A), 1)
     for n, coefficient in _proportional(wanted, A[first] * A[second]):
-        i, j = first[n], second[n]
-        yield coefficient, f"{texts[i]}**2" if i == j else f"{texts[i]} * {texts[j]}"
+        one = in_product(atoms[first[n]].text)
+        other = in_product(atoms[second[n]].text)
+        yield coefficient, f"{one} * {other}"
 
 
 def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
@@ -135,6 +160,47 @@ def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
     limit = EQUAL * max(float(np.abs(wanted).max()), 1e-9)
     for i in np.flatnonzero(off <= limit):
         yield int(i), float(coefficients[i])
+
+
+class Products:
+    """The values of atoms, of their squares and of products of two, to look up many required values at once."""
+
+    def __init__(self, atoms: Sequence[Atom]) -> None:
+        """Multiply the values (k,) of atoms; those without a value at a pose are left out."""
+        finite = [a.values for a in atoms if np.isfinite(a.values).all()]
+        A = np.stack(finite) if finite else np.zeros((0, 1))
+        few = A[:_MOST_FACTORS]
+        first, second = np.triu_indices(len(few), 1)
+        self.table: Array = np.vstack([A, A**2, few[first] * few[second]])
+        sizes = np.linalg.norm(self.table, axis=1, keepdims=True)
+        self._units = np.vstack(
+            [self.table / np.where(sizes > 0, sizes, 1.0), np.ones((1, A.shape[1])) / A.shape[1] ** 0.5]
+        )
+
+    def likely(self, wanted: Array) -> NDArray[np.intp]:
+        """Return the indices of the rows of `wanted` (n, k) that are numbers, or proportional to a product.
+
+        These rows are looked up by `terms` or `factors`, one by one; the others are not among them.
+        """
+        if not len(self.table):
+            return np.zeros(0, np.intp)
+        with np.errstate(all="ignore"):
+            rows = wanted / np.linalg.norm(wanted, axis=1, keepdims=True)
+        rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, 0.0)
+        least = 1 - EQUAL**2 * wanted.shape[1]
+        return np.flatnonzero(np.abs(rows @ self._units.T).max(axis=1) >= least)
+
+    def either(self, first: Array, second: Array) -> Array:
+        """Return the products (n, k), or their negatives, that have one of two required values (k,) at each pose."""
+        if not len(self.table) or not (np.isfinite(first).all() and np.isfinite(second).all()):
+            return np.zeros((0, len(first)))
+        limit = EQUAL * max(float(np.abs(first).max()), float(np.abs(second).max()), 1e-9)
+        found = []
+        for sign in (1.0, -1.0):
+            signed = sign * self.table
+            off = np.minimum(np.abs(signed - first), np.abs(signed - second)).max(axis=1)
+            found.append(signed[off <= limit])
+        return np.vstack(found)
 
 
 def in_product(text: str) -> str:

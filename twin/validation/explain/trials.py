@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ from twin.validation.explain.formula_state import is_worse
 from twin.validation.explain.row_deviations import Judge, evaluate, worst
 from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit, Source, Statement
-from twin.validation.explain.suspects import available, suspects
+from twin.validation.explain.suspects import available, suspects, unread
 
 
 class Trials:
@@ -39,8 +39,18 @@ class Trials:
 
     @cached_property
     def _suspects(self) -> dict[Key, dict[str, set[int]]]:
-        """Statements on which each failing row depends: {row: {equation: indices}}."""
-        return {place.key: suspects(self.judge, place) for place in self.targets}
+        """Statements on which each failing row depends, or would depend with another name: {row: {equation: indices}}.
+
+        The latter are the statements whose results nobody reads.
+        """
+        out: dict[Key, dict[str, set[int]]] = {}
+        for place in self.targets:
+            found = suspects(self.judge, place)
+            for equation, indices in found.items():
+                last = max(indices)
+                indices.update(i for i in unread(self.judge.step(equation)) if i < last)
+            out[place.key] = found
+        return out
 
     def own_sites(self, rows: Container[Key] | None = None) -> list[tuple[Step, Statement]]:
         """Return the statements on which a failing row depends; `rows`: only of these rows."""
@@ -134,10 +144,14 @@ class Trials:
             if row not in self.base and worsts[row] > 1:  # a return statement that was not reached before
                 broken = True
         c = Candidate(step, change, extra or {}, worsts, broken, changed)
-        c.by_chance = frozenset(c.edits) in self.rejected
+        c.by_chance = self.is_rejected(c.edits)
         if not broken:
             self.dependence.judged(c, [row for row in self.failing if worsts.get(row, np.inf) <= 1])
         return c
+
+    def is_rejected(self, change: Sequence[Edit]) -> bool:
+        """Return whether edits contain some that were rejected: what is right only by chance stays so beside others."""
+        return any(some.issubset(change) for some in self.rejected)
 
     @cached_property
     def shaken(self) -> Judge:

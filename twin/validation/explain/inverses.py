@@ -1,0 +1,65 @@
+"""Values that a part of an expression must have, from the values of the whole, where an operation has an inverse."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.core.spatial import Array
+
+Values = Callable[[ast.expr], Array | None]
+"""Returns the values (k,) of a part of an expression; None if it has none."""
+
+
+def inverse(node: ast.expr, child: ast.expr, wanted: Array, values: Values) -> Array | None:
+    """Return the values of `child`, an operand of `node`, with which `node` has the values `wanted` (..., k).
+
+    NaN stands where there is no such value. A square has two roots: the one with the sign of the present value is
+    returned. Return None if the operation has no inverse here, or another operand no value.
+    """
+    with np.errstate(all="ignore"):
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+            return -wanted
+        if isinstance(node, ast.Call):
+            return _of_call(node, child, wanted)
+        if isinstance(node, ast.BinOp):
+            return _of_operation(node, child, wanted, values)
+    return None
+
+
+def _of_call(node: ast.Call, child: ast.expr, wanted: Array) -> Array | None:
+    if len(node.args) != 1 or node.args[0] is not child:
+        return None
+    name = ast.unparse(node.func).removeprefix("np.")
+    if name == "sqrt":
+        return np.where(wanted >= 0, wanted**2, np.nan)
+    if name in ("acos", "arccos"):
+        return np.cos(wanted)
+    if name in ("asin", "arcsin"):
+        return np.sin(wanted)
+    return None
+
+
+def _of_operation(node: ast.BinOp, child: ast.expr, wanted: Array, values: Values) -> Array | None:
+    is_left = child is node.left
+    if isinstance(node.op, ast.Pow):
+        square = isinstance(node.right, ast.Constant) and node.right.value == 2
+        if not (is_left and square):
+            return None
+        present = values(child)
+        root = np.sqrt(wanted)
+        return root if present is None else np.where(present < 0, -root, root)
+    other = values(node.right if is_left else node.left)
+    if other is None:
+        return None
+    if isinstance(node.op, ast.Add):
+        return wanted - other
+    if isinstance(node.op, ast.Sub):
+        return wanted + other if is_left else other - wanted
+    if isinstance(node.op, ast.Mult):
+        return wanted / other
+    if isinstance(node.op, ast.Div):
+        return wanted * other if is_left else other / wanted
+    return None
