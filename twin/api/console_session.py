@@ -23,7 +23,7 @@ from twin.model.movable import together
 from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.console_scene import PEDALS
 from twin.simulation.session import measures, movement
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.forces import ForceMeasures
@@ -120,6 +120,11 @@ class ConsoleSession(Result):
         """Name of the robot that holds the camera."""
         camera = console_scene.console_of(self.scene).camera
         return self.scene.cameras[camera].robot
+
+    @property
+    def _hands(self) -> Sequence[str]:
+        """Names of the hands that move robots."""
+        return console_scene.console_of(self.scene).hands
 
     @property
     def _tips(self) -> dict[str, Array]:
@@ -235,7 +240,7 @@ class ConsoleSession(Result):
         felt = self.forces
         if felt is not None:
             of_hands = []
-            for hand in HANDS:
+            for hand in self._hands:
                 of_hands.append(f"{hand} {felt.felt[hand]:.1f} s, at most {felt.largest[hand]:.2f} N")
             text = "; ".join(of_hands)
             percent = 100 * felt.on
@@ -283,7 +288,7 @@ class ConsoleSession(Result):
         columns = {"t_s": self.t, "mode": kept["console.mode"][:, 0]}
         for pedal in _PEDAL_SIGNALS:
             columns[pedal] = kept[f"{PEDALS}.{pedal}"][:, 0]
-        for hand in HANDS:
+        for hand in self._hands:
             _add_axes(columns, f"{hand}_", _positions(kept[f"{hand}.pose"]), "_m")
             columns[f"{hand}_grip_rad"] = kept[f"{hand}.grip"][:, 0]
             if self.forces is not None:
@@ -291,7 +296,7 @@ class ConsoleSession(Result):
         for name, arm in self.arms.items():
             if f"{name}.deviation" in kept.sizes:
                 columns[f"{name}_deviation_m"] = kept[f"{name}.deviation"][:, 0]
-            if name != self.camera:
+            if name in console_scene.hands_of(self.scene):
                 columns[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
                 _add_axes(columns, f"{name}_tip_", arm.tip, "_m")
                 columns[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, kept.dt)
@@ -366,7 +371,7 @@ class ConsoleSession(Result):
         console = {"mode": kept["console.mode"][::_STRIDE, 0]}
         for pedal in _PEDAL_SIGNALS:
             console[pedal] = kept[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
-        for hand in HANDS:
+        for hand in self._hands:
             console[f"{hand}_grip"] = kept[f"{hand}.grip"][::_STRIDE, 0]
         t = self.t[::_STRIDE]
         write_mcap(path, t, links, joints, console)
@@ -377,7 +382,7 @@ class ConsoleSession(Result):
             robot, _, joint = name.partition("/")
             of_robots.setdefault(robot, {})[joint] = values
         hands = {}
-        for hand in HANDS:
+        for hand in self._hands:
             poses = kept[f"{hand}.pose"].reshape(-1, 4, 4)[::_STRIDE]
             hands[f"MTM{hand[0].upper()}"] = HandTrack(poses, console[f"{hand}_grip"])
         pedals = {pedal: console[pedal] for pedal in ("clutch", "camera")}

@@ -246,7 +246,7 @@ def _setup(scene: Scene, task: ConsoleTask | None, condition: Condition | None) 
 def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmPath]:
     """Return {name of a place: motion of its robot}, computed from the robots' mechanisms."""
     table = console_scene.console_of(setup.scene)
-    camera = setup.scene.cameras[table.camera].robot
+    hands = console_scene.hands_of(setup.scene)
     arms: dict[str, ArmPath] = {}
     for place in console_scene.led_by(setup.scene):
         robot = robots[place.name]
@@ -261,7 +261,7 @@ def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmP
             raise AssemblyError(f"{place.name}: its loops cannot be closed at {t:.3f} s of the session")
         links = solver.link_poses(q, closed.states)
         tip = mechanism.tool
-        if table.tip is not None and place.name != camera:
+        if table.tip is not None and place.name in hands:
             tip = table.tip
         frame = mechanism.frame(tip)
         Ts_world_tip = place.T_world_base @ links[frame.body] @ frame.T_body_frame

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from twin.core import spatial
 from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
-from twin.core.units import DEG
-from twin.schema import Identifier, Sourced, Table, at, error_at
+from twin.core.units import DEG, MM
+from twin.schema import Identifier, Sourced, Table, Vector, at, error_at
 
 
 class StereoTable(Table):
@@ -26,20 +27,27 @@ class StereoTable(Table):
 class CameraTable(Sourced):
     """A camera on a frame of a robot: it looks along z of the frame, and -y is up; `roll_deg` rotates it about z.
 
-    `view_deg` is the angle of view. With `stereo`, the camera has two lenses, each at half the baseline from the
-    frame's origin.
+    `position_mm` and `tilt_deg` place a camera that is beside its frame: it is moved to the position in the frame, and
+    rotated about the x axis of the frame, before the roll; a tilt of 180 degrees looks against z. `view_deg` is the
+    angle of view. With `stereo`, the camera has two lenses, each at half the baseline from the camera's origin.
     """
 
     robot: Identifier
     frame: Identifier
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    tilt_deg: float = 0.0
     roll_deg: float = 0.0
     view_deg: float = Field(gt=1, lt=170)
     stereo: StereoTable | None = None
 
     @property
     def in_frame(self) -> Array:
-        """Pose (4, 4) of the camera in the frame `frame` of the robot: a rotation by the roll angle about z."""
-        return spatial.pose(spatial.rotation_z(self.roll_deg * DEG))
+        """Pose (4, 4) of the camera in the frame `frame` of the robot: position, tilt about x, and roll about z."""
+        roll = spatial.pose(spatial.rotation_z(self.roll_deg * DEG))
+        if self.tilt_deg == 0 and not any(self.position_mm):
+            return roll
+        tilt = spatial.exp_so3(np.array([self.tilt_deg * DEG, 0.0, 0.0]))
+        return spatial.pose(tilt, np.array(self.position_mm) * MM) @ roll
 
 
 class CameraRangeTable(Table):
@@ -59,6 +67,19 @@ class CameraRangeTable(Table):
         return self
 
 
+class TeleoperationTable(Sourced):
+    """Teleoperation by the tool rates of a PID law, as in the SHER simulation paper, eqs (5) to (7).
+
+    The robot moves only while the pedal is pressed. `clutch` is the reading of eq. (7): "corrected" keeps the offset of
+    the handle until the next press of the pedal, "printed" applies it in one tick only. The gains are those of eq. (5).
+    """
+
+    clutch: Literal["corrected", "printed"] = "corrected"
+    kp_per_s: float = Field(gt=0, le=100)
+    ki_per_s2: float = Field(0.0, ge=0, le=1000)
+    kd: float = Field(0.0, ge=0, le=1)
+
+
 class ConsoleTable(Sourced):
     """A surgeon's console: the robots that each hand can control, and the camera of the picture.
 
@@ -68,16 +89,40 @@ class ConsoleTable(Sourced):
     instrument from the tip to the outer end; if it is given, the hand can control either end. `through` names the
     robots without a mechanical RCM: the controller guides the shaft of such a robot (the z axis of the tool) through
     the robot's port. `camera_range` replaces the range of the da Vinci's endoscope.
+
+    With `teleoperation`, the console has one hand and one robot: the right hand moves it by rates while the pedal is
+    pressed, and the camera does not move.
     """
 
     right: list[Identifier] = Field(min_length=1)
-    left: list[Identifier] = Field(min_length=1)
+    left: list[Identifier] = Field(default_factory=list)
     camera: Identifier
     tip: Identifier | None = None
     scale: float = Field(ge=0.05, le=1)
     through: list[Identifier] = Field(default_factory=list)
     instrument_mm: dict[Identifier, Annotated[float, Field(ge=50, le=1000)]] = Field(default_factory=dict)
     camera_range: CameraRangeTable | None = None
+    teleoperation: TeleoperationTable | None = None
+
+    @property
+    def hands(self) -> tuple[str, ...]:
+        """The hands that move robots: "right", and "left" unless the console has one hand only."""
+        if self.left:
+            return ("right", "left")
+        return ("right",)
+
+    @model_validator(mode="after")
+    def _hands(self) -> ConsoleTable:
+        if self.teleoperation is None:
+            if not self.left:
+                raise at("left", "name a robot of the left hand; only a console with `teleoperation` has one hand")
+            return self
+        if self.left or len(self.right) != 1:
+            raise at("right", "a console with `teleoperation` has one hand: one robot in `right`, and none in `left`")
+        for key in ("through", "instrument_mm", "camera_range"):
+            if getattr(self, key):
+                raise at(key, "a console with `teleoperation` does not have this key: remove it")
+        return self
 
     @model_validator(mode="after")
     def _lengths(self) -> ConsoleTable:
@@ -110,8 +155,10 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
     """
     if console.camera not in cameras:
         raise error_at(path, ("console", "camera"), unknown("camera", console.camera, cameras))
-    seen = [cameras[console.camera].robot]
-    for hand in ("right", "left"):
+    seen = []
+    if console.teleoperation is None:  # otherwise the camera does not move, and may be on the robot's base
+        seen.append(cameras[console.camera].robot)
+    for hand in console.hands:
         for name in getattr(console, hand):
             if name not in robots:
                 raise error_at(path, ("console", hand), unknown("robot", name, robots))
@@ -134,6 +181,10 @@ def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterat
     if console is not None:
         lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
         yield from console.parameters("console", [("scale", console.scale, "1"), *lengths])
+        law = console.teleoperation
+        if law is not None:
+            gains = (("kp", law.kp_per_s, "1/s"), ("ki", law.ki_per_s2, "1/s²"), ("kd", law.kd, "1"))
+            yield from law.parameters("teleoperation", gains)
     if haptics is not None:
         rows = (
             ("stiffness", haptics.stiffness_n_m, "N/m"),

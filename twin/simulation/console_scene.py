@@ -20,7 +20,7 @@ from twin.model.deformable import Deformable
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
 from twin.model.task import ConsoleTask, goal_of
-from twin.simulation import blocks, contact_scene, machine_scene, operating_scene
+from twin.simulation import blocks, contact_scene, machine_scene, operating_scene, rate_console
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
@@ -35,6 +35,7 @@ from twin.simulation.limits import JointLimits
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.rate_console import PICTURE
 from twin.simulation.session.play import play_of
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.task import ProcedureTable
@@ -107,20 +108,25 @@ def world(
     """
     scene = setup.scene
     members = setup.members
-    console_of(scene)  # the first error of a scene without a console
+    table = console_of(scene)
+    starts: Mapping[str, Array] = {}
+    if setup.task is not None:
+        starts = play_of(setup.task).start(setup, setup.task)
     q: dict[str, Array] = {}
     limits: dict[str, JointLimits] = {}
     robots = []
     for place in led_by(scene):
         member = members[place.name]
-        q[place.name] = start(place, member.mechanism)
+        if place.name in starts:
+            q[place.name] = starts[place.name]
+        else:
+            q[place.name] = start(place, member.mechanism)
         limits[place.name] = JointLimits.of(member.mechanism)
         robots.append(Placed(place.name, member.mechanism, place.T_world_base, member.links))
-    camera = _camera(setup, q, dt)
-    planned = _planned(device)
-    controllers: list[Block] = [Pedals(PEDALS, planned=planned), camera]
-    for hand in HANDS:
-        controllers += _hand_controllers(setup, hand, q, limits, camera, planned=bool(planned), dt=dt)
+    if table.teleoperation is not None:
+        controllers = rate_console.controllers(setup, table, device, q[table.right[0]], dt)
+    else:
+        controllers = _pose_controllers(setup, device, q, limits, dt)
     machines = machine_scene.Machined(scene, parts or {})
     kins = {name: member.kin for name, member in members.items()}
     controllers += machines.controllers(PEDALS, kins, dt)
@@ -128,7 +134,8 @@ def world(
     for name, x in q.items():
         if name in machines.parts:
             continue  # a machine moves itself
-        controllers.append(_joint_controller(setup, name, x, limits[name]))
+        if table.teleoperation is None:
+            controllers.append(_joint_controller(setup, name, x, limits[name]))
         plants.append(Kinematic(name, x, limits[name]))
     plants += machines.plants(q)
     robots += machines.models(members)
@@ -159,6 +166,18 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _pose_controllers(
+    setup: Setup, device: Block, q: Mapping[str, Array], limits: Mapping[str, JointLimits], dt: float
+) -> list[Block]:
+    """Return the controllers of pedals, camera and hands by which two hands lead the poses of tools."""
+    camera = _camera(setup, q, dt)
+    planned = _planned(device)
+    controllers: list[Block] = [Pedals(PEDALS, planned=planned), camera]
+    for hand in HANDS:
+        controllers += _hand_controllers(setup, hand, q, limits, camera, planned=bool(planned), dt=dt)
+    return controllers
 
 
 def _joint_controller(setup: Setup, name: str, q: Array, limits: JointLimits) -> Block:
@@ -256,7 +275,7 @@ def hands_of(scene: Scene) -> dict[str, str]:
     """
     table = console_of(scene)
     hands = {}
-    for hand in HANDS:
+    for hand in table.hands:
         for name in getattr(table, hand):
             hands[name] = hand
     return hands
@@ -331,11 +350,11 @@ def led_by(scene: Scene) -> list[Place]:
     """Return the robots that a scene's console moves: the right hand's, then the left hand's, then the camera's."""
     table = console_of(scene)
     by_name = {place.name: place for place in scene.places}
+    names = [*table.right, *table.left]
     camera = scene.cameras[table.camera].robot
-    places = []
-    for name in (*table.right, *table.left, camera):
-        places.append(by_name[name])
-    return places
+    if camera not in names:  # a fixed camera may be on the base of the robot that a hand moves
+        names.append(camera)
+    return [by_name[name] for name in names]
 
 
 def identity(setup: Setup, dt: float = TICK) -> str:
@@ -352,6 +371,8 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     if table.through or table.instrument_mm or table.camera_range or scene.tools:
         about.append(table.model_dump(include={"through", "instrument_mm", "camera_range"}))
         about.append(list(scene.tools))
+    if table.teleoperation is not None:
+        about.append([table.scale, table.teleoperation.model_dump(exclude={"provenance", "note"})])
     camera = scene.cameras[table.camera]
     about.append([camera.robot, camera.frame, plain(camera.in_frame)])
     for place in led_by(scene):
@@ -396,7 +417,7 @@ def _forces(setup: Setup, limits: Mapping[str, JointLimits], dt: float) -> list[
     sources = (PLANES,) if setup.felt else ()
     force = surface(scene)
     hands: list[Block] = []
-    for hand in HANDS:
+    for hand in table.hands:
         arms = []
         for name in getattr(table, hand):
             kin = setup.members[name].kin
@@ -444,7 +465,3 @@ def picture_in_tool(camera: CameraTable, mechanism: Mechanism) -> Array:
     tool = mechanism.frame(mechanism.tool)
     frame = mechanism.frame(camera.frame)
     return spatial.inverse(tool.T_body_frame) @ frame.T_body_frame @ camera.in_frame @ PICTURE
-
-
-PICTURE = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Rotation from a camera's frame (z along the view, y down) to the frame of its picture (y up, z out of it)."""

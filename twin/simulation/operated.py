@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
@@ -17,20 +16,13 @@ from twin.core.spatial import Array
 from twin.core.units import MM, UM
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
-from twin.planning.phase_path import build
 from twin.planning.protocol import Protocol
 from twin.simulation.controllers.contract import ClutchReport, clutch
-from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation
+from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation, scales_of
 from twin.simulation.controllers.velocity import Solver
 from twin.simulation.devices.hand import Goal
 from twin.simulation.limits import JointLimits
-from twin.simulation.trial import Measures, Record, measure, operate
-
-_NEAR = 0.1e-3
-"""Largest distance in m of the tool from the end pose of an insertion at which it counts as reached; ASSUMED."""
-
-_THROUGH = 0.05e-3
-"""The same for the other phases, through which the tool only passes; ASSUMED."""
+from twin.simulation.trial import Measures, Record, goals_of, measure, operate
 
 
 @dataclass(frozen=True)
@@ -167,27 +159,14 @@ def run_trials(
         KinematicsError: the robot cannot reach a goal.
     """
     T_tool_tip = mechanism.frame_in_tool(protocol.frame)
-    paths = build(protocol, T_tool_tip)
-    goals = []
-    insertions = 0
-    for path in paths:
-        end = path.motion(np.array([1.0])).Ts_base_tool[0]
-        inserts = path.phase.type == "insertion"
-        insertions += inserts
-        goals.append(Goal(path.phase.name, end, _NEAR if inserts else _THROUGH, inserts))
-    if not insertions:
-        raise TwinError(f"protocol '{protocol.name}' has no insertion, which the trial needs")
+    start_pose, goals = goals_of(protocol, T_tool_tip)
     limits = JointLimits.of(mechanism)
-    units = kin.formula.coordinates.units
-    scales = np.full(len(units), scale, float)
-    for i, unit in enumerate(units):
-        if unit == "rad":
-            scales[i] = 1.0
+    scales = scales_of(kin, scale)
 
     def controller() -> Teleoperation:
         return Teleoperation(Gains(scale=scales), 1 / 200, clutch_as, len(scales))
 
-    start = kin.inverse(paths[0].motion(np.array([0.0])).Ts_base_tool[0])
+    start = kin.inverse(start_pose)
     done = []
     for i in range(trials):
         # i=i: the number of this trial, also when it is called later

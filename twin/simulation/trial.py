@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
+from twin.planning.phase_path import build
+from twin.planning.protocol import Protocol
 from twin.simulation.controllers.teleoperation import HandToTool, Teleoperation
 from twin.simulation.controllers.velocity import Solver, ToolToJoints, pose_error
 from twin.simulation.devices.hand import Goal, ScriptedHand
@@ -18,6 +21,37 @@ from twin.simulation.world import Block, Hazard, Recording, World
 
 INNER = 5
 """Number of joint velocity ticks (1 kHz) per tick of the teleoperation (200 Hz); ASSUMED."""
+
+
+_NEAR = 0.1e-3
+"""Largest distance in m of the tool from the end pose of an insertion at which it counts as reached; ASSUMED."""
+
+_THROUGH = 0.05e-3
+"""The same for the other phases, through which the tool only passes; ASSUMED."""
+
+
+def goals_of(protocol: Protocol, T_tool_tip: Array) -> tuple[Array, list[Goal]]:
+    """Return the tool pose (4, 4) at the start of a protocol, and the ends of its phases as goals, in order.
+
+    Args:
+        protocol: the protocol.
+        T_tool_tip: (4, 4) pose of the protocol's frame in the tool frame.
+
+    Raises:
+        TwinError: the protocol has no insertion.
+    """
+    paths = build(protocol, T_tool_tip)
+    goals = []
+    insertions = 0
+    for path in paths:
+        end = path.motion(np.array([1.0])).Ts_base_tool[0]
+        inserts = path.phase.type == "insertion"
+        insertions += inserts
+        goals.append(Goal(path.phase.name, end, _NEAR if inserts else _THROUGH, inserts))
+    if not insertions:
+        raise TwinError(f"protocol '{protocol.name}' has no insertion, which the trial needs")
+    start = paths[0].motion(np.array([0.0])).Ts_base_tool[0]
+    return start, goals
 
 
 @dataclass

@@ -226,3 +226,15 @@ class HandsToCamera(Block):
         self._z[:] = self.law.at
         poses = self._poses()
         return {self._at: self.law.at, self._view: poses[:16], self._goal: poses[16:]}
+
+
+class FixedCamera(Block):
+    """Writes the signals of a camera that does not move: `<camera>.view` (16,) and `<camera>.at` (4,), which is 0."""
+
+    def __init__(self, camera: str, T_world_view: Array) -> None:
+        """Name the camera's robot; `T_world_view` (4, 4) is the pose of the picture in the World."""
+        self.outputs = {f"{camera}.view": T_world_view.ravel(), f"{camera}.at": np.zeros(4)}
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
+        """Write nothing: the first values remain."""
+        return {}

@@ -7,7 +7,7 @@ equations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -45,6 +45,16 @@ class Gains:
     limit: Array | float = np.inf
 
 
+def scales_of(kin: Kinematics, scale: float) -> Array:
+    """Return the scale (n,) of each coordinate of a robot's equations: lengths are scaled, angles are not."""
+    units = kin.formula.coordinates.units
+    scales = np.full(len(units), scale, float)
+    for i, unit in enumerate(units):
+        if unit == "rad":
+            scales[i] = 1.0
+    return scales
+
+
 class Teleoperation:
     """Computes tool rates u from handle positions Xo, tool positions X and the pedal Mp, tick by tick.
 
@@ -70,6 +80,18 @@ class Teleoperation:
         self._sum = np.zeros(coordinates)
         self._last = np.zeros(coordinates)
         self._pressed = False
+
+    def rescale(self, scale: Array, handle: Array) -> None:
+        """Set the scale (n,); with the offset corrected for the handle at `handle` (n,), the error does not jump.
+
+        The printed eq. (7) has no offset after the rising edge, so that the tool jumps with it.
+        """
+        self.offset = self.offset + (scale - self.gains.scale) * handle
+        self.gains = replace(self.gains, scale=scale)
+
+    def goal(self, handle: Array) -> Array:
+        """Return the tool position (n,) at which the error of eq. (6) is zero for the handle at `handle` (n,)."""
+        return self.gains.scale * handle - self.offset
 
     def step(self, handle: Array, tool: Array, pedal: bool) -> Array:
         """Return u (n,), the commanded tool rate in m/s or rad/s; zero while the pedal is up.
@@ -104,9 +126,17 @@ class Teleoperation:
 class HandToTool(Block):
     """Reads `<device>.handle` (n,), `<device>.pedal`, `<robot>.encoder`; writes the tool rate `<robot>.rate` (n,)."""
 
-    def __init__(self, robot: str, device: str, kin: Kinematics, q: Array, law: Teleoperation) -> None:
-        """Start at joint values q (n,); the period of this block is `law.dt`."""
+    def __init__(
+        self, robot: str, device: str, kin: Kinematics, q: Array, law: Teleoperation, scale: str | None = None
+    ) -> None:
+        """Start at joint values q (n,); the period of this block is `law.dt`.
+
+        `scale`: name of a signal with the scale of the lengths; None: the scale of `law` does not change. Angles are
+        never scaled.
+        """
         self.robot = robot
+        self._scale = scale
+        self._lengths = np.array([unit == "m" for unit in kin.formula.coordinates.units])
         self.device = device
         self.kin = kin
         self.law = law
@@ -119,5 +149,9 @@ class HandToTool(Block):
         self._T = self.kin.forward(signals[f"{self.robot}.encoder"], self._T)
         tool = self.kin.program.coordinates_of_pose.one(self._T.ravel())
         handle = signals[f"{self.device}.handle"]
+        if self._scale is not None:
+            scale = np.where(self._lengths, signals.now[self._scale][0], 1.0)
+            if not np.array_equal(scale, self.law.gains.scale):
+                self.law.rescale(scale, handle)
         pedal = bool(signals[f"{self.device}.pedal"][0] > 0.5)
         return {f"{self.robot}.rate": self.law.step(handle, tool, pedal)}

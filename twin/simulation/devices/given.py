@@ -47,8 +47,8 @@ class GivenHands(Block):
 
     `<hand>.lost` counts the states of a hand that did not arrive: the gaps in the sequence numbers. `<device>.clutch`
     and `<device>.camera` are the pedals; `<device>.ignored` counts the hand states and motion scales that were ignored.
-    `<device>.haptics` is 1 if the forces on the hands are switched on. `<device>.silent` is 1 if a hand has sent no
-    state for `patience` seconds; nothing moves until that hand sends a state.
+    `<device>.haptics` is 1 if the forces on the hands are switched on. `<device>.silent` is 1 if a hand that moves a
+    robot has sent no state for `patience` seconds; nothing moves until that hand sends a state.
     """
 
     def __init__(
@@ -58,6 +58,7 @@ class GivenHands(Block):
         scale: float = 0.5,
         patience: float = 0.25,
         settings: Mapping[str, float] | None = None,
+        moving: Sequence[int] = (0, 1),
     ) -> None:
         """Prepare to receive states.
 
@@ -67,6 +68,7 @@ class GivenHands(Block):
             scale: value of `<device>.scale` until `rescale` is called.
             patience: time in s without a state after which a hand counts as silent.
             settings: {name: initial value} of further signals, such as chosen tools; `set` changes a value.
+            moving: the hands that move robots, 0 right and 1 left; the silence of another hand does not count.
 
         Raises:
             WorldError: the number of hands is not two.
@@ -76,6 +78,7 @@ class GivenHands(Block):
         self.device = device
         self.hands = tuple(hands)
         self.patience = patience
+        self.moving = tuple(moving)
         self._new: list[HandState] = []
         self._last: list[HandState | None] = [None, None]
         self._heard = [-math.inf, -math.inf]
@@ -120,11 +123,18 @@ class GivenHands(Block):
 
     @property
     def heard(self) -> int:
-        """Smaller of the two hands' last received sequence numbers; -1 until both hands have sent a state."""
-        right, left = self._last
-        if right is None or left is None:
-            return -1
-        return min(right.number, left.number)
+        """Smallest of the last received sequence numbers of the hands that move robots; -1 until all have sent one."""
+        numbers = []
+        for hand in self.moving:
+            last = self._last[hand]
+            if last is None:
+                return -1
+            numbers.append(last.number)
+        return min(numbers)
+
+    def any_silent(self, t: float) -> bool:
+        """Return whether a hand that moves a robot is silent at time t in s."""
+        return any(self.silent(hand, t) for hand in self.moving)
 
     def silent(self, hand: int, t: float) -> bool:
         """Return whether a hand has been silent for longer than `patience`, at time t in s."""
@@ -176,7 +186,7 @@ class GivenHands(Block):
             values[f"{name}.lost"] = float(lost)
         values[f"{self.device}.clutch"] = float(clutch)
         values[f"{self.device}.camera"] = float(camera)
-        values[f"{self.device}.silent"] = float(self.silent(0, t) or self.silent(1, t))
+        values[f"{self.device}.silent"] = float(self.any_silent(t))
         values[f"{self.device}.haptics"] = float(self._haptics)
         values.update(self._settings)
         values[f"{self.device}.scale"] = self._scale

@@ -76,7 +76,7 @@ class Seat:
 
     Attributes:
         device: name of the device of the pedals.
-        arms: {hand: its arm}; first the right hand, then the left hand.
+        arms: {hand: its arm}; first the right hand, then the left hand, if the console has two hands.
         camera: name of the arm of the camera.
         view: angle of view over the height of the picture, in rad.
         scale: motion scale of the console; the surgeon divides displacements by this scale.
@@ -84,7 +84,7 @@ class Seat:
         seed: seed of everything random that the surgeon does.
 
     Raises:
-        WorldError: the number of arms is not two.
+        WorldError: there is no arm, or there are more than two.
     """
 
     device: str
@@ -96,11 +96,21 @@ class Seat:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if len(self.arms) != 2:
-            raise WorldError(f"the surgeon has {len(self.arms)} hands; give two, right and left")
+        if not 1 <= len(self.arms) <= 2:
+            raise WorldError(f"the surgeon has {len(self.arms)} hands; give one, or two: right and left")
 
 
-class SurgeonHands(Block):
+class SimulatedHands(Block):
+    """A device whose hands perform a task, and which ends when the task is done.
+
+    Attributes:
+        missed: names of the targets, rings or steps that the hands gave up.
+    """
+
+    missed: list[str]
+
+
+class SurgeonHands(SimulatedHands):
     """Writes `<hand>.pose` (16,) with tremor, `<hand>.grip`, and the pedals; a subclass defines the task.
 
     The surgeon sees the instruments (from `<robot>.q`) in the picture (`<camera>.view`) only between two strokes

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.model.console import ConsoleTable
-from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.session import movement
 from twin.simulation.world import Recording
@@ -50,7 +50,8 @@ class ConsoleMeasures:
         time: time in s from the first moment in which an arm follows its hand to the end; 0 if no arm ever follows a
             hand.
         clutches: number of presses of the clutch.
-        clutched: time in s in which the clutch is pressed.
+        clutched: time in s in which the clutch is pressed, and the hands are free or, with teleoperation by rates, in
+            control.
         camera_moves: number of presses of the camera pedal in which the camera moved.
         camera_time: time in s in which the hands control the camera.
         silent: time in s in which the device was silent.
@@ -77,7 +78,7 @@ def of_arms(kept: Recording, table: ConsoleTable, tips: Mapping[str, Array]) -> 
         table: the console.
         tips: {arm: positions (k, 3) of its tip in m in the World, at the times of `kept`}.
     """
-    return [_arm(kept, hand, name, tips[name]) for hand in HANDS for name in getattr(table, hand)]
+    return [_arm(kept, hand, name, tips[name]) for hand in table.hands for name in getattr(table, hand)]
 
 
 def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
@@ -132,6 +133,8 @@ def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: floa
     if f"{PEDALS}.silent" in kept.sizes:  # a simulated surgeon is never silent, and has no such signal
         silent = kept[f"{PEDALS}.silent"][:, 0] > 0.5
     clutch = (kept[f"{PEDALS}.clutch"][:, 0] > 0.5) & ~silent
+    # At a console with teleoperation by rates, the pedal lets the robot follow; at the others, it lets the hands go.
+    clutched_mode = FREE if table.teleoperation is None else TOOLS
     scale = kept[f"{PEDALS}.scale"]
     follows = np.zeros(len(mode), bool)
     for robot in (*table.right, *table.left):
@@ -148,7 +151,7 @@ def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: floa
         duration,
         time,
         len(movement.runs(clutch)),
-        _duration(clutch & (mode == FREE), dt),
+        _duration(clutch & (mode == clutched_mode), dt),
         camera_moves,
         _duration(mode == CAMERA, dt),
         _duration(silent, dt),

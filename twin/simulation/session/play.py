@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place
 from twin.model.task import ConsoleTask
-from twin.simulation.devices.surgeon_hands import Seat, SurgeonHands
+from twin.simulation.devices.surgeon_hands import Seat, SimulatedHands
 from twin.simulation.setup import Setup
 from twin.simulation.world import Recording
 
@@ -83,7 +83,7 @@ class LiveReferee(Protocol):
 class Play:
     """How a kind of task is performed and judged: `PLAY` in the module `play` of its folder."""
 
-    def surgeon(self, setup: Setup, task: ConsoleTask, seat: Seat, mistake: str) -> SurgeonHands:
+    def surgeon(self, setup: Setup, task: ConsoleTask, seat: Seat, mistake: str) -> SimulatedHands:
         """Return the simulated surgeon, who sits at the console and makes a mistake on request ("": none)."""
         raise TwinError(f"task '{task.name}': no simulated surgeon can perform a task with `{task.kind.name}`")
 
@@ -96,6 +96,10 @@ class Play:
     ) -> TaskOutcome | None:
         """Return the measures of a session with these signals and motions of the arms; None: there are none."""
         return None
+
+    def start(self, setup: Setup, task: ConsoleTask) -> Mapping[str, Array]:
+        """Return {name of a place: joint values (n,)} of the robots that do not begin where the scene places them."""
+        return {}
 
     def identity(self, setup: Setup, task: ConsoleTask) -> list[object]:
         """Return the inputs of the World that only this task has, as plain data for the hash of a session."""

@@ -17,7 +17,7 @@ from twin.simulation import console_scene
 from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.devices.surgeon_hands import Eye, Seat, SurgeonHands
+from twin.simulation.devices.surgeon_hands import Eye, Seat, SimulatedHands
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session import file
 from twin.simulation.session.file import Session, SessionWriter
@@ -102,7 +102,8 @@ class Keep:
             kept_columns.append(np.arange(found.start, found.stop))
         self._columns = np.concatenate(kept_columns)
         self._rows: list[Array] = []
-        self.forces = ForceMeter(all_sizes, world.dt, HANDS)
+        felt = [hand for hand in HANDS if f"{hand}.force" in all_sizes]
+        self.forces = ForceMeter(all_sizes, world.dt, felt)
         self.ticks = 0
 
     def add(self, rows: Array) -> None:
@@ -135,7 +136,7 @@ def task_of(scene: Scene, name: str | None) -> ConsoleTask:
     return scene.tasks[name or next(iter(scene.tasks))]
 
 
-def surgeon(setup: Setup, seed: int = 0, scale: float | None = None, mistake: str = "") -> SurgeonHands:
+def surgeon(setup: Setup, seed: int = 0, scale: float | None = None, mistake: str = "") -> SimulatedHands:
     """Return the simulated surgeon of a task, who controls the first arm of each hand.
 
     Args:
@@ -155,7 +156,7 @@ def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
     """Return the seat of a simulated surgeon, who controls the first arm of each hand; for `scale`, see `surgeon`."""
     table = console_scene.console_of(setup.scene)
     arms = {}
-    for hand in HANDS:
+    for hand in table.hands:
         name = getattr(table, hand)[0]
         member = setup.members[name]
         T_tool_tip = member.mechanism.frame_in_tool(table.tip or member.mechanism.tool)

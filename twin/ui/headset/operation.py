@@ -122,6 +122,8 @@ class Operation(LiveConsole):
             "fulcrum": bool(table.instrument_mm),
             "task": self.referee is not None,
             "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
+            "pedal": "clutch" if table.teleoperation is None else "enable",
+            "first_scale": table.scale,
             "tools": tools,
         }
 
@@ -249,7 +251,7 @@ class Operation(LiveConsole):
 
     def _send_forces(self) -> None:
         """Send the forces on the hands to all clients if a force has changed."""
-        forces = {}
+        forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}  # a console with one hand has no force on the other one
         for hand, force in self.forces().items():
             forces[hand] = [round(float(component), 3) + 0.0 for component in force]  # + 0.0: no negative zero
         if forces != self._forces:
@@ -317,7 +319,7 @@ class Operation(LiveConsole):
         elif udp and packets.silent(t):
             self.release(UDP)
         if self.owner == UDP:
-            forces = [self.world.signals[f"{hand}.force"] for hand in HANDS]
+            forces = [self.world.signals[f"{hand}.force"] for hand in self.table.hands]
             packets.answer(forces, t)
         return accepted
 

@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.task import goal_of, required_goal
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.session import movement
 from twin.simulation.tasks.align.camera_task import AlignMeasures
@@ -48,13 +48,13 @@ def figure(found: ConsoleSession) -> Figure:
     table = console_scene.console_of(found.scene)
     arms = []
     longest = 0
-    for hand in HANDS:
+    for hand in console_scene.console_of(found.scene).hands:
         for name in getattr(table, hand):
             arms.append((hand, name))
             longest = max(longest, len(name))
     rows = _rows(found, arms)
     # in inches; each hand has one more band, for its gripper
-    bands = 0.24 * (len(rows) + len(HANDS))
+    bands = 0.24 * (len(rows) + len(table.hands))
     speeds = 1.6
     foot = 0.5
     base = foot + bands + speeds + 0.75
@@ -225,7 +225,7 @@ def _rows(found: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
     ]
     if f"{PEDALS}.silent" in kept.sizes:
         rows.append(_Band("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
-    for hand in HANDS:
+    for hand in console_scene.console_of(found.scene).hands:
         rows.append(_Band(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)))
     guide = goal_of(found.task, GuideTable)
     if guide is not None:
@@ -252,7 +252,7 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], rows: l
             spans.append((t[first], t[last] - t[first] + kept.dt))
         ax.broken_barh(spans, (k - 0.35, 0.7), color=row.color, lw=0)
         names.append(row.name)
-    for hand in HANDS:
+    for hand in console_scene.console_of(found.scene).hands:
         grip = kept[f"{hand}.grip"][:, 0]
         span = float(np.ptp(grip))
         opening = (grip - grip.min()) / max(span, 1e-9)

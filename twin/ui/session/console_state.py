@@ -12,7 +12,7 @@ from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.simulation import console_scene, operating_scene
-from twin.simulation.console_scene import HANDS, PEDALS
+from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.camera import Drag
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS
@@ -50,7 +50,7 @@ class ConsoleState:
         if self._table.instrument_mm:
             fulcrum = FULCRUMS[int(signals[console_scene.FULCRUM][0])]
         hands = {}
-        for hand in HANDS:
+        for hand in self._table.hands:
             hands[hand] = self._hand(hand, arms[hand])
         return {
             "silent": silent,

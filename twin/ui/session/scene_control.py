@@ -104,7 +104,13 @@ class LiveConsole:
         self.task = task
         self._make_report = exercise.report
         self._first_settings = console_scene.settings(scene, exercise.fulcrum, task)
-        self.device = self._device_type(console_scene.PEDALS, HANDS, self.table.scale, settings=self._first_settings)
+        self.device = self._device_type(
+            console_scene.PEDALS,
+            HANDS,
+            self.table.scale,
+            settings=self._first_settings,
+            moving=[HANDS.index(hand) for hand in self.table.hands],
+        )
         self.machines: LiveMachines | None = None
         if loaded.machines is not None:
             self.machines = LiveMachines(scene, loaded.machines, self.device)
@@ -158,7 +164,7 @@ class LiveConsole:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
         tape = None if path is None else Tape()
         referee = self._new_referee()
-        peaks = ForcePeaks(HANDS)
+        peaks = ForcePeaks(self.table.hands)
         watch: list[Block] = [peaks]
         states: list[MachineStates] = []
         parts = None
@@ -384,8 +390,8 @@ class LiveConsole:
 
     @property
     def silent(self) -> bool:
-        """Whether at least one hand is silent: no state of this hand has been received for `device.patience` s."""
-        return any(self.device.silent(hand, self.world.t) for hand in (0, 1))
+        """Whether a hand that moves a robot is silent: no state of it has been received for `device.patience` s."""
+        return self.device.any_silent(self.world.t)
 
     def rescale(self, client: str, scale: float) -> None:
         """Set the motion scale.
@@ -479,6 +485,8 @@ class LiveConsole:
         if self._over:
             raise HeldError(f"{self._over} Restart the task to plan a motion.")
         self.require_free(client)
+        if self.table.teleoperation is not None:
+            raise TwinError(f"{self.scene.name}: a robot that a hand moves by rates makes no planned motions")
         if do == "aim":
             return self.planning.aim(hand, self.arm(hand))
         if do == "find":
@@ -549,7 +557,7 @@ class LiveConsole:
         return self.world.signals[f"{self._camera}.at"]
 
     def _read(self) -> JsonObject:
-        arms = {hand: self.arm(hand) for hand in HANDS}
+        arms = {hand: self.arm(hand) for hand in self.table.hands}
         machines = None if self.machines is None else self.machines.state(self.world)
         return {
             "owner": self.owner,

@@ -95,7 +95,8 @@ class ConsoleTopics:
         self.inputs: dict[str, InputTopic] = {}
         self.outputs: dict[str, OutputTopic] = {}
         for number, hand in enumerate(HANDS):
-            self._add_hand(number, hand)
+            if hand in console.table.hands:
+                self._add_hand(number, hand)
         self._add_console()
         for robot in console.members:
             self._add_robot(robot)
@@ -200,7 +201,9 @@ class ConsoleTopics:
             given = checked_message(PoseStamped, message)
             goal = handle_pose(given.p, given.q_wxyz)
             console = self._console
-            for hand in HANDS:
+            if console.table.teleoperation is not None:
+                return f"{robot} is moved by the pose of its hand while the pedal is pressed: send MTMR/measured_cp"
+            for hand in console.table.hands:
                 if console.arm(hand) == robot:
                     break
             else:

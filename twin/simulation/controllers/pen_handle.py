@@ -1,0 +1,127 @@
+"""A pen in a hand as the handle of eqs (5) to (7): its coordinates, the pedal, and what a page shows of the robot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.kinematics import Kinematics
+from twin.simulation.controllers.pedals import FREE, TOOLS
+from twin.simulation.controllers.teleoperation import Teleoperation
+from twin.simulation.world import Block, Signals
+
+LEAP = (0.03, 0.5)
+"""Motion of a hand in m and rad in one tick above which the hand has jumped, as at the other consoles."""
+
+
+class PenToHandle(Block):
+    """Reads `<hand>.pose` (16,), `<device>.clutch` and `<device>.silent`; writes handle, pedal and jumps of the hand.
+
+    `<hand>.handle` (n,) are the coordinates of the pen in the form of the robot's equations: the pen's position in the
+    axes of the base, and its direction as that of a tool which has, for an unrotated pen, the direction at the start.
+    `<hand>.pedal` is 1 while the pedal is pressed. It is 0 while the device is silent, and for `period` s after a jump
+    of the hand, so that the law takes the next position as a new reference. `<hand>.jumps` counts the jumps.
+    """
+
+    def __init__(self, hand: str, device: str, kin: Kinematics, q: Array, R_base_hand: Array, period: float) -> None:
+        """Connect a hand to a robot.
+
+        Args:
+            hand: name of the hand.
+            device: name of the device of the pedals.
+            kin: the robot's equations.
+            q: (n,) joint values at the start.
+            R_base_hand: (3, 3) rotation of {H}, the frame of the hands, in the robot's base.
+            period: time in s between two steps of the law.
+        """
+        self.hand = hand
+        self.device = device
+        self.kin = kin
+        self._R_base_hand = R_base_hand
+        self._R_start = kin.forward(q)[:3, :3]
+        self._period = period
+        self._last = np.eye(4)
+        self._free_until = 0.0
+        self._jumps = 0
+        self.outputs = {
+            f"{hand}.handle": self._coordinates(np.eye(4)),
+            f"{hand}.pedal": 0.0,
+            f"{hand}.jumps": 0.0,
+        }
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
+        """Convert the pen's pose of this tick."""
+        pose = signals[f"{self.hand}.pose"].reshape(4, 4)
+        silent_signal = f"{self.device}.silent"
+        silent = silent_signal in signals and signals.now[silent_signal][0] > 0.5
+        leaps = self._leaps(pose)
+        self._last = pose
+        pressed = signals.now[f"{self.device}.clutch"][0] > 0.5
+        if silent or leaps:
+            self._free_until = t + self._period
+        if leaps and pressed and not silent:
+            self._jumps += 1
+        engaged = pressed and t >= self._free_until
+        return {
+            f"{self.hand}.handle": self._coordinates(pose),
+            f"{self.hand}.pedal": float(engaged),
+            f"{self.hand}.jumps": float(self._jumps),
+        }
+
+    def _leaps(self, pose: Array) -> bool:
+        """Return whether the hand is farther from its last pose than a hand moves in one tick."""
+        distance = np.linalg.norm(pose[:3, 3] - self._last[:3, 3])
+        angle = spatial.rotation_angle(pose[:3, :3] @ self._last[:3, :3].T)
+        return bool(distance > LEAP[0] or angle > LEAP[1])
+
+    def _coordinates(self, pose: Array) -> Array:
+        """Return the coordinates (n,) of the pen at `pose` (4, 4) in {H}."""
+        turn = self._R_base_hand @ pose[:3, :3] @ self._R_base_hand.T
+        T = spatial.pose(turn @ self._R_start, self._R_base_hand @ pose[:3, 3])
+        return self.kin.program.coordinates_of_pose.one(T.ravel())
+
+
+class PedalFollowing(Block):
+    """Writes what pages and reports read of a robot that follows a handle while the pedal is pressed.
+
+    `console.mode` is `TOOLS` while the pedal is pressed, otherwise `FREE`; `<robot>.follows` is 1 or 0 likewise.
+    `<robot>.goal` (16,) is the tool pose to which the law moves, or the present pose while the pedal is up.
+    `<robot>.jumps` are the jumps of the hand. One robot and no plans: `console.taps` and `<robot>.target` stay 0.
+    """
+
+    def __init__(self, robot: str, hand: str, kin: Kinematics, q: Array, law: Teleoperation) -> None:
+        """Start at joint values q (n,); `law` is the law of the robot's `HandToTool`, which has stepped before."""
+        self.robot = robot
+        self.hand = hand
+        self.kin = kin
+        self.law = law
+        self.period = law.dt
+        self._T = kin.forward(q)
+        self._jumps = f"{hand}.jumps"
+        self.outputs = {
+            "console.mode": FREE,
+            "console.taps": 0.0,
+            f"{robot}.follows": 0.0,
+            f"{robot}.goal": self._T.ravel(),
+            f"{robot}.jumps": 0.0,
+            f"{robot}.target": np.zeros(17),
+        }
+
+    def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
+        """Read handle and pedal of this tick."""
+        engaged = signals.now[f"{self.hand}.pedal"][0] > 0.5
+        if engaged:
+            goal = self.kin.program.pose_of_coordinates.one(self.law.goal(signals[f"{self.hand}.handle"]))
+        else:
+            self._T = self.kin.forward(signals[f"{self.robot}.encoder"], self._T)
+            goal = self._T
+        jumps = 0.0
+        if self._jumps in signals:  # a simulated hand does not jump
+            jumps = float(signals.now[self._jumps][0])
+        return {
+            "console.mode": TOOLS if engaged else FREE,
+            f"{self.robot}.follows": float(engaged),
+            f"{self.robot}.goal": goal.ravel(),
+            f"{self.robot}.jumps": jumps,
+        }
