@@ -82,6 +82,7 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
     from twin.simulation.condition import Condition, randomised
     from twin.simulation.console_scene import console_of
     from twin.simulation.session.run import task_of
+    from twin.simulation.session.trial_table import TrialTable
     from twin.ui.headset import served
     from twin.ui.session.exercise import Exercise
 
@@ -102,7 +103,11 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
             f"--fulcrum: the instruments of scene '{scene.name}' have no length: add the key instrument_mm to the "
             f"section [console] of {scene.file.name}"
         )
-    exercise = Exercise(task, session, report, condition, args.fulcrum or "compensated")
+    trials = None
+    if args.trials is not None:
+        assets.require_writable_file(Path(args.trials))
+        trials = TrialTable(Path(args.trials), args.user or "1", args.group or "simulation")
+    exercise = Exercise(task, session, report, condition, args.fulcrum or "compensated", trials)
     loaded = scenes.with_organs(loaded, task)
     machines.running(args.machine)
     connections = (args.packets, args.mqtt, args.mqtt_topic)
@@ -110,7 +115,7 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
 
 
 _CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
-_CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum")
+_CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum", "trials")
 """Options for the console of a scene."""
 
 _OPTION = "{option}"
@@ -134,10 +139,15 @@ def _require_compatible(args: argparse.Namespace) -> None:
         text = "--record and --replay cannot be combined: the replayed session is already in a file"
         _refuse(args, ("record",), text)
         _refuse(args, ("session",), "--session and --replay cannot be combined: a replay has no hands to record")
-        unsteered = (*_CONNECTIONS, "haptics", "participant")
+        unsteered = (*_CONNECTIONS, "haptics", "participant", "trials")
         _refuse(args, unsteered, f"{_OPTION} and --replay cannot be combined: a recorded session cannot be controlled")
     if args.mqtt is None:
         _refuse(args, ("mqtt_topic",), "--mqtt-topic requires --mqtt HOST")
+    if args.trials is None:
+        for name in ("user", "group"):
+            _refuse(args, (name,), f"{_OPTION} requires --trials FILE")
+    elif args.task is None:
+        raise TwinError("--trials requires --task NAME: a row of the table is an attempt at a task")
     if (args.participant is None) != (args.run is None):
         raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:

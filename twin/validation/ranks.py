@@ -29,11 +29,15 @@ from twin.validation.questionnaires import scored
 # columns that are not measures
 _GROUP = "group"
 _SESSION = "session"
+_TRIAL = "trial"
 _USER = "user"
 
 _LABELS = {
     "time_s": "Time [s]",
     "clutches": "Clutch presses",
+    "path_mm": "Path of the tip [mm]",
+    "holes_touched": "Holes touched",
+    "wrong_holes": "Wrong holes",
     "camera_moves": "Camera moves",
     "rings_transferred": "Rings transferred",
     "rings_dropped": "Rings dropped",
@@ -270,7 +274,8 @@ def compare(path: Path) -> Ranks:
     """Test every pair of groups in every numeric column of a CSV file; empty cells are skipped.
 
     The file has a header, a column `group`, and one row per user or session. Columns ssq_1 to ssq_16 and ueq_1 to
-    ueq_26 are answers to questionnaires, and are scored. With a column `session`, rows are sessions of the same users.
+    ueq_26 are answers to questionnaires, and are scored. With a column `trial`, rows are trials; the value of a user
+    (column `user`) is the mean of their trials. With a column `session`, rows are sessions of the same users.
     In this case, the last sessions of all groups are compared with each other, and the first session of each group is
     compared with its last session.
 
@@ -381,6 +386,7 @@ def _read(path: Path) -> Users:
         if name not in (_GROUP, _USER, ""):
             columns[name] = []
     groups: list[str] = []
+    names: list[str] = []
     lines: list[int] = []
     for line, row in enumerate(rows[1:], 2):
         cells = [cell.strip() for cell in row]
@@ -393,12 +399,40 @@ def _read(path: Path) -> Users:
         if not group:
             raise DescriptionError(f"{path}:{line}: {_GROUP} is empty; give the name of the user's group")
         groups.append(group)
+        names.append(cell_of.get(_USER, ""))
         lines.append(line)
         for name, values in columns.items():
             values.append(_number(cell_of[name], f"{path}:{line}: {name}", name != _SESSION))
     sessions = columns.pop(_SESSION, None)
     measures, findings = scored(path, columns, lines)
-    return Users(path.name, groups, sessions, sessions is not None, measures, findings)
+    if columns.pop(_TRIAL, None) is None:
+        return Users(path.name, groups, sessions, sessions is not None, measures, findings)
+    measures.pop(_TRIAL)
+    if sessions is not None:
+        raise DescriptionError(f"{path}:1: the header has '{_SESSION}' and '{_TRIAL}'; keep one of these columns")
+    if _USER not in head:
+        raise DescriptionError(f"{path}:1: trials need a column '{_USER}': a user's value is the mean of their trials")
+    owners = list(zip(groups, names, strict=True))
+    groups, measures = _means(owners, measures)
+    text = f"a value of a user is the mean of the user's trials: {len(lines)} trials of {len(groups)} users"
+    return Users(path.name, groups, None, False, measures, [*findings, info("study.trials", _TRIAL, text)])
+
+
+def _means(
+    owners: Sequence[tuple[str, str]], measures: Mapping[str, Sequence[float]]
+) -> tuple[list[str], dict[str, list[float]]]:
+    """Return the group of each user, and the mean of each measure over the user's trials; empty cells do not count.
+
+    `owners` has (group, user) of each row; a user in two groups counts in each of them.
+    """
+    users = list(dict.fromkeys(owners))
+    means: dict[str, list[float]] = {}
+    for name, values in measures.items():
+        means[name] = []
+        for user in users:
+            own = [value for value, owner in zip(values, owners, strict=True) if owner == user and math.isfinite(value)]
+            means[name].append(float(np.mean(own)) if own else math.nan)
+    return [group for group, _ in users], means
 
 
 def _rows(path: Path) -> list[list[str]]:

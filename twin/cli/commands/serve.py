@@ -20,6 +20,8 @@ EXAMPLES = """\
   twin serve sils --record session.json        record requests and what clients see
   twin serve sils --replay session.json
   twin serve davinci --session hands.session    record the hands at a console, for twin session
+  twin serve sher_phantom --task phantom        the SHER by one hand: pen, mouse, gamepad or controller
+  twin serve sher_phantom --task phantom --trials study.csv --user 3
   twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces"""
 
 
@@ -42,6 +44,11 @@ def arguments(command: Command) -> None:
     command.choice("--haptics", ("on", "off"), "forces on the hands at the start (default: as in the scene file)")
     command.integer("--participant", "number of the participant in a study; determines which run has forces")
     command.integer("--run", "number of the participant's run; one of the two runs has forces", metavar="1|2")
+    command.text(
+        "--trials", "FILE", "table (CSV) to which each attempt at a task with holes adds a row, for twin study"
+    )
+    command.text("--user", "NAME", "name of the user in the table of --trials (default 1)")
+    command.text("--group", "NAME", "group of the user in the table of --trials (default simulation)")
 
 
 def _packets(text: str) -> tuple[str, int]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
@@ -80,6 +80,18 @@ class LiveReferee(Protocol):
         ...
 
 
+@runtime_checkable
+class MeasuringReferee(Protocol):
+    """A `LiveReferee` that measures an attempt for the table of a study."""
+
+    @property
+    def complete(self) -> bool: ...  # noqa: D102
+
+    def measures(self) -> dict[str, float | None]:
+        """Return {name with unit: value} of the attempt so far; None: no value, because the task is not done."""
+        ...
+
+
 class Play:
     """How a kind of task is performed and judged: `PLAY` in the module `play` of its folder."""
 
@@ -90,6 +102,10 @@ class Play:
     def referee(self, setup: Setup, task: ConsoleTask, period: float) -> LiveReferee | None:
         """Return a referee with `period` in s between two samples; None: a page does not judge the task."""
         return None
+
+    def marks(self, setup: Setup, task: ConsoleTask) -> Sequence[tuple[str, Array]]:
+        """Return short texts to show in the picture, each with its position (3,) in m in the World."""
+        return ()
 
     def outcome(
         self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]

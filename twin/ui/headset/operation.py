@@ -27,6 +27,7 @@ from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.deformable_packets import Bends
+from twin.ui.headset.description import numbers
 from twin.ui.headset.mqtt import ScaleTopic
 from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
@@ -124,6 +125,7 @@ class Operation(LiveConsole):
             "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
             "pedal": "clutch" if table.teleoperation is None else "enable",
             "first_scale": table.scale,
+            "marks": [[text, numbers(at)] for text, at in self.marks()],
             "tools": tools,
         }
 

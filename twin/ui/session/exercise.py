@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from twin.model.task import ConsoleTask
     from twin.simulation.condition import Condition
     from twin.simulation.controllers.pivot import Fulcrum
+    from twin.simulation.session.trial_table import TrialTable
 
 MakeReport = Callable[[str, str], bytes]
 """Function that takes the paths of session file and scene file, and returns the HTML page of the report.
@@ -33,6 +34,7 @@ class Exercise:
             scene.
         fulcrum: which end of the instruments the hands control at the start: the tips ("compensated") or the outer ends
             ("direct"); see `twin.simulation.controllers.pivot`.
+        trials: table to which each attempt adds a row; None: no table.
     """
 
     task: ConsoleTask | None = None
@@ -40,6 +42,7 @@ class Exercise:
     report: MakeReport | None = None
     condition: Condition | None = None
     fulcrum: Fulcrum = "compensated"
+    trials: TrialTable | None = None
 
 
 NO_TASK = Exercise()

@@ -32,7 +32,7 @@ from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
-from twin.simulation.session.play import LiveReferee, play_of
+from twin.simulation.session.play import LiveReferee, MeasuringReferee, play_of
 from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Member, Setup
@@ -103,6 +103,8 @@ class LiveConsole:
         self.table = console_scene.console_of(scene)
         self.task = task
         self._make_report = exercise.report
+        self._trials = exercise.trials
+        self._trial_problem = ""
         self._first_settings = console_scene.settings(scene, exercise.fulcrum, task)
         self.device = self._device_type(
             console_scene.PEDALS,
@@ -164,6 +166,8 @@ class LiveConsole:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
         tape = None if path is None else Tape()
         referee = self._new_referee()
+        if self._trials is not None and not isinstance(referee, MeasuringReferee):
+            raise TwinError(f"scene '{self.scene.name}': only a task with `holes` has a table of trials; omit --trials")
         peaks = ForcePeaks(self.table.hands)
         watch: list[Block] = [peaks]
         states: list[MachineStates] = []
@@ -199,6 +203,12 @@ class LiveConsole:
         if self.task is None:
             return None
         return play_of(self.task).referee(self._setup, self.task, SAMPLE)
+
+    def marks(self) -> Sequence[tuple[str, Array]]:
+        """Return short texts to show in the picture of a task, each with its position (3,) in m in the World."""
+        if self.task is None:
+            return ()
+        return play_of(self.task).marks(self._setup, self.task)
 
     def restart(self, client: str) -> None:
         """Begin a new attempt, with objects, robots and measures as at the start of the first attempt.
@@ -246,6 +256,7 @@ class LiveConsole:
         self.owner = None
         self.planning.reset()
         self.device.leave()
+        self._add_trial()
         if self.recorder is None:
             return
         self.recorder.close(self.world.tick)
@@ -255,6 +266,17 @@ class LiveConsole:
                 unfinished.close()
             call = Call(self._make_report, str(self.recorder.path), str(self.scene.file), nice=_NICE)
             self._report = (self.attempt, call)
+
+    def _add_trial(self) -> None:
+        """Add a row for this attempt to the table of trials; a failure is shown, and nothing else stops."""
+        if self._trials is None or not isinstance(self.referee, MeasuringReferee):
+            return
+        self._trial_problem = ""
+        try:
+            self._trials.add(self.referee.measures())
+        except TwinError as error:
+            self._trial_problem = str(error)
+            logging.getLogger(__name__).error("this attempt is not in the table of trials: %s", error)
 
     @property
     def ended(self) -> str:
@@ -585,8 +607,12 @@ class LiveConsole:
         if newest is not None:
             attempt, page, problem = newest
             report = {"attempt": attempt, "ready": page is not None, "problem": problem}
+        trials = None
+        if self._trials is not None:
+            trials = {"file": self._trials.path.name, "number": self._trials.trial, "problem": self._trial_problem}
         return {
             "title": self.task.title,
+            "trials": trials,
             "attempt": self.attempt,
             "over": self._over or None,
             "report": report,

@@ -20,10 +20,14 @@ from twin.simulation.trial import goals_of
 
 @dataclass(frozen=True)
 class Hole:
-    """A hole: its name, its bottom (3,) in m and its axis (3,), a unit vector into the hole; both in the World."""
+    """A hole in the World: its name, bottom (3,) in m, axis (3,) as a unit vector inwards, and a point before it.
+
+    `before` (3,) in m is where the tip begins the insertion, on the axis and outside of the hole.
+    """
 
     name: str
     bottom: Array
+    before: Array
     axis: Array
 
 
@@ -60,12 +64,16 @@ def hole_goals(setup: Setup, task: ConsoleTask) -> HoleGoals:
     protocol = _protocol(setup, table, place.robot)
     T_tool_tip = member.mechanism.frame_in_tool(protocol.frame)
     start_pose, goals = goals_of(protocol, T_tool_tip)
+    shaft = np.asarray(protocol.shaft_axis, float)
     holes = []
+    T_base_tool = start_pose  # at the start of the phase
     for goal in goals:
-        if not goal.inserts:
-            continue
-        T_world_end = place.T_world_base @ goal.T_base_tool @ T_tool_tip
-        holes.append(Hole(goal.name, T_world_end[:3, 3], T_world_end[:3, :3] @ np.asarray(protocol.shaft_axis, float)))
+        if goal.inserts:
+            T_world_before = place.T_world_base @ T_base_tool @ T_tool_tip
+            T_world_end = place.T_world_base @ goal.T_base_tool @ T_tool_tip
+            name = f"hole{len(holes) + 1}"
+            holes.append(Hole(name, T_world_end[:3, 3], T_world_before[:3, 3], T_world_end[:3, :3] @ shaft))
+        T_base_tool = goal.T_base_tool
     return HoleGoals(table.robot, T_tool_tip, member.kin.inverse(start_pose), goals, holes, table.contact)
 
 

@@ -91,10 +91,10 @@ class HoleJudge:
         if inside == following:
             self.touched.append(t)
             self.nearest = np.inf
-            self._tell(t, "good", f"{self.holes[inside].name}: touched")
+            self._tell(t, "good", f"hole {inside + 1} touched")
         elif inside not in (_NEVER, self._inside) and inside > following:
             self.wrong += 1
-            self._tell(t, "bad", f"{self.holes[inside].name} is not the next hole")
+            self._tell(t, "bad", f"hole {inside + 1} is not the next hole")
         self._inside = inside
 
     def _hole_at(self, tip: Array) -> int:
@@ -150,17 +150,21 @@ class HoleReferee(Block):
         """Whether all holes are touched."""
         return self.judge.complete
 
-    def measures(self) -> dict[str, float]:
-        """Return {name with unit: value} of the measures of this attempt so far."""
-        return self.judge.measures()
+    def measures(self) -> dict[str, float | None]:
+        """Return {name with unit: value} of this attempt; time, presses and path are None until all holes are touched."""
+        values: dict[str, float | None] = dict(self.judge.measures())
+        if not self.complete:
+            for name in ("time_s", "clutches", "path_mm"):
+                values[name] = None
+        return values
 
     def content(self) -> JsonObject:
-        """Return the scoreboard as plain data; `contact` is whether the tip touches a hole, for sound and vibration."""
+        """Return the scoreboard as plain data; `contact` (whether the tip touches a hole) is for sound."""
         judge = self.judge
         done = len(judge.touched)
         following = None
         if not judge.complete:
-            following = f"Next: {judge.holes[done].name}"
+            following = f"Next: hole {done + 1}"
         rows = [
             ["Holes", f"{done} of {len(judge.holes)}"],
             ["Time", f"{judge.time:.1f} s"],
@@ -169,7 +173,7 @@ class HoleReferee(Block):
             ["Wrong holes", str(judge.wrong)],
         ]
         events = [[round(event.t, 1), event.tone, event.text] for event in judge.events[-4:]]
-        content: JsonObject = {"rows": rows, "rings": [], "events": events, "contact": judge.contact}
+        content: JsonObject = {"rows": rows, "rings": [], "events": events, "contact": judge.contact, "done": done}
         if following is not None:
             content["next"] = following
         return content

@@ -97,6 +97,12 @@ class _HolePlay(Play):
         kin = setup.members[goals.robot].kin
         return HoleReferee(goals, HAND, kin, setup.places[goals.robot].T_world_base, period)
 
+    def marks(self, setup: Setup, task: ConsoleTask) -> list[tuple[str, Array]]:
+        marks = []
+        for k, hole in enumerate(hole_goals(setup, task).holes):
+            marks.append((str(k + 1), hole.before))
+        return marks
+
     def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> HoleOutcome:
         goals = hole_goals(setup, task)
         judge = HoleJudge(goals.holes, goals.contact, kept.dt)

@@ -7,6 +7,7 @@ import { ConsoleMouse } from './console_mouse';
 import { ConsoleTouch } from './console_touch';
 import { Forces } from './forces';
 import { Keys } from './keys';
+import { Label } from './label';
 import type { Status } from './model';
 import { Pad } from './pad';
 import { type Pedal, Pens, SIDES } from './pens';
@@ -14,12 +15,16 @@ import { Planning } from './plan';
 import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
 import { endTone } from './score';
 import { Screen } from './screen';
+import { ContactSound } from './sound';
 import { Tools } from './tools';
-import { Views } from './views';
+import { SCOPE_LIGHT, Views } from './views';
 
 /** Distance in m from the lens at which a tool moves exactly with the mouse, at the initial motion scale. */
 const REACH = 0.08;
 const FIRST_SCALE = 0.5;
+const MARK = 0.001; // m: height of the number of a hole
+/** ms for which the pedal remains pressed after a notch of the wheel: the tool follows with a time constant of 0.2 s. */
+const AFTER_NOTCH = 800;
 /** Factor on the hand motion for the camera: the scene moves by a fifth of the hand motion. */
 const CAMERA_GAIN = 2.5;
 
@@ -34,10 +39,12 @@ export class Console {
   readonly plan: Planning;
   /** The window of tools; null for a scene without tools. */
   readonly tools: Tools | null;
+  /** The hands that move robots. */
+  readonly sides: readonly Side[];
+  readonly sound: ContactSound;
   /** Hand that the mouse moves or last moved. */
   chosen: Side = 'right';
-  readonly help =
-    'Drag in the endoscope’s picture: the nearest instrument follows. Right button: camera. Wheel: depth. Shift: rotate.';
+  private wheel = 0;
 
   constructor(
     private readonly app: App,
@@ -45,14 +52,18 @@ export class Console {
     readonly info: ConsoleInfo,
   ) {
     const { model, line } = app;
+    this.sides = SIDES.filter((s) => info.hands[s].length > 0);
     this.pens = new Pens(
       line,
       () => model.console,
       () => model.client,
+      this.enables ? ['clutch'] : ['clutch', 'camera'],
     );
     const camera = scene.cameras.find((c) => c.name === info.camera) as CameraInfo;
     const page = document.getElementById('page') as HTMLElement;
     this.views = new Views(app, camera, page, info.tools.length > 0);
+    this.sound = new ContactSound();
+    for (const [text, at] of info.marks) this.mark(text, at);
     this.tools = info.tools.length ? new Tools(page, app, this) : null;
     this.forces = new Forces(app, this);
     this.plan = new Planning(page, app, this);
@@ -65,9 +76,55 @@ export class Console {
     model.atConsole = () => this.status();
   }
 
-  /** Hand motion in m for one pixel of the endoscope's picture. */
+  /** Show a number above a point of the world frame, in the camera's picture only. */
+  private mark(text: string, at: ArrayLike<number>): void {
+    const label = new Label();
+    label.say(text, '#17212e', 'normal', MARK);
+    label.sprite.name = `mark ${text}`;
+    label.sprite.center.set(0.5, -0.6);
+    label.sprite.position.fromArray([...Array.from(at)]);
+    label.sprite.layers.set(SCOPE_LIGHT);
+    label.sprite.visible = true;
+    this.app.world.robotWorld.add(label.sprite);
+  }
+
+  /** Whether the robot follows its hand only while the pedal is pressed; such a console has one hand and a fixed camera. */
+  get enables(): boolean {
+    return this.info.pedal === 'enable';
+  }
+
+  get help(): string {
+    return this.enables
+      ? 'Drag in the microscope’s picture: the instrument follows while the button is pressed. Wheel: depth. Shift: rotate.'
+      : 'Drag in the endoscope’s picture: the nearest instrument follows. Right button: camera. Wheel: depth. Shift: rotate.';
+  }
+
+  /** Hand motion in m for one pixel of the camera's picture. */
   get perPixel(): number {
-    return REACH / FIRST_SCALE / this.views.pixels('scope');
+    const scale = this.enables ? this.info.first_scale : FIRST_SCALE;
+    return this.reach / scale / this.views.pixels('scope');
+  }
+
+  /** Distance in m from the lens at which a tool moves with the mouse; a fixed camera has its own. */
+  private get reach(): number {
+    const tip = this.enables ? this.tip('right') : null;
+    return tip ? tip.distanceTo(this.views.scope.getWorldPosition(new Vector3())) / this.views.scope.matrixWorld.getMaxScaleOnAxis() : REACH;
+  }
+
+  /** Press or release the pedal that lets a robot follow, for a mouse or a finger; at other consoles, it does nothing. */
+  enable(device: string, on: boolean): void {
+    if (this.enables) this.pens.press('clutch', device, on);
+  }
+
+  /** Move a hand by a notch of a wheel, with the pedal pressed for a moment if the robot needs it. */
+  notch(side: Side, turn: boolean, by: number, way: number, roll: number): void {
+    if (this.enables && !this.pens.clutch) this.pens.press('clutch', 'wheel', true);
+    if (this.pens.presses('clutch', 'wheel')) {
+      window.clearTimeout(this.wheel);
+      this.wheel = window.setTimeout(() => this.pens.press('clutch', 'wheel', false), AFTER_NOTCH);
+    }
+    if (turn) this.turn(side, 0, 0, -roll * by);
+    else this.move(side, 0, 0, way * by);
   }
 
   /** Move one hand, or both while the camera pedal is pressed; x right, y up, z out of the picture, in m. */
@@ -91,6 +148,7 @@ export class Console {
 
   /** Return the hand whose instrument appears nearest to a point of the page; in planning mode, the hand of the target. */
   nearest(x: number, y: number): Side {
+    if (this.sides.length === 1) return 'right';
     const planned = this.plan.state?.hand;
     if (planned) return planned;
     const away = (side: Side) => {
@@ -121,7 +179,7 @@ export class Console {
   /** Return a label for the gripper of a hand: it closes jaws, or switches energy on. */
   jawLabel(side: Side): string {
     const name = side === 'right' ? 'Right' : 'Left';
-    const carried = this.app.model.console?.hands[side].carries;
+    const carried = this.app.model.console?.hands[side]?.carries;
     const burns = this.info.tools.find((t) => t.name === carried)?.kind === 'cautery';
     return `${name} ${burns ? 'energy' : 'jaw'}`;
   }
@@ -157,7 +215,7 @@ export class Console {
   /** Choose the tool after the chosen one. */
   nextTool(side: Side): void {
     const { tools } = this.info;
-    const at = tools.findIndex((t) => t.name === this.app.model.console?.hands[side].tool);
+    const at = tools.findIndex((t) => t.name === this.app.model.console?.hands[side]?.tool);
     const next = tools[(at + 1) % tools.length];
     if (next) this.takeTool(side, next.name);
   }
@@ -178,11 +236,12 @@ export class Console {
     this.pens.say(now);
     this.forces.update();
     this.plan.update(now);
+    this.sound.hear(this.app.model.console?.task ?? null);
   }
 
   /** Return the tip of a hand's instrument in the scene; null before it is loaded. */
   tip(side: Side): Vector3 | null {
-    const name = this.app.model.console?.hands[side].robot ?? this.info.hands[side][0];
+    const name = this.app.model.console?.hands[side]?.robot ?? this.info.hands[side][0];
     const member = this.app.members.find((m) => m.model.info?.name === name);
     const tool = member?.model.info?.tool;
     const node = tool && member.robot?.links.get(tool.link)?.node;
@@ -192,7 +251,7 @@ export class Console {
   /** Return how many of both hands and the camera are at a limit. */
   walls(): number {
     const state = this.app.model.console;
-    return state ? [...SIDES.map((s) => state.hands[s].wall), state.camera].filter(Boolean).length : 0;
+    return state ? [...this.sides.map((s) => state.hands[s]?.wall), state.camera].filter(Boolean).length : 0;
   }
 
   /** Show a message for some seconds. */
@@ -238,20 +297,22 @@ export class Console {
     const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
     if (other) return { tone: 'warn', text: `Client ${state.owner} controls the hands: you can only watch.` };
     if (!this.pens.active && !packets) return this.broker();
-    const lost = packets ? [] : SIDES.filter((s) => this.pens.lost.has(s));
+    const lost = packets ? [] : this.sides.filter((s) => this.pens.lost.has(s));
     if (lost.length)
       return { tone: 'warn', text: `The ${lost.join(' and the ')} hand is not tracked: nothing moves until it is tracked.` };
     if (state.silent) return { tone: 'warn', text: `${this.missing(packets)}: nothing moves.` };
     if (state.pedal) return { tone: 'warn', text: sentence(state.pedal) };
-    for (const side of SIDES) {
-      const { wall, robot } = state.hands[side];
-      if (wall) return { tone: 'warn', text: `${robot}: ${wall}` };
+    for (const side of this.sides) {
+      const hand = state.hands[side];
+      if (hand?.wall) return { tone: 'warn', text: `${hand.robot}: ${hand.wall}` };
     }
     if (state.camera) return { tone: 'warn', text: `Camera: ${state.camera}` };
     if (state.rate < 0.8) return { tone: 'warn', text: `The simulation runs at ${state.rate}× real time.` };
+    if (state.mode === 'nothing' && this.enables)
+      return { tone: 'good', text: 'The pedal is up: only the hand moves; the robot is at rest.' };
     if (state.mode === 'nothing') return { tone: 'good', text: 'Clutch: only the hands move; the instruments are at rest.' };
     if (state.mode === 'camera') return { tone: 'good', text: 'Camera: both hands move the picture.' };
-    const led = SIDES.filter((s) => state.hands[s].follows).map((s) => state.hands[s].robot);
+    const led = this.sides.flatMap((s) => (state.hands[s]?.follows ? [state.hands[s].robot] : []));
     const who = packets ? 'UDP packets control' : 'You control';
     if (packets && !led.length) return { tone: 'good', text: 'UDP packets control the hands: roll a handle or open a gripper to start.' };
     return led.length ? { tone: 'good', text: `${who} ${led.join(' and ')}.` } : null;
@@ -267,7 +328,7 @@ export class Console {
   private missing(packets: boolean): string {
     const from = this.app.model.console?.packets?.from;
     if (!packets || !from) return 'The server receives no state of the hands';
-    const silent = SIDES.filter((s) => from[s] === null);
+    const silent = this.sides.filter((s) => from[s] === null);
     return `No packets of the ${silent.join(' and the ') || 'right'} hand`;
   }
 }

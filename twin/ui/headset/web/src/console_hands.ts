@@ -28,6 +28,14 @@ export const TRACKED: readonly (readonly [what: string, how: string])[] = [
   ['Panel', 'a hand that points at it moves no instrument'],
 ];
 
+/** The same for a console whose robot follows while a pedal is pressed. */
+export const TRACKED_PEDAL: readonly (readonly [what: string, how: string])[] = [
+  ['Begin', 'pull the trigger of the right controller, or pinch'],
+  ['Pedal: the robot follows', 'hold the grip button, or make a fist'],
+  ['Instrument', 'move and turn the right hand'],
+  ['Panel', 'a hand that points at it moves no instrument'],
+];
+
 export class ConsoleHands {
   /** Hands in control: a hand starts to control by a pull of the trigger or a pinch. */
   readonly leading = new Set<Side>();
@@ -124,7 +132,7 @@ export class ConsoleHands {
   /** Vibrate the controller once for each new limit of its arm or of the camera, and in proportion to a lasting force. */
   private feel(side: Side, pad: Gamepad | undefined, now: number): void {
     const state = this.app.model.console;
-    const limit = this.console.haptics && this.leading.has(side) && Boolean(state?.hands[side].wall || state?.camera);
+    const limit = this.console.haptics && this.leading.has(side) && Boolean(state?.hands[side]?.wall || state?.camera);
     const pulsing = pad as { hapticActuators?: readonly { pulse?: (value: number, ms: number) => unknown }[] } | undefined;
     const actuator = pulsing?.hapticActuators?.[0];
     const size = this.leading.has(side) ? this.console.forces.strength(side) : 0;

@@ -45,6 +45,7 @@ export class ConsoleMouse {
     this.console.chosen = this.side;
     this.console.pens.use();
     if (e.button === 2) this.console.pens.press('camera', 'mouse', true);
+    this.console.enable('mouse', true);
     this.last = { x: e.clientX, y: e.clientY };
     canvas.style.cursor = 'grabbing';
   }
@@ -69,8 +70,7 @@ export class ConsoleMouse {
     e.stopImmediatePropagation();
     const by = Math.sign(e.deltaY || e.deltaX);
     const side = this.pointer === null ? this.console.nearest(e.clientX, e.clientY) : this.side;
-    if (e.shiftKey) this.console.turn(side, 0, 0, -ROLL * by);
-    else this.console.move(side, 0, 0, NOTCH * by);
+    this.console.notch(side, e.shiftKey, by, NOTCH, ROLL);
   }
 
   private up(e: PointerEvent): void {
@@ -78,6 +78,7 @@ export class ConsoleMouse {
     e.stopImmediatePropagation();
     this.pointer = null;
     this.console.pens.press('camera', 'mouse', false);
+    this.console.enable('mouse', false);
     this.app.world.renderer.domElement.style.cursor = '';
   }
 }

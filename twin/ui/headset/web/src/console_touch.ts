@@ -45,6 +45,7 @@ export class ConsoleTouch {
       console.pens.press('camera', 'touch', true);
     }
     console.chosen = this.side;
+    console.enable('touch', true);
     console.pens.use();
   }
 
@@ -79,6 +80,7 @@ export class ConsoleTouch {
     e.stopImmediatePropagation();
     this.doing = 'nothing';
     this.console.pens.press('camera', 'touch', false);
+    this.console.enable('touch', false);
   }
 }
 

@@ -45,6 +45,16 @@ export const KEYS: readonly (readonly [what: string, keys: string])[] = [
   ['Fulcrum: control the tips or the outer ends', 'G'],
 ];
 
+/** The same for a console whose robot follows while a pedal is pressed. */
+export const KEYS_PEDAL: readonly (readonly [what: string, keys: string])[] = [
+  ['Pedal: the robot follows', 'hold Space'],
+  ['Instrument', 'I J K L, depth U O'],
+  ['Rotate', 'Shift with these keys'],
+  ['Motion scale', '– and +'],
+  ['Forces on or off', 'T'],
+  ['Swap the pictures', 'V'],
+];
+
 export class Keys {
   private readonly down = new Set<string>();
   private shift = false;
@@ -66,7 +76,8 @@ export class Keys {
     for (const code of this.down) {
       const way = WAYS[code];
       if (!way) continue;
-      const [side, x, y, z] = way;
+      const [key, x, y, z] = way;
+      const side = this.console.sides.includes(key) ? key : 'right';
       const [v, w] = [SPEED * seconds, TURN * seconds];
       if (this.shift) this.console.turn(side, -w * y, w * x, w * z);
       else this.console.move(side, v * x, v * y, v * z);
@@ -81,6 +92,7 @@ export class Keys {
     if (PEDALS[e.code]) console.pens.press(PEDALS[e.code] as Pedal, 'keys', true);
     else if (e.key === '+' || e.key === '=') console.setScale(console.scale + 0.05);
     else if (e.key === '-') console.setScale(console.scale - 0.05);
+    else if (e.code === PLAN && console.enables) return;
     else if (e.code === PLAN) console.plan.press('keys', true);
     else if (e.code === 'Enter' && console.plan.phase === 'preview' && !onButton(e)) console.plan.accept();
     else if (e.code === 'Escape' && console.plan.phase !== 'off') console.plan.cancel();

@@ -8,6 +8,7 @@ const SPEED = 0.08; // m/s: speed of the hand at the end of the stick's range
 const AGAIN = 80; // ms between two commands while a force lasts; each vibrates for longer than that
 const TAP = 0.2; // part of the speed at which a depth button begins, so that a short press is a small step
 const RAMP = 0.5; // s until a depth button that is held moves at full speed
+const BUZZ = 0.5; // strength of the vibration while the tip touches a hole
 const TURN = 1.5; // rad/s: angular speed at the end of the stick's range
 
 /** Indices of buttons and axes in the browsers' standard layout. */
@@ -34,6 +35,14 @@ export const PAD: readonly (readonly [what: string, how: string])[] = [
   ['Plan a motion', 'hold B and move the target, release; Menu accepts, View cancels'],
 ];
 
+/** The same for a console whose robot follows while a pedal is pressed. */
+export const PAD_PEDAL: readonly (readonly [what: string, how: string])[] = [
+  ['Pedal: the robot follows', 'hold a bumper'],
+  ['Instrument', 'right stick'],
+  ['Depth', 'right trigger deeper, left trigger back; or Y and A'],
+  ['Rotate', 'left stick'],
+];
+
 export class Pad {
   /** Name of the gamepad; empty without a gamepad. */
   name = '';
@@ -56,26 +65,33 @@ export class Pad {
     this.name = pad?.id ?? '';
     if (!pad) return;
     const held = (k: number) => pad.buttons[k]?.pressed ?? false;
+    const value = (k: number) => pad.buttons[k]?.value ?? 0;
     const { console } = this;
-    console.pens.press('clutch', 'pad', held(CLUTCH));
+    console.pens.press('clutch', 'pad', held(CLUTCH) || (console.enables && held(CAMERA)));
     console.pens.press('camera', 'pad', held(CAMERA));
-    console.plan.press('pad', held(PLAN));
+    if (!console.enables) console.plan.press('pad', held(PLAN));
     if (held(CANCEL) && !this.decides.cancel) console.plan.cancel();
     if (held(ACCEPT) && !this.decides.accept) console.plan.accept();
     this.decides = { cancel: held(CANCEL), accept: held(ACCEPT) };
     for (const side of SIDES) {
+      const other = !console.sides.includes(side); // a stick without a hand of its own turns the other hand
       const [x, y] = [live(pad.axes[STICK[side]]), -live(pad.axes[STICK[side] + 1])];
       const way = Number(held(NEARER[side])) - Number(held(DEEPER[side]));
       this.depth[side] = way ? Math.min(1, (this.depth[side] || TAP) + (seconds * (1 - TAP)) / RAMP) : 0;
-      const z = way * this.depth[side];
+      let z = way * this.depth[side];
+      // Without jaws, the triggers move the instrument in depth, as fast as they are pulled.
+      if (console.enables && !other) z += live(value(TRIGGER.left)) - live(value(TRIGGER.right));
       const [v, w] = [SPEED * seconds, TURN * seconds];
       if (x || y || z) {
-        if (held(PRESSED[side])) console.turn(side, -w * y, w * x, w * z);
+        if (other && z) console.move('right', 0, 0, v * z);
+        else if (other) console.turn('right', -w * y, w * x, 0);
+        else if (held(PRESSED[side])) console.turn(side, -w * y, w * x, w * z);
         else console.move(side, v * x, v * y, v * z);
       }
+      if (other || console.enables) continue;
       if (held(TOOL[side]) && !this.next[side]) console.nextTool(side);
       this.next[side] = held(TOOL[side]);
-      const pull = pad.buttons[TRIGGER[side]]?.value ?? 0;
+      const pull = value(TRIGGER[side]);
       if (Math.abs(pull - this.pulled[side]) > 0.02) {
         this.pulled[side] = pull;
         console.squeeze(side, pull);
@@ -97,7 +113,8 @@ export class Pad {
   private rumble(pad: Gamepad, now: number): void {
     const { console } = this;
     const walls = console.walls();
-    const size = Math.max(...SIDES.map((side) => console.forces.strength(side)));
+    const buzz = console.sound.buzzing ? BUZZ : 0;
+    const size = Math.max(buzz, ...SIDES.map((side) => console.forces.strength(side)));
     if (walls > this.walls && console.haptics)
       void pad.vibrationActuator?.playEffect('dual-rumble', { duration: 150, strongMagnitude: 0.8, weakMagnitude: 0.4 });
     else if (size > 0 && now - this.felt > AGAIN) {

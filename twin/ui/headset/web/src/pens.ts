@@ -109,6 +109,8 @@ export class Pens {
     private readonly line: Connection,
     private readonly state: () => ConsoleState | null,
     private readonly client: () => string | number | null,
+    /** Pedals that the console has. */
+    private readonly pedals: readonly Pedal[] = ['clutch', 'camera'],
   ) {
     setInterval(() => this.say(performance.now()), ALIVE / 2);
     const away = () => this.drop();
@@ -140,6 +142,7 @@ export class Pens {
    * sent is cancelled, because it would move something else now, for example instruments instead of the camera.
    */
   press(pedal: Pedal, device: string, on: boolean): void {
+    if (!this.pedals.includes(pedal)) return;
     const held = this.pressed[pedal];
     const before = this[pedal];
     if (on) held.add(device);
@@ -190,7 +193,7 @@ export class Pens {
         const pen = this[side];
         // Wait until the server's state is newer than the last messages; the tool may follow already.
         const answered = state.heard >= Math.max(this.first, pen.shaken);
-        if (answered && !state.hands[side].follows && pen.used >= this.begun) pen.shake(this.number);
+        if (answered && state.hands[side]?.follows === false && pen.used >= this.begun) pen.shake(this.number);
       }
     const seconds = Math.min(0.1, (now - this.said) / 1000);
     this.said = now;

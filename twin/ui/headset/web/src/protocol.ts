@@ -91,6 +91,12 @@ export interface ConsoleInfo {
   task: boolean;
   /** Whether the gripper of a hand moves a jaw. */
   jaws: Record<Side, boolean>;
+  /** The pedal lets the hands go ("clutch"), or the robot follows only while it is pressed ("enable"). */
+  pedal: 'clutch' | 'enable';
+  /** Numbers to show in the camera's picture, and their positions in m in the world frame. */
+  marks: [text: string, at: Numbers][];
+  /** The motion scale at the start. */
+  first_scale: number;
   tools: ToolInfo[];
 }
 
@@ -198,7 +204,8 @@ export interface ConsoleState {
   scale: number;
   /** Whether the forces on the hands are switched on. */
   haptics: boolean;
-  hands: Record<Side, HandState>;
+  /** The hands that move robots; a console with one hand has no left one. */
+  hands: Partial<Record<Side, HandState>>;
   /** Which end of the instruments the hands move: the tip, or the outer end; null: the mechanism decides. */
   fulcrum: 'compensated' | 'direct' | null;
   /** Text on the camera's limit; null if it is at no limit. */
@@ -230,6 +237,10 @@ export interface TaskState {
   stages?: [title: string, state: 'done' | 'open' | 'failed', text: string][];
   /** What a procedure needs next. */
   next?: string;
+  /** Whether the tip touches a hole now. */
+  contact?: boolean;
+  /** Number of holes that were touched in order. */
+  done?: number;
   /** The last events. */
   events: [t: number, tone: 'good' | 'plain' | 'bad', text: string][];
 }

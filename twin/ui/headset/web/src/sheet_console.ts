@@ -3,9 +3,9 @@
 import type { App } from './app';
 import type { Console } from './console';
 import type { Button, Control, Tab } from './controls';
-import { TRACKED } from './console_hands';
-import { KEYS } from './keys';
-import { PAD } from './pad';
+import { TRACKED, TRACKED_PEDAL } from './console_hands';
+import { KEYS, KEYS_PEDAL } from './keys';
+import { PAD, PAD_PEDAL } from './pad';
 import { type Pedal, SIDES } from './pens';
 import { type ConsoleState, type MqttState, type Side, UDP } from './protocol';
 import type { Stereo } from './views';
@@ -19,6 +19,24 @@ const STEREO: readonly [Stereo, string][] = [
 const TOUCH: readonly (readonly [what: string, how: string])[] = [
   ['One finger', 'the nearest instrument follows'],
   ['Two fingers', 'move, zoom and roll the camera'],
+];
+
+const TOUCH_PEDAL: readonly (readonly [what: string, how: string])[] = [
+  ['One finger', 'the pedal is pressed, and the instrument follows'],
+  ['Two fingers', 'the instrument moves; pinch for depth'],
+];
+
+const MOUSE: readonly (readonly [what: string, how: string])[] = [
+  ['Drag', 'the nearest instrument follows'],
+  ['Drag with Shift', 'the instrument rotates'],
+  ['Wheel', 'the instrument moves away from the lens or towards it'],
+  ['Drag with the right button', 'the camera moves'],
+];
+
+const MOUSE_PEDAL: readonly (readonly [what: string, how: string])[] = [
+  ['Drag', 'the pedal is pressed, and the instrument follows'],
+  ['Drag with Shift', 'the instrument rotates about the point where it enters the eye'],
+  ['Wheel', 'the pedal is pressed for a moment, and the instrument moves away from the lens or towards it'],
 ];
 
 /** Return the controls that are always visible: pedals and jaws, for input devices without buttons for them. */
@@ -42,6 +60,8 @@ export function pedals(console: Console): Control {
       ? 'Open or close the jaws, or switch the energy of a tool on and off'
       : 'The instrument of this hand has no jaw that moves',
   });
+  const enable = 'While the pedal is pressed, the robot follows the hand; otherwise, only the hand moves';
+  if (console.enables) return { kind: 'row', items: [pedal('clutch', 'Pedal', enable)] };
   return {
     kind: 'row',
     items: [
@@ -69,7 +89,8 @@ export function atConsole(app: App, console: Console): Tab {
     text: () => (shown() ? rows.map(([what, how]) => `${what}: ${how}`).join('\n') : ''),
   });
   const desk = () => !app.xr.presenting;
-  const { views } = console;
+  const { views, enables } = console;
+  const tracked = enables ? TRACKED_PEDAL : TRACKED;
   const stereo: Control[] = views.twoLenses
     ? [
         {
@@ -83,9 +104,9 @@ export function atConsole(app: App, console: Console): Tab {
       ]
     : [];
   const controls: Control[] = [
-    list('tracked', TRACKED, () => app.xr.presenting),
+    list('tracked', tracked, () => app.xr.presenting),
     { kind: 'head', text: 'Hands' },
-    ...SIDES.toReversed().map((side): Control => ({
+    ...console.sides.toReversed().map((side): Control => ({
       kind: 'text',
       id: `hand-${side}`,
       text: () => console.handText(side),
@@ -121,17 +142,12 @@ export function atConsole(app: App, console: Console): Tab {
     ...tools(app, console),
     { kind: 'text', id: 'forces', text: () => console.forces.text() },
     ...stereo,
-    { kind: 'head', text: 'Mouse, in the endoscope’s picture' },
-    list('mouse', [
-      ['Drag', 'the nearest instrument follows'],
-      ['Drag with Shift', 'the instrument rotates'],
-      ['Wheel', 'the instrument moves away from the lens or towards it'],
-      ['Drag with the right button', 'the camera moves'],
-    ], desk),
+    { kind: 'head', text: `Mouse, in the ${enables ? 'microscope' : 'endoscope'}’s picture` },
+    list('mouse', enables ? MOUSE_PEDAL : MOUSE, desk),
     { kind: 'head', text: 'Touch' },
-    list('touch', TOUCH, desk),
+    list('touch', enables ? TOUCH_PEDAL : TOUCH, desk),
     { kind: 'head', text: 'Keys' },
-    list('keys', KEYS, desk),
+    list('keys', enables ? KEYS_PEDAL : KEYS, desk),
     { kind: 'head', text: 'Network' },
     { kind: 'text', id: 'packets', text: () => packetText(app.model.console) },
     {
@@ -146,11 +162,11 @@ export function atConsole(app: App, console: Console): Tab {
       id: 'pad',
       text: () =>
         console.pad.name
-          ? PAD.map(([what, how]) => `${what}: ${how}`).join('\n')
+          ? (enables ? PAD_PEDAL : PAD).map(([what, how]) => `${what}: ${how}`).join('\n')
           : 'No gamepad. Connect one, and press one of its buttons.',
     },
     { kind: 'head', text: 'Headset' },
-    list('headset', TRACKED, desk),
+    list('headset', tracked, desk),
   ];
   return { id: 'console', label: 'Console', controls };
 }
@@ -164,7 +180,7 @@ function tools(app: App, console: Console): Control[] {
     id: `tool-${side}`,
     label: `Tool of the ${side} hand`,
     options: () => info.tools.map((t) => [t.name, t.title]),
-    get: () => app.model.console?.hands[side].tool ?? '',
+    get: () => app.model.console?.hands[side]?.tool ?? '',
     set: (name) => console.takeTool(side, name),
   }));
   if (!info.fulcrum) return out;

@@ -58,11 +58,11 @@ export class Tools {
     for (const [key, value] of Object.entries(box)) this.window.style.setProperty(key, `${value}px`);
     for (const { side, tool, node } of this.buttons)
       {
-        node.setAttribute('aria-pressed', String(state?.hands[side].tool === tool.name));
-        node.classList.toggle('carried', state?.hands[side].carries === tool.name);
+        node.setAttribute('aria-pressed', String(state?.hands[side]?.tool === tool.name));
+        node.classList.toggle('carried', state?.hands[side]?.carries === tool.name);
       }
     for (const side of SIDES) {
-      const chosen = info.tools.find((t) => t.name === state?.hands[side].tool);
+      const chosen = info.tools.find((t) => t.name === state?.hands[side]?.tool);
       const hand = state?.hands[side];
       const doing = hand?.active ? 'is switched on' : (chosen?.does ?? '');
       this.does[side].textContent = `${hand?.robot ?? ''}, ${side} hand: ${hand?.waits ?? (chosen ? `${chosen.title} – ${doing}` : '')}`;

@@ -196,7 +196,8 @@ export class Views {
     this.label.style.left = `${b.left + 8}px`;
     this.label.style.top = `${b.top + 4}px`;
     this.label.style.maxWidth = `${b.width - 16}px`;
-    const names = this.headed ? NAMES : { room: 'Room', scope: 'Endoscope' };
+    const own = this.camera.name === 'microscope' ? 'Microscope' : 'Endoscope';
+    const names = this.headed ? NAMES : { room: 'Room', scope: own };
     const name = small === 'room' ? `${names.room} · click to enlarge` : names.scope;
     this.label.textContent = b.width < LABELLED ? names[small] : name;
     this.heading.textContent = this.large === 'scope' ? `${names.scope}, through the endoscope` : names.room;

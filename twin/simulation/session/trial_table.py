@@ -1,0 +1,113 @@
+"""Table of the trials of a study: a CSV file with one row for each attempt at a task, which `twin study` reads."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+from twin.core import atomic
+from twin.core.errors import TwinError
+
+USER, GROUP, TRIAL = "user", "group", "trial"
+_NAMED = (USER, GROUP, TRIAL)
+
+
+class TrialTable:
+    """The trials of one user in one group, in a file that may have rows of others.
+
+    Attributes:
+        path: the file.
+        user, group: name of the user, and of the group (the environment or condition) of these trials.
+        trial: number of the newest trial of this user in this group; 0 before the first.
+    """
+
+    def __init__(self, path: Path, user: str, group: str) -> None:
+        """Open the table; the file is made with the first row.
+
+        Raises:
+            TwinError: the name of user or group is empty or has a comma or line break, or the file has another form.
+        """
+        for what, name in (("user", user), ("group", group)):
+            if not name.strip() or any(c in name for c in ',\r\n"'):
+                raise TwinError(f"the name of the {what} is '{name}'; give text without commas, quotes and line breaks")
+        self.path = path
+        self.user = user.strip()
+        self.group = group.strip()
+        self.trial = 0
+        for row in self._read()[1]:
+            if self._is_own(row):
+                self.trial = max(self.trial, _whole(row[TRIAL], path))
+
+    def add(self, measures: Mapping[str, float | None]) -> None:
+        """Add a trial with {name with unit: value}; None: an empty cell.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        head, rows = self._read()
+        self.trial += 1
+        row = {USER: self.user, GROUP: self.group, TRIAL: str(self.trial)}
+        self._fill(head, row, measures)
+        rows.append(row)
+        self._write(head, rows)
+
+    def answer(self, answers: Mapping[str, float | None]) -> None:
+        """Add answers {column: number} to the newest trial.
+
+        Raises:
+            TwinError: there is no trial yet.
+            OutputError: the file cannot be written.
+        """
+        head, rows = self._read()
+        for row in reversed(rows):
+            if self._is_own(row) and row[TRIAL] == str(self.trial):
+                self._fill(head, row, answers)
+                self._write(head, rows)
+                return
+        raise TwinError(f"{self.path}: {self.user} has no trial in group '{self.group}' yet; finish a trial first")
+
+    def _is_own(self, row: Mapping[str, str]) -> bool:
+        return row[USER] == self.user and row[GROUP] == self.group
+
+    @staticmethod
+    def _fill(head: list[str], row: dict[str, str], values: Mapping[str, float | None]) -> None:
+        for name, value in values.items():
+            if name not in head:
+                head.append(name)
+            row[name] = "" if value is None else f"{value:.9g}"
+
+    def _read(self) -> tuple[list[str], list[dict[str, str]]]:
+        """Return the names of the columns and the rows of the file; no row if there is no file."""
+        if not self.path.exists():
+            return list(_NAMED), []
+        try:
+            text = self.path.read_text(encoding="utf-8-sig")
+        except (OSError, UnicodeDecodeError) as error:
+            raise TwinError(f"{self.path}: cannot be read: {error}") from error
+        lines = list(csv.reader(text.splitlines()))
+        head = lines[0] if lines else []
+        missing = [name for name in _NAMED if name not in head]
+        if missing:
+            raise TwinError(f"{self.path}:1: the header lacks {', '.join(missing)}: give a new file")
+        rows = []
+        for number, cells in enumerate(lines[1:], 2):
+            if len(cells) != len(head):
+                raise TwinError(f"{self.path}:{number}: {len(cells)} cells; the header has {len(head)}")
+            rows.append(dict(zip(head, cells, strict=True)))
+        return list(head), rows
+
+    def _write(self, head: list[str], rows: list[dict[str, str]]) -> None:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, head, restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        atomic.write_text(self.path, text.getvalue())
+
+
+def _whole(cell: str, path: Path) -> int:
+    try:
+        return int(cell)
+    except ValueError:
+        raise TwinError(f"{path}: the number of a trial is '{cell}'; give a whole number") from None
