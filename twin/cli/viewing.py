@@ -209,13 +209,18 @@ def _plays(scene: Scene, args: argparse.Namespace) -> bool:
     """Return whether the robots of a scene play their protocols (otherwise, a console moves them).
 
     Raises:
-        TwinError: a robot has no protocol to play, or --fulcrum does not apply.
+        TwinError: a robot has no protocol to play, --fulcrum does not apply, or only another page has the console.
     """
     plays = scene.console is None or args.html is not None or args.protocols
     if plays:
         scene.require_protocols()
     if args.fulcrum is not None and (plays or scene.console is None or not scene.console.instrument_mm):
         raise TwinError(f"--fulcrum: no hand moves instruments that pass ports in scene '{scene.name}'")
+    if not plays and scene.console is not None and scene.console.teleoperation is not None:
+        raise TwinError(
+            f"the console of scene '{scene.name}' is on the page of `twin serve {args.robot}`; "
+            f"`twin view {args.robot} --protocols` plays the protocols"
+        )
     return plays
 
 

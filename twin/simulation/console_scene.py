@@ -109,18 +109,11 @@ def world(
     scene = setup.scene
     members = setup.members
     table = console_of(scene)
-    starts: Mapping[str, Array] = {}
-    if setup.task is not None:
-        starts = play_of(setup.task).start(setup, setup.task)
-    q: dict[str, Array] = {}
+    q = _starts(setup)
     limits: dict[str, JointLimits] = {}
     robots = []
     for place in led_by(scene):
         member = members[place.name]
-        if place.name in starts:
-            q[place.name] = starts[place.name]
-        else:
-            q[place.name] = start(place, member.mechanism)
         limits[place.name] = JointLimits.of(member.mechanism)
         robots.append(Placed(place.name, member.mechanism, place.T_world_base, member.links))
     if table.teleoperation is not None:
@@ -166,6 +159,20 @@ def world(
         dt=dt,
         records=records,
     )
+
+
+def _starts(setup: Setup) -> dict[str, Array]:
+    """Return {robot: joint values (n,) at the start}: those of the task, otherwise those of the scene."""
+    of_task: Mapping[str, Array] = {}
+    if setup.task is not None:
+        of_task = play_of(setup.task).start(setup, setup.task)
+    q: dict[str, Array] = {}
+    for place in led_by(setup.scene):
+        if place.name in of_task:
+            q[place.name] = of_task[place.name]
+        else:
+            q[place.name] = start(place, setup.members[place.name].mechanism)
+    return q
 
 
 def _pose_controllers(

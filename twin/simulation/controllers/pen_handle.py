@@ -43,6 +43,7 @@ class PenToHandle(Block):
         self._period = period
         self._last = np.eye(4)
         self._free_until = 0.0
+        self._was_silent = True  # until the first state of the hand
         self._jumps = 0
         self.outputs = {
             f"{hand}.handle": self._coordinates(np.eye(4)),
@@ -60,8 +61,9 @@ class PenToHandle(Block):
         pressed = signals.now[f"{self.device}.clutch"][0] > 0.5
         if silent or leaps:
             self._free_until = t + self._period
-        if leaps and pressed and not silent:
+        if leaps and pressed and not silent and not self._was_silent:  # after a silence, a hand may be anywhere
             self._jumps += 1
+        self._was_silent = silent
         engaged = pressed and t >= self._free_until
         return {
             f"{self.hand}.handle": self._coordinates(pose),

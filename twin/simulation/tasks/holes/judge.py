@@ -80,7 +80,7 @@ class HoleJudge:
             if self._first == _NEVER:
                 self._first = self._samples
         self._pressed = pressed
-        if self._samples and self._first != _NEVER:
+        if self._first != _NEVER and self._samples > self._first:
             self.path += float(np.linalg.norm(tip - self._last))
         self._last = np.array(tip)
         self._samples += 1
@@ -151,7 +151,7 @@ class HoleReferee(Block):
         return self.judge.complete
 
     def measures(self) -> dict[str, float | None]:
-        """Return {name with unit: value} of this attempt; time, presses and path are None until all holes are touched."""
+        """Return {name with unit: value} so far; time, presses and path are None unless all holes are touched."""
         values: dict[str, float | None] = dict(self.judge.measures())
         if not self.complete:
             for name in ("time_s", "clutches", "path_mm"):
