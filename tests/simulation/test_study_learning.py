@@ -139,10 +139,31 @@ def test_a_missing_answer_leaves_its_scores_empty(tmp_path):
     assert users.measures["ssq_disorientation"][1] == pytest.approx(7 * 13.92)
 
 
-def test_sim_tlx_is_compared_as_it_is_with_the_reason(tmp_path):
-    found = compare(table(tmp_path, "group,simtlx_mental\nA,1\nA,2\nB,3\nB,4\n"))
-    assert found.findings[0].code == "study.unscored"
-    assert found.comparisons[0].measure == "simtlx_mental"
+def test_sim_tlx_raw_and_weighted(tmp_path):
+    """By hand: the sum of k (8 - k) for k = 0 to 8 is 84, so that ratings of 10 k give 840 / 36; raw 360 / 9 = 40."""
+    head = ",".join([f"simtlx_{k}" for k in range(1, 10)] + [f"simtlx_w{k}" for k in range(1, 10)])
+    ratings = [10 * k for k in range(9)]
+    weights = [8 - k for k in range(9)]
+    first = [*ratings, *weights]
+    row = ",".join(map(str, first))
+    others = ",".join(map(str, [50] * 9 + weights))
+    found = compare(table(tmp_path, f"group,{head}\nA,{row}\nA,{others}\nB,{others}\nB,{row}\n"))
+    measures = found.users.measures
+    assert measures["simtlx_weighted"] == pytest.approx([840 / 36, 50, 50, 840 / 36])
+    assert measures["simtlx_raw"] == [40, 50, 50, 40]
+    assert measures["simtlx_control"] == [80, 50, 50, 80]
+
+
+def test_face_validity_has_medians_and_items_for_surgeons_only(tmp_path):
+    """Five points; users who are no surgeons leave the last four empty."""
+    head = ",".join(f"facevalidity_{k}" for k in range(1, 9))
+    rows = ["RS,5,4,3,5,4,4,2,5", "RS,4,4,3,5,4,3,2,5", "RS,4,5,2,4,3,3,1,4", "CTRL,3,3,3,3,,,,", "CTRL,4,3,1,2,,,,"]
+    found = compare(table(tmp_path, f"group,{head}\n" + "\n".join(rows) + "\n"))
+    by_measure = {c.measure: c for c in found.comparisons}
+    assert by_measure["facevalidity_instruments"].medians == (4, 3.5)
+    assert by_measure["facevalidity_images"].medians == (4, 3)
+    assert "facevalidity_triangulation" not in by_measure  # only one group has answered
+    assert found.users.measures["facevalidity_triangulation"][:3] == [4, 4, 3]
 
 
 @pytest.mark.parametrize(

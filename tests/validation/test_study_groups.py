@@ -28,9 +28,14 @@ def ideal(chain):
     return {"largest_error_mm": 0.05, "largest_error_unquantised_mm": 0.0}, [0.0225] * 3
 
 
+def ideal_turn(chain):
+    """An accuracy chain with rotations without error."""
+    return {"largest_error_deg": 0.08, "largest_error_unquantised_deg": 0.0}, [0.0225] * 3
+
+
 @pytest.fixture(scope="module")
 def found():
-    return recompute(load(FILE), ideal)
+    return recompute(load(FILE), ideal, ideal_turn)
 
 
 def of(found, code):
@@ -45,7 +50,7 @@ def test_the_users_that_were_enrolled_do_not_give_the_means(tmp_path):
     """23 controls were enrolled, 22 went to the end: the print itself tells which were counted."""
     file = tmp_path / "all.toml"
     file.write_text(FILE.read_text().replace("users = 22", "users = 23"))
-    assert {f.where for f in of(recompute(load(file), ideal), "study.integers")} >= {"attractiveness"}
+    assert {f.where for f in of(recompute(load(file), ideal, ideal_turn), "study.integers")} >= {"attractiveness"}
 
 
 def test_rmse_has_no_reading_for_the_angles(found):
@@ -133,7 +138,53 @@ def small(tmp_path, *change):
         assert old in text
         text = text.replace(old, new)
     file.write_text(text)
-    return recompute(load(file), ideal)
+    return recompute(load(file), ideal, ideal_turn)
+
+
+def test_the_prices_of_the_console_give_its_cost_only_if_they_are_for_pairs(found):
+    """By hand: 400 + 5000 + 1600 + 350 + 1000 = 8350, within 50 of 8400; with two pens and grippers, 14950."""
+    (finding,) = of(found, "study.sum")
+    assert finding.severity == "warning"
+    assert "8,350 USD if each is counted once, and 14,950 USD with 2 × Geomagic Touch and 2 × Twee stylus" in str(
+        finding
+    )
+
+
+PRICES = """
+[[sum]]
+name = "cost"
+unit = "USD"
+printed = 250
+rounded_to = 10
+part = [{ name = "pen", price = 100, pieces = 2 }, { name = "cart", price = 50, pieces = 1 }]
+"""
+
+
+@pytest.mark.parametrize(("printed", "severities"), [(250, []), (254, []), (150, ["warning"]), (300, ["disagreement"])])
+def test_a_sum_of_prices_is_counted_with_and_without_the_pieces(printed, severities, tmp_path):
+    text = PRICES.replace("printed = 250", f"printed = {printed}")
+    changed = small(tmp_path, ("[chain]", f"{text}[chain]"))
+    assert [f.severity for f in of(changed, "study.sum")] == severities
+
+
+@pytest.mark.parametrize(("std", "severities"), [(0.02, ["info"]), (0.05, ["warning"])])
+def test_a_gimbal_explains_the_printed_angles_or_not(std, severities, tmp_path):
+    chain = '[angle_chain]\nrotations = 12\nresolution_deg = 0.06\nprovenance = "ASSUMED"\nnote = "-"\nof = "lin"\n'
+    changed = small(tmp_path, ("[chain]", f"{chain}[chain]"), ("std = [0.03, 0.03", f"std = [{std}, 0.02"))
+    assert [f.severity for f in changed.findings if "gimbal" in f.message] == severities
+
+
+def test_rotations_without_quantisation_are_exact_and_a_gimbal_adds_its_rounding():
+    """Two rounded angles about one axis differ by a triangular error: r sqrt(2/12), as for positions."""
+    from twin.simulation.controllers.console_equations import console
+
+    fine, _ = accuracy.measure_angles(console(), 4, 1e-12)
+    assert fine["largest_error_unquantised_deg"] < 1e-9
+    data, stds = accuracy.measure_angles(console(), 12, np.radians(0.06))
+    # the yaw of the gimbal is about z: its error is the rounding of one angle; the others add parts of it
+    assert min(stds) > 0.5 * 0.06 * np.sqrt(2 / 12)
+    assert max(stds) < 2.0 * 0.06 * np.sqrt(2 / 12)
+    assert data["resolution_deg"] == pytest.approx(0.06)
 
 
 def test_a_study_that_fits_has_nothing_but_what_is_unpublished(tmp_path):

@@ -173,13 +173,15 @@ def _grouped(path: Path) -> bool:
 
 
 def _groups(path: Path) -> tuple[GroupTables, Recomputed]:
-    from twin.core.units import MM
+    from twin.core.units import DEG, MM
     from twin.simulation.controllers.console_equations import console as the_console
     from twin.validation import accuracy, groups
 
     printed = groups.load(path)
     recomputed = groups.recompute(
-        printed, lambda c: accuracy.measure(the_console(), c.displacements, c.resolution_mm * MM)
+        printed,
+        lambda c: accuracy.measure(the_console(), c.displacements, c.resolution_mm * MM),
+        lambda c: accuracy.measure_angles(the_console(), c.rotations, c.resolution_deg * DEG),
     )
     return printed, recomputed
 

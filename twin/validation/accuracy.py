@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
-from twin.core.units import MM
+from twin.core.units import DEG, MM
 from twin.validation.console_clauses import Laws
 
 _REPEATS = 100
@@ -22,6 +22,9 @@ _REACH = 50 * MM  # maximum distance of a start position from 0 along each axis
 _SHORTEST = 20 * MM  # displacement
 _LONGEST = 60 * MM  # displacement
 _ASIDE = 1 * MM  # maximum additional motion along each axis
+_TILT = 30 * DEG  # maximum of each gimbal angle at the start
+_SMALLEST = 10 * DEG  # rotation
+_LARGEST = 40 * DEG  # rotation
 
 
 def measure(console: Laws, displacements: int, resolution: float, seed: int = 0) -> tuple[JsonMapping, list[float]]:
@@ -54,14 +57,64 @@ def measure(console: Laws, displacements: int, resolution: float, seed: int = 0)
     return data, std.tolist()
 
 
+def measure_angles(console: Laws, rotations: int, resolution: float, seed: int = 0) -> tuple[JsonMapping, list[float]]:
+    """Simulate the test with rotations; return (plain data, standard deviation of the error about x, y, z in degrees).
+
+    The pen hangs in a gimbal of three angles, read with a resolution. The error is the tool's rotation without the
+    pen's, both in {H}, as ZYX Euler angles, as in the console's paper. `rotations` is the number of rotations about
+    each axis, `resolution` in rad is the resolution of each gimbal angle.
+    """
+    rng = np.random.default_rng(seed)
+    axis = np.tile(np.repeat(np.eye(3), rotations, axis=0), (_REPEATS, 1))
+    start = rng.uniform(-_TILT, _TILT, axis.shape)
+    signs = rng.choice([-1, 1], (len(axis), 1))
+    turns = axis * signs * rng.uniform(_SMALLEST, _LARGEST, (len(axis), 1))
+    end = (Rotation.from_rotvec(turns) * Rotation.from_euler("ZYX", start)).as_euler("ZYX")
+    errors = _turn_errors(console, start, end, resolution) / DEG
+    exact_errors = _turn_errors(console, start, end, 0.0) / DEG
+    std = errors.std(axis=0)
+    data = {
+        "rotations_per_axis": rotations,
+        "resolution_deg": resolution / DEG,
+        "std_deg": std.tolist(),
+        "std_once_deg": errors[: 3 * rotations].std(axis=0, ddof=1).tolist(),
+        "largest_error_deg": float(np.abs(errors).max()),
+        "largest_error_unquantised_deg": float(np.abs(exact_errors).max()),
+    }
+    return data, std.tolist()
+
+
+def _turn_errors(console: Laws, start: Array, end: Array, resolution: float) -> Array:
+    """Return the errors (k, 3) about x, y, z of rotations from gimbal angles `start` to `end` (k, 3), all in rad."""
+    T = _console_pose()
+    R_T = Rotation.from_matrix(T[:3, :3])
+    errors = np.zeros_like(start)
+    for i, (a, b) in enumerate(zip(start, end, strict=True)):
+        turned = Rotation.from_euler("ZYX", b) * Rotation.from_euler("ZYX", a).inv()
+        W_0 = np.eye(4)
+        W_1 = np.eye(4)
+        W_0[:3, :3] = Rotation.from_euler("ZYX", _quantised(a, resolution)).as_matrix()
+        W_1[:3, :3] = Rotation.from_euler("ZYX", _quantised(b, resolution)).as_matrix()
+        P_1 = console.tool(np.eye(4), W_0, W_1, T, 1.0)
+        of_tool = R_T.inv() * Rotation.from_matrix(P_1[:3, :3]) * R_T
+        errors[i] = (of_tool * turned.inv()).as_euler("ZYX")[::-1]
+    return errors
+
+
+def _console_pose() -> Array:
+    """Return the pose T (4, 4) of {H} in {RB} of the simulated test; any pose gives the same errors."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec((0.5, -0.4, 0.9)).as_matrix()
+    T[:3, 3] = (0.1, 0.05, -0.2)
+    return T
+
+
 def _errors(console: Laws, start: Array, end: Array, resolution: float) -> Array:
     """Return the errors (k, 3) in m, in {H}, of displacements from `start` to `end` (k, 3) in m in {H}.
 
     `resolution` in m is that of the pen; 0: exact.
     """
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec((0.5, -0.4, 0.9)).as_matrix()
-    T[:3, 3] = (0.1, 0.05, -0.2)
+    T = _console_pose()
     P = np.eye(4)
     P[:3, 3] = (0, 0, -0.1)
     errors = np.zeros_like(start)

@@ -97,6 +97,38 @@ class AccuracyChain(Table):
     of: str
 
 
+class AngleChain(Table):
+    """Accuracy test of the paper's console with rotations.
+
+    `rotations` is the number of rotations about each axis, `resolution_deg` is the resolution of the pen's gimbal,
+    `provenance` and `note` say where it is from, and `of` names the [[accuracy]] section with the printed results.
+    """
+
+    rotations: int = Field(ge=2)
+    resolution_deg: float = Field(gt=0, le=10)
+    provenance: str
+    note: str
+    of: str
+
+
+class Priced(Table):
+    """A part with its printed price, and the number of pieces that the text requires."""
+
+    name: str
+    price: float = Field(ge=0, le=_LARGEST)
+    pieces: int = Field(ge=1)
+
+
+class PriceSum(Table):
+    """A printed sum of prices; `unit` is the currency, and the sum is rounded to a multiple of `rounded_to`."""
+
+    name: str
+    unit: str
+    printed: float = Field(ge=0, le=_LARGEST)
+    rounded_to: float = Field(gt=0, le=_LARGEST)
+    part: list[Priced] = Field(min_length=1)
+
+
 class Above(Table):
     """A sentence of the paper with the claim that the means of the listed outcomes are above a number."""
 
@@ -125,6 +157,8 @@ class GroupTables(Table):
     range: list[PrintedRange] = Field(default_factory=list)
     accuracy: list[Accuracy] = Field(default_factory=list)
     chain: AccuracyChain | None = None
+    angle_chain: AngleChain | None = None
+    sum: list[PriceSum] = Field(default_factory=list)
     claim: list[Above] = Field(default_factory=list)
     twice: list[Twice] = Field(default_factory=list)
 
@@ -170,10 +204,11 @@ class GroupTables(Table):
 
     def _check_accuracy_of_chain(self) -> None:
         printed = [accuracy.name for accuracy in self.accuracy]
-        if self.chain is not None and self.chain.of not in printed:
-            listed = ", ".join(printed) or "none"
-            text = f"no [[accuracy]] section has the name '{self.chain.of}'; the names are {listed}"
-            raise at(("chain", "of"), text)
+        for key, chain in (("chain", self.chain), ("angle_chain", self.angle_chain)):
+            if chain is not None and chain.of not in printed:
+                listed = ", ".join(printed) or "none"
+                text = f"no [[accuracy]] section has the name '{chain.of}'; the names are {listed}"
+                raise at((key, "of"), text)
 
 
 def _require_groups(place: tuple[str | int, ...], numbers: Mapping[str, float], groups: set[str]) -> None:
@@ -204,7 +239,11 @@ def load(path: Path) -> GroupTables:
     return load_toml(path, GroupTables)
 
 
-def recompute(tables: GroupTables, run: SimulatedChain) -> Recomputed:
+SimulatedTurns = Callable[[AngleChain], tuple[JsonMapping, Sequence[float]]]
+"""The same with rotations; the standard deviation is that of the error about x, y and z in degrees."""
+
+
+def recompute(tables: GroupTables, run: SimulatedChain, turn: SimulatedTurns) -> Recomputed:
     """Check the printed numbers of a user study with groups; return tables, data and findings."""
     users = {group.name: group.users for group in tables.group}
     findings: list[Finding] = []
@@ -230,6 +269,14 @@ def recompute(tables: GroupTables, run: SimulatedChain) -> Recomputed:
         shown.append(TextTable(("simulated accuracy test", ""), _measured_rows(measured)))
         printed = next(a for a in tables.accuracy if a.name == tables.chain.of)
         findings += _chain(tables.chain, printed, measured, stds)
+    if tables.angle_chain is not None:
+        measured, stds = turn(tables.angle_chain)
+        data["angle_chain"] = dict(measured)
+        shown.append(TextTable(("simulated accuracy test with rotations", ""), _measured_rows(measured)))
+        printed = next(a for a in tables.accuracy if a.name == tables.angle_chain.of)
+        findings += _angles(tables.angle_chain, printed, measured, stds)
+    for priced in tables.sum:
+        findings += _sum(priced)
     return Recomputed(shown, data, findings)
 
 
@@ -517,8 +564,6 @@ def _twice(t: Twice) -> Iterator[Finding]:
 
 
 def _chain(c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]) -> Iterator[Finding]:
-    from scipy import stats
-
     exact = measured["largest_error_unquantised_mm"]
     if exact >= 1e-6:
         yield disagreement(
@@ -540,9 +585,7 @@ def _chain(c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Seq
             f"measure with a pen of finer resolution than {c.resolution_mm:g} mm",
             word="required",
         )
-    # 99th percentile of a sample's standard deviation, relative to that of the population
-    freedom = c.displacements - 1
-    percentile = np.sqrt(stats.chi2.ppf(0.99, freedom) / freedom)
+    percentile = _percentile(c.displacements)
     beyond: list[str] = []
     for axis, printed_std, std in zip("xyz", printed.std, stds, strict=True):
         if printed_std > percentile * std:
@@ -561,3 +604,77 @@ def _chain(c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Seq
             "look for other sources of error than the resolution of the pen",
             word="",
         )
+
+
+def _percentile(samples: int) -> float:
+    """Return the 99th percentile of the standard deviation of a sample, relative to that of the population."""
+    from scipy import stats
+
+    freedom = samples - 1
+    return float(np.sqrt(stats.chi2.ppf(0.99, freedom) / freedom))
+
+
+def _angles(c: AngleChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]) -> Iterator[Finding]:
+    exact = measured["largest_error_unquantised_deg"]
+    if exact >= 1e-6:
+        yield disagreement(
+            "study.chain",
+            "angle_chain",
+            "the equations have an error even with an exact gimbal (no quantisation): largest error",
+            Quantity(exact, "deg"),
+            1e-6,
+            "judge the equations of the console: twin console davinci",
+        )
+    percentile = _percentile(c.rotations)
+    axes = zip("xyz", printed.std, stds, strict=True)
+    beyond = [f"{axis} {printed_std:.3f}" for axis, printed_std, std in axes if printed_std > percentile * std]
+    mean_std = float(np.mean(stds))
+    typical = f"a standard deviation of {mean_std:.4f} deg on average, and of at most {percentile * mean_std:.3f} deg"
+    gimbal = f"in {c.rotations} rotations, a gimbal with a resolution of {c.resolution_deg:g} deg ({c.provenance})"
+    if beyond:
+        yield warning(
+            "study.quantised",
+            printed.name,
+            f"{gimbal} causes {typical} (99th percentile); the paper prints {', '.join(beyond)} deg",
+            Quantity(max(printed.std), "deg"),
+            percentile * mean_std,
+            "look for other sources of error than the resolution of the gimbal",
+            word="",
+        )
+    else:
+        text = f"{gimbal} causes {typical}: the resolution explains the printed ones"
+        yield info("study.explained", printed.name, text)
+
+
+def _sum(s: PriceSum) -> Iterator[Finding]:
+    """Yield a finding on a printed sum of prices: each price once, or as often as pieces are needed."""
+    once = sum(part.price for part in s.part)
+    needed = sum(part.price * part.pieces for part in s.part)
+    half = s.rounded_to / 2
+    several = [f"{part.pieces} × {part.name}" for part in s.part if part.pieces > 1]
+    is_once = abs(s.printed - once) <= half
+    if abs(s.printed - needed) <= half:
+        return
+    text = f"the printed prices have the sum {once:,.0f} {s.unit} if each is counted once"
+    if several:
+        text += f", and {needed:,.0f} {s.unit} with {' and '.join(several)}"
+    if is_once:
+        yield warning(
+            "study.sum",
+            s.name,
+            f"{text}; the paper prints {s.printed:,.0f} {s.unit}, right only if the prices are those of all pieces",
+            Quantity(needed, s.unit),
+            s.printed,
+            "state whether the prices are for one piece or for all",
+            word="printed",
+        )
+        return
+    yield disagreement(
+        "study.sum",
+        s.name,
+        f"{text}; printed",
+        Quantity(s.printed, s.unit),
+        needed,
+        "correct the prices or their sum",
+        word="sum",
+    )

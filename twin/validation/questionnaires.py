@@ -15,13 +15,6 @@ from twin.core.errors import DescriptionError
 from twin.core.findings import Finding, info
 from twin.schema import Identifier, Table, at, load_toml
 
-_UNSCORED = {
-    "simtlx": "the SIM-TLX (D. Harris, M. Wilson, S. Vine, Virtual Reality 24, 2020) has ratings of nine dimensions "
-    "and weights from comparisons of pairs; the paper of this console does not print whether its values are weighted, "
-    "and no rule could be checked against an example: the columns are compared without scoring"
-}
-"""{first letters of the column names of a questionnaire: reason why this questionnaire is not scored}."""
-
 
 class Item(Table):
     """A question, the scales to which it belongs, and whether a high answer lowers these scales (`reversed`)."""
@@ -139,7 +132,7 @@ def keys() -> list[Key]:
 def scored(
     path: Path, columns: Mapping[str, Sequence[float]], lines: Sequence[int]
 ) -> tuple[dict[str, list[float]], list[Finding]]:
-    """Return the columns of a table of users with scores instead of answers, and findings on unscored questionnaires.
+    """Return the columns of a table of users with scores instead of answers, and findings on the keys.
 
     `path` and `lines` (line of each user in the file) are used in messages. `columns` contains the values of the users
     by name of the column; NaN: an empty cell.
@@ -174,9 +167,6 @@ def scored(
                 scores.setdefault(f"{key.name}_{key.weighted.name}", []).append(weighted)
         out |= scores
         findings.append(info("study.scored", key.name, f"{key.title}, scored by the key of: {key.source}"))
-    for start, reason in _UNSCORED.items():
-        if any(name.startswith(f"{start}_") for name in columns):
-            findings.append(info("study.unscored", start, f"not scored: {reason}"))
     return out, findings
 
 
