@@ -248,6 +248,26 @@ def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):
     desk.id("mode-auto").click()
 
 
+def test_a_dimension_is_changed_and_set_back(desk):
+    desk.tab("Interaction")
+    names = desk("twin.app.model.info.distances.map((d) => d.name)")
+    index = next(i for i, name in enumerate(names) if name.startswith("strut1:"))
+    desk.id("distance").select_option(str(index))
+    before = desk.state()[1]
+    bar = desk.id("distance-value")
+    bar.focus()
+    bar.press("ArrowRight")
+    desk.until("twin.app.model.state.distances.length === 1", "the distance is changed")
+    changed, value = desk("twin.app.model.state.distances[0]")
+    assert changed == index
+    assert value > desk(f"twin.app.model.info.distances[{index}].drawn")
+    assert "strut1" in desk.id("changed").inner_text()
+    headset.until(lambda: max(np.abs(desk.state()[1][n] - T).max() for n, T in before.items()) > 1e-5, "links move")
+    desk.id("as-drawn").click()
+    desk.until("twin.app.model.state.distances.length === 0", "as drawn")
+    headset.until(lambda: max(np.abs(desk.state()[1][n] - T).max() for n, T in before.items()) < 1e-5, "links return")
+
+
 def test_two_pages_see_the_same_and_one_holds_it(browser, server, desk):
     with shown(browser, server.url, draws=False) as other:
         start = desk.pixel(desk.to_scene(desk.tool()[:3, 3]))

@@ -159,3 +159,81 @@ def test_both_lenses_are_shown_side_by_side_and_in_red_and_cyan(opened):
     assert 0.002 < (np.abs(red - green) > 30).mean() < 0.4, "coloured edges where the eyes see apart"
     _, green, blue = np.moveaxis(pictures["one"][middle, :right], 2, 0)
     assert (np.abs(green - blue) > 20).mean() > 0.03, "in one picture skin and pegs have their colours"
+
+
+def picture(page, mode):
+    """Return the finished picture at rest in a mode of stereo."""
+    page.id("stereo").first.select_option(mode)  # in halves, its copy has the same name
+    page("twin.app.world.touch()")
+    page.until(
+        "!twin.app.world.dirty && !twin.app.world.pace.busy && !twin.app.world.pace.reduced", "a finished picture"
+    )
+    return page.image()
+
+
+ONE_EYE = """((name) => {
+  const { eyes } = twin.app.console.views;
+  eyes.follows ??= eyes.follow;
+  eyes.follow = name === 'both' ? eyes.follows : function (middle) {
+    this.follows(middle);
+    for (const each of [this.left, this.right]) {
+      each.matrixWorld.copy(this[name].matrixWorld);
+      each.matrixWorldInverse.copy(this[name].matrixWorldInverse);
+      each.projectionMatrix.copy(this[name].projectionMatrix);
+    }
+  };
+})"""
+"""Script that gives both rows, or both halves, the camera of one eye, for pictures to compare with."""
+
+
+def test_even_rows_are_for_the_left_eye_and_odd_rows_for_the_right(opened):
+    page = opened
+    page.draws(True)
+    pictures = {}
+    for eye in ("left", "right", "both"):
+        page(f"{ONE_EYE}('{eye}')")
+        pictures[eye] = picture(page, "rows")
+    right, bottom = (int(SCALE * v) for v in page("twin.app.world.free()"))
+    area = np.s_[int(SCALE * 120) : bottom - int(SCALE * 130), : right - 4]  # no control lies above it
+    left, other, rows = (pictures[eye][area] for eye in ("left", "right", "both"))
+    first = area[0].start % 2  # parity of the area's first row, counted from the top of the screen
+    even = slice(first, None, 2)
+    odd = slice(1 - first, None, 2)
+    assert (np.abs(left - other).max(axis=2) > 40).mean() > 0.005, "the eyes see different pictures"
+    assert np.abs(rows[even] - left[even]).max() <= 2
+    assert np.abs(rows[odd] - other[odd]).max() <= 2
+    page.id("swap-rows").click()
+    swapped = picture(page, "rows")[area]
+    assert np.abs(swapped[odd] - left[odd]).max() <= 2
+    assert np.abs(swapped[even] - other[even]).max() <= 2
+    page.id("swap-rows").click()
+    picture(page, "one")
+
+
+def test_both_halves_have_the_whole_window_and_the_controls(opened):
+    page = opened
+    page.draws(True)
+    halves = picture(page, "halves")
+    page.until("twin.app.console.views.halves.copy.childElementCount > 0", "the copy")
+    page("twin.app.console.views.halves.copied = -1e9, twin.app.world.touch()")
+    halves = picture(page, "halves")
+    width = halves.shape[1] // 2
+    a = halves[:, :width]
+    b = halves[:, width : 2 * width]
+    side = page(
+        "(() => { const r = twin.app.dom.side.getBoundingClientRect(); return [r.left, r.right, r.top, r.bottom]; })()"
+    )
+    x0, x1, y0, y1 = (int(SCALE * v) for v in side)
+    assert x1 <= width, "the controls are in the left half"
+    bar = page(
+        "(() => { const r = twin.app.dom.foot.getBoundingClientRect(); return [r.left, r.right, r.top, r.bottom]; })()"
+    )
+    for left, stop, top, bottom in ((x0, x1, y0, y1), [int(SCALE * v) for v in bar]):
+        controls = np.s_[top + 4 : bottom - 4, left + 4 : stop - 4]
+        apart = np.abs(a[controls] - b[controls]).max(axis=2)
+        assert (apart > 60).mean() < 0.02, "and their copy in the right half"
+    middle = np.s_[int(SCALE * 120) : int(SCALE * 300), 4 : x0 - 4]
+    assert 0.003 < (np.abs(a[middle] - b[middle]).max(axis=2) > 40).mean() < 0.4, "each eye has its picture"
+    picture(page, "one")
+    assert page("document.querySelector('.copy') === null")
+    assert page.errors == []

@@ -24,6 +24,8 @@ from made.streaming import PAGE, Peer, Planned, http, joined, serving
 from twin.cli.serving import _tls
 from twin.core.errors import TwinError
 from twin.core.units import MM
+from twin.model.joint_distance import kinematic_distances, with_distance
+from twin.reference import ReferenceModel
 from twin.ui.access import connection as connections
 from twin.ui.access.rate_limits import Bucket, ConnectionCounter, counted_address
 from twin.ui.access.rules import AccessRules
@@ -423,6 +425,38 @@ def test_a_variant_shows_where_the_printed_equations_put_the_tool(sils, planned,
             assert peer.frames[-1].ghost is not None
             await peer.ask("variant", name=None)
             await peer.until(lambda: peer.frames[-1].ghost is None)
+
+    asyncio.run(go())
+
+
+def test_a_distance_is_changed_in_the_mechanism_and_set_back(sils):
+    """The links are those of the changed mechanism, solved by the reference model."""
+    mechanism = sils.mechanism
+    distances = kinematic_distances(mechanism)
+    index = next(i for i, d in enumerate(distances) if d.body == "strut1")
+    distance = distances[index]
+    value = distance.distance + 0.004
+    changed = ReferenceModel(with_distance(mechanism, distance.joint, distance.other, value))
+
+    async def go():
+        async with serving(sils) as s, joined(s.port) as peer:
+            before = peer.frames[-1]
+            assert (await peer.ask("distance", index=len(distances), value=0.2))["code"] == "unknown"
+            assert (await peer.ask("distance", value=0.2))["code"] == "invalid"
+            await peer.ask("distance", index=index, value=value)
+            await peer.until(lambda: peer.last("state")["distances"] == [[index, value]])
+            await peer.until(lambda: np.abs(peer.frames[-1].poses - before.poses).max() > 1e-4)
+            wanted = changed.solve(peer.frames[-1].q.astype(float)).link_poses
+            names = [body.name for body in mechanism.bodies]
+            for name, seven in zip(names, peer.frames[-1].poses, strict=True):
+                assert np.abs(seven[:3] - wanted[name][:3, 3]).max() < 1e-6, name
+            await peer.ask("distance", index=index, value=0.9)  # no assembly has such a strut
+            state = await peer.until(lambda: peer.last("state")["reason"] and peer.last("state"))
+            assert "strut1" in state["reason"]
+            assert state["distances"] == [[index, value]]
+            await peer.ask("distance")
+            await peer.until(lambda: peer.last("state")["distances"] == [])
+            await peer.until(lambda: np.abs(peer.frames[-1].poses - before.poses).max() < 1e-5)
 
     asyncio.run(go())
 

@@ -41,7 +41,7 @@ LONGEST = 4096
 
 ERRORS = {
     "invalid": "the message is unknown, or a value is out of range",
-    "unknown": "there is no protocol, posture, joint, link or variant of that name",
+    "unknown": "there is no protocol, posture, joint, link, distance or variant of that name",
     "held": "another client holds the robot",
     "not_held": "a drag without a grab, or a drag that does not match the grab",
     "refused": "not supported by this robot or with these server options",
@@ -271,6 +271,23 @@ class VariantMessage(_RobotMessage):
     name: _Name | None
 
 
+class DistanceMessage(_RobotMessage):
+    """Set a distance of joints, by its index in the robot's description, to a value in m; null: as drawn.
+
+    Without an index, all distances become as drawn.
+    """
+
+    type: Literal["distance"]
+    index: Annotated[int, Field(ge=0, lt=10_000)] | None = None
+    value: Annotated[float, Field(gt=0, le=1e3)] | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> DistanceMessage:
+        if self.index is None and self.value is not None:
+            raise ValueError("index: required with a value")
+        return self
+
+
 class WorkspaceMessage(_RobotMessage):
     """Compute the tool positions reachable at the present orientation, or stop the computation and clear the points."""
 
@@ -390,6 +407,7 @@ Message = (
     | DragMessage
     | ReleaseMessage
     | VariantMessage
+    | DistanceMessage
     | WorkspaceMessage
     | HandsMessage
     | ScaleMessage
@@ -406,7 +424,14 @@ Message = (
 """Classes of all client messages."""
 
 RobotMessage = (
-    ProtocolMessage | PostureMessage | GrabMessage | DragMessage | ReleaseMessage | VariantMessage | WorkspaceMessage
+    ProtocolMessage
+    | PostureMessage
+    | GrabMessage
+    | DragMessage
+    | ReleaseMessage
+    | VariantMessage
+    | DistanceMessage
+    | WorkspaceMessage
 )
 """Classes of messages for one robot; other messages concern clock, recording, console or connection."""
 

@@ -45,7 +45,7 @@ _ROBOTS = "robots/{}/"
 _PROPS = "props.glb"
 _OBJECTS = "objects.glb"
 
-_FOLLOWS = {"protocols": [], "variants": [], "postures": [], "has_workspace": False}
+_FOLLOWS = {"protocols": [], "variants": [], "postures": [], "distances": [], "has_workspace": False}
 """Entries of robot.json that a robot lacks if clients cannot move it alone."""
 
 Endpoint = tuple[str, int]

@@ -20,6 +20,7 @@ from twin.model.scene import Place
 from twin.reference.states import Assembly
 from twin.ui.headset import description
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.changed_distances import ChangedDistances
 from twin.ui.headset.ghost import Ghost
 from twin.ui.headset.hold import ClientHold, hold_of, move_of
 from twin.ui.headset.playback import DisplayedState, StreamedPlayback, apart, measured, path, trocars
@@ -81,6 +82,7 @@ class Twin:
         self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
         self._ghost = Ghost(self.desk)
         self._reach = ReachablePoints(self.desk, source)
+        self._distances = ChangedDistances(self.desk)
         self._hold: ClientHold | None = None
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
@@ -98,6 +100,7 @@ class Twin:
         if place is None:
             self.patients = description.patients_of(robot, self.desk, self._protocols)
         self.description = description.describe(robot, self.desk, self._protocols, self.patients, place)
+        self.description["distances"] = self._distances.describe()
         first = self._first_protocol(protocol)
         if first is not None and plans:
             self._plan(first)
@@ -225,6 +228,10 @@ class Twin:
             self.release(client)
         elif isinstance(message, wire.VariantMessage):
             self._variant(message.name)
+        elif isinstance(message, wire.DistanceMessage):
+            self.leave_to(client)
+            self._distance(message)
+            self.let_go(client)
         elif isinstance(message, wire.WorkspaceMessage):
             self._reach.ask(message.on)
         elif isinstance(message, wire.GrabMessage):
@@ -312,6 +319,23 @@ class Twin:
             self._again()
 
         self._worker.ask("variant", lambda: self._ghost.choose(name), done)
+
+    def _distance(self, message: wire.DistanceMessage) -> None:
+        index = message.index
+        if index is not None and index >= len(self._distances):
+            text = f"there is no distance {index}: {self.called} has {len(self._distances)}, counted from 0"
+            raise RefusedError("unknown", text)
+        self._leave_track()
+
+        def job() -> DisplayedState:
+            reason = self._distances.change(index, message.value)
+            return self._of(self.desk.assembly, self._ghost.here(), reason)
+
+        def done(shown: DisplayedState) -> None:
+            self._sample = None
+            self._show(shown)
+
+        self._worker.ask("distance", job, done)
 
     def _failure(self, text: str) -> None:
         self.send({"type": "error", "code": "failed", "message": text[:500]})
@@ -484,6 +508,7 @@ class Twin:
             "rcm": trocar_entries[0]["at"] if trocar_entries else None,
             "trocars": trocar_entries,
             "variant": self._ghost.name,
+            "distances": [[index, value] for index, value in sorted(self._distances.values.items())],
             "workspace": self._reach.on,
             "postures": list(self.desk.postures),
         }

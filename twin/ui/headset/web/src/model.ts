@@ -20,7 +20,7 @@ export interface Status {
 const SAID_FOR = 6000; // ms for which a message is shown
 
 /** Messages for one robot; in a scene of several robots, they contain its name. */
-const OF_ROBOT = new Set(['protocol', 'posture', 'grab', 'drag', 'release', 'variant', 'workspace']);
+const OF_ROBOT = new Set(['protocol', 'posture', 'grab', 'drag', 'release', 'variant', 'distance', 'workspace']);
 
 /** Data of one robot. */
 export class RobotModel {

@@ -17,13 +17,15 @@ export class Pace {
   level = 0;
   /** Time in ms at which the last picture was begun. */
   begun = 0;
+  /** Whether each picture has exactly the pixels of the screen, at any speed. */
+  exact = false;
   /** Called when a picture is drawn. */
   onDrawn: () => void = () => undefined;
   private fence: WebGLSync | null = null;
   private fast = 0;
   private slowly = 0;
   private proof: number = PROOF[0];
-  private share = 1;
+  private ratio = FULL;
   private moving = false;
   private counts = false;
 
@@ -56,9 +58,10 @@ export class Pace {
     this.moving = moving;
     this.counts = moving || !this.slow; // on slow graphics, pictures of a scene at rest do not count
     const share = moving ? (SHARES[this.level] as number) : 1;
-    if (share === this.share) return;
-    this.share = share;
-    this.renderer.setPixelRatio(FULL * share);
+    const ratio = this.exact ? window.devicePixelRatio : FULL * share;
+    if (ratio === this.ratio) return;
+    this.ratio = ratio;
+    this.renderer.setPixelRatio(ratio);
   }
 
   /** Do not wait for the last picture: the canvas was cleared, and would stay empty until then. */

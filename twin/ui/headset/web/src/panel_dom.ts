@@ -82,9 +82,10 @@ export class DomPanel implements Drawer {
   /** Pixels that the controls cover at the right and at the bottom; folded, they cover only a corner, which does not count. */
   covers(): [right: number, bottom: number] {
     const [w, h] = [window.innerWidth, window.innerHeight];
-    const side = this.side.getBoundingClientRect();
-    const beside = side.left > w / 2;
-    return [beside && !this.folded ? w - side.left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
+    const halves = 'halves' in document.documentElement.dataset; // the page has half its width then, see halves.ts
+    const left = (halves ? 2 : 1) * this.side.getBoundingClientRect().left;
+    const beside = left > w / 2;
+    return [beside && !this.folded ? w - left : 0, h - (beside ? this.foot : this.side).getBoundingClientRect().top];
   }
 
   /** Left edge in pixels of the tabs, if they are at the top of the page. */

@@ -43,6 +43,8 @@ export interface RobotInfo {
   protocols: Named[];
   postures: string[];
   variants: string[];
+  /** Distances of joints that can be changed, in m. */
+  distances: { name: string; drawn: number; lower: number; upper: number }[];
   has_equations: boolean;
   has_workspace: boolean;
   scenery: Scenery | null;
@@ -293,6 +295,8 @@ export interface State {
   /** The instruments in their trocars; `rcm` is the first of them. */
   trocars: { name: string; at: Numbers; error_m: number | null; depth_m: number | null }[];
   variant: string | null;
+  /** Distances that are not as drawn: index in the robot's description, value in m. */
+  distances: [index: number, value: number][];
   planning: string | null;
   workspace: boolean;
   /** Only if the server was started with --record. */
@@ -334,6 +338,7 @@ export const FIRST_STATE: State = {
   depth_m: null,
   trocars: [],
   variant: null,
+  distances: [],
   planning: null,
   workspace: false,
   postures: [],

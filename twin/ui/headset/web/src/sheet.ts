@@ -218,6 +218,70 @@ function measures(app: App): Control[] {
   ];
 }
 
+/** Return the controls of the distances between joints: one is chosen, and a slider changes it. */
+function dimensions(app: App): Control[] {
+  const m = app.model;
+  const distances = m.info?.distances ?? [];
+  if (!distances.length) return [];
+  let chosen = 0;
+  const about = () => distances[chosen] ?? { name: '', drawn: 0, lower: 0, upper: 0 };
+  const value = (index: number) => m.state.distances.find(([i]) => i === index)?.[1] ?? distances[index]?.drawn ?? 0;
+  const off = () => m.heldByOther || m.line !== 'open';
+  let waiting: number | null = null; // the value of the slider, until the mechanism has it
+  return [
+    { kind: 'head', text: 'Dimensions' },
+    {
+      kind: 'choice',
+      id: 'distance',
+      label: 'Distance of two joints on a link',
+      options: () => distances.map((d, i): [string, string] => [String(i), d.name]),
+      get: () => String(chosen),
+      set: (index) => {
+        chosen = Number(index);
+        waiting = null;
+        app.refresh();
+      },
+    },
+    {
+      kind: 'slider',
+      id: 'distance-value',
+      label: 'length',
+      range: () => [about().lower, about().upper],
+      get: () => waiting ?? value(chosen),
+      show: length,
+      set: (v) => {
+        waiting = v;
+      },
+      end: () => {
+        if (waiting !== null) app.ask('distance', { index: chosen, value: waiting });
+        waiting = null;
+      },
+      off,
+    },
+    {
+      kind: 'row',
+      items: [
+        {
+          kind: 'button',
+          id: 'as-drawn',
+          label: () => 'As drawn',
+          off: () => off() || !m.state.distances.length,
+          press: () => app.ask('distance', {}),
+          hint: 'Set all distances back to those of the CAD',
+        },
+      ],
+    },
+    {
+      kind: 'text',
+      id: 'changed',
+      tone: () => (m.state.distances.length ? 'warn' : 'faint'),
+      text: () =>
+        m.state.distances.map(([i, v]) => `${distances[i]?.name ?? ''}: ${length(v)} (drawn: ${length(distances[i]?.drawn ?? 0)})`).join('\n') ||
+        'All distances are as drawn. A change moves joints; meshes keep their shape, and nothing is saved.',
+    },
+  ];
+}
+
 function interaction(app: App): Tab {
   const m = app.model;
   const modes: [Mode, string, string][] = [
@@ -293,5 +357,6 @@ function interaction(app: App): Tab {
     };
     controls.push(slider);
   }
+  controls.push(...dimensions(app));
   return { id: 'interaction', label: 'Interaction', controls };
 }

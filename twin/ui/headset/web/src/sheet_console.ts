@@ -13,7 +13,9 @@ import type { Stereo } from './views';
 const STEREO: readonly [Stereo, string][] = [
   ['one', 'One picture'],
   ['side', 'Stereo: side by side'],
+  ['halves', 'Stereo: halves of the window'],
   ['red-cyan', 'Stereo: red and cyan'],
+  ['rows', 'Stereo: rows (polarised monitor)'],
 ];
 
 const TOUCH: readonly (readonly [what: string, how: string])[] = [
@@ -82,6 +84,15 @@ export function pedals(console: Console): Control {
   };
 }
 
+async function wholeScreen(): Promise<void> {
+  try {
+    if (document.fullscreenElement) await document.exitFullscreen();
+    else await document.documentElement.requestFullscreen();
+  } catch {
+    // A browser may refuse; the picture then stays in its window.
+  }
+}
+
 export function atConsole(app: App, console: Console): Tab {
   const list = (id: string, rows: readonly (readonly [string, string])[], shown = () => true): Control => ({
     kind: 'text',
@@ -100,6 +111,28 @@ export function atConsole(app: App, console: Console): Tab {
           options: () => [...STEREO],
           get: () => views.mode,
           set: (value) => views.setMode(value as Stereo),
+        },
+        {
+          kind: 'row',
+          items: [
+            {
+              kind: 'button',
+              id: 'whole-screen',
+              label: () => 'Full screen',
+              on: () => document.fullscreenElement !== null,
+              press: () => void wholeScreen(),
+              hint: 'Full screen at 100 % zoom: the upper row of the picture is then the upper row of the monitor',
+            },
+            {
+              kind: 'button',
+              id: 'swap-rows',
+              label: () => (views.swapped ? 'Odd rows: left eye' : 'Even rows: left eye'),
+              on: () => views.swapped,
+              off: () => views.mode !== 'rows',
+              press: () => views.swapRows(),
+              hint: 'Exchange the rows of both eyes, for monitors whose upper row is polarised for the right eye',
+            },
+          ],
         },
       ]
     : [];

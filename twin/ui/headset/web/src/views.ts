@@ -15,14 +15,18 @@ import {
 import type { App } from './app';
 import { Backdrop } from './backdrop';
 import { type Eye, EYES, Eyes } from './eyes';
+import { Halves } from './halves';
 import { lineOf } from './line';
 import type { CameraInfo } from './protocol';
 import { poseOf } from './robot';
 
 export type View = 'scope' | 'room';
 
-/** Display of both lenses on a screen: one picture, side by side, or combined for red-cyan glasses. */
-export type Stereo = 'one' | 'side' | 'red-cyan';
+/**
+ * Display of both lenses on a screen: one picture; side by side beside the controls; in both halves of the window, for
+ * monitors that stretch each half; combined for red-cyan glasses; or in alternating rows, for polarised monitors.
+ */
+export type Stereo = 'one' | 'side' | 'halves' | 'red-cyan' | 'rows';
 
 interface Point {
   x: number;
@@ -58,8 +62,11 @@ export class Views {
   high = 0;
   readonly scope: PerspectiveCamera;
   readonly backdrop: Backdrop;
+  /** Whether the left eye has the odd rows instead of the even ones. */
+  swapped = false;
   private stereo: Stereo = 'one';
   private readonly eyes: Eyes;
+  private readonly halves: Halves;
   /** Camera of the room's view on a screen. */
   private onlooker = new PerspectiveCamera();
   private readonly frame = document.createElement('button');
@@ -81,6 +88,7 @@ export class Views {
     this.scope = new PerspectiveCamera(MathUtils.radToDeg(camera.view), 1, 0.003, SEEN);
     this.eyes = new Eyes(camera.stereo);
     this.backdrop = new Backdrop(app.world);
+    this.halves = new Halves(parent);
     for (const lens of [this.scope, this.eyes.left, this.eyes.right]) lens.layers.enable(SCOPE_LIGHT);
     this.frame.className = 'inset';
     this.frame.dataset['id'] = 'inset';
@@ -137,6 +145,17 @@ export class Views {
 
   setMode(mode: Stereo): void {
     this.stereo = mode;
+    this.halves.show(mode === 'halves');
+    this.app.world.pace.exact = mode === 'rows'; // a canvas with fewer pixels would be stretched over the rows
+    this.place();
+    this.app.world.touch();
+    this.app.refresh();
+  }
+
+  /** Exchange the rows of both eyes. */
+  swapRows(): void {
+    this.swapped = !this.swapped;
+    this.app.world.touch();
     this.app.refresh();
   }
 
@@ -210,7 +229,7 @@ export class Views {
   project(point: Vector3, view: View, x = 0): { x: number; y: number } {
     const two = this.sideBySide(view);
     if (!two) return this.into(point, this.fit(view), this.box(view));
-    this.aim(two.left.width / two.left.height);
+    this.follow(two);
     const [left, right] = EYES.map((eye) => this.into(point, this.eyes[eye], two[eye])) as [Point, Point];
     return x < two.right.left ? left : right;
   }
@@ -224,17 +243,27 @@ export class Views {
   pixels(view: View): number {
     const fov = view === 'scope' ? this.camera.view : MathUtils.degToRad(this.app.world.camera.fov);
     const two = this.sideBySide(view);
-    const zoom = view === 'scope' && !two ? this.fit(view).zoom : 1;
+    const zoom = view === 'scope' && (!two || this.stereo === 'halves') ? this.fit(view).zoom : 1;
     return (zoom * (two?.left ?? this.box(view)).height) / (2 * Math.tan(fov / 2));
   }
 
-  /** Return the boxes of both eyes in the area without controls; null unless they are side by side. */
+  /** Return the boxes of both eyes in the area without controls, or in the window; null unless they are side by side. */
   private sideBySide(view: View): Record<Eye, Box> | null {
-    if (view !== 'scope' || this.large !== 'scope' || this.stereo !== 'side') return null;
-    const [right, bottom] = this.app.world.free();
+    if (view !== 'scope' || this.large !== 'scope' || (this.stereo !== 'side' && this.stereo !== 'halves')) return null;
+    const whole = this.box(view);
+    const [right, bottom] = this.stereo === 'side' ? this.app.world.free() : [whole.width, whole.height];
     const width = Math.floor(right / 2);
     const half = (left: number): Box => ({ left, top: 0, width, height: bottom });
     return { left: half(0), right: half(width) };
+  }
+
+  /** Set the cameras of both lenses for two boxes; a half of the window has the whole picture, compressed. */
+  private follow(two: Record<Eye, Box>): void {
+    if (this.stereo === 'side') this.aim(two.left.width / two.left.height);
+    else {
+      this.fit('scope');
+      this.eyes.follow(this.scope);
+    }
   }
 
   /** Draw the large view and, less often, the small one. */
@@ -258,6 +287,7 @@ export class Views {
       whole?.drawImage(renderer.domElement, left * scale, top * scale, w, h, 0, 0, w, h);
     } else this.app.later(pace.slow ? PAUSE : REST);
     this.draw(this.large);
+    this.halves.refresh();
   }
 
   /** Draw the pictures of both lenses for a headset, with this size in pixels. */
@@ -311,9 +341,10 @@ export class Views {
     renderer.setScissorTest(true);
     if (two) {
       this.inBox(whole, () => renderer.clear());
-      this.aim(two.left.width / two.left.height);
+      this.follow(two);
       for (const eye of EYES) this.inBox(two[eye], () => renderer.render(scene, this.eyes[eye]));
-    } else if (view === 'scope' && view === this.large && this.stereo === 'red-cyan') {
+    } else if (view === 'scope' && view === this.large && (this.stereo === 'red-cyan' || this.stereo === 'rows')) {
+      const how = this.stereo;
       this.fit(view);
       this.eyes.follow(this.scope);
       const scale = renderer.getPixelRatio();
@@ -322,7 +353,7 @@ export class Views {
         renderer.render(scene, this.eyes[eye]);
       }
       renderer.setRenderTarget(null);
-      this.inBox(whole, () => this.eyes.overlay(renderer));
+      this.inBox(whole, () => this.eyes.overlay(renderer, how, this.swapped));
     } else {
       const camera = this.fit(view);
       const copies = view === 'scope' && view === this.large && this.app.world.pace.reduced;

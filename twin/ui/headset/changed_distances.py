@@ -1,0 +1,69 @@
+"""Distances of joints that a page changes in the mechanism: the design is not saved, and meshes keep their shape."""
+
+from __future__ import annotations
+
+from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
+from twin.core.units import MM
+from twin.model.joint_distance import kinematic_distances, with_distance
+from twin.ui.session.desk import Desk
+
+_RANGE = 0.25
+"""Largest change of a distance that a page offers, as a fraction of the distance as drawn."""
+
+
+class ChangedDistances:
+    """The distances of a desk's mechanism, and those that have been changed.
+
+    Attributes:
+        values: {index in `distances`: value in m} of the distances that are not as drawn.
+    """
+
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._distances = kinematic_distances(desk.robot.mechanism)
+        self.values: dict[int, float] = {}
+
+    def describe(self) -> list[JsonObject]:
+        """Return name, drawn value and range in m of each distance."""
+        entries: list[JsonObject] = []
+        for distance in self._distances:
+            drawn = distance.distance
+            entries.append(
+                {
+                    "name": f"{distance.body}: {distance.joint} to {distance.other}",
+                    "drawn": drawn,
+                    "lower": (1 - _RANGE) * drawn,
+                    "upper": (1 + _RANGE) * drawn,
+                }
+            )
+        return entries
+
+    def __len__(self) -> int:
+        return len(self._distances)
+
+    def change(self, index: int | None, value: float | None) -> str:
+        """Set a distance to a value in m, or to its drawn value (None); all distances with `index` None.
+
+        Return why the mechanism cannot be assembled with it, in which case nothing is changed; "" if it can.
+        """
+        wanted = dict(self.values)
+        what = "the mechanism as drawn"
+        if index is None:
+            wanted = {}
+        elif value is None:
+            wanted.pop(index, None)
+        else:
+            wanted[index] = value
+            distance = self._distances[index]
+            what = f"{distance.body}, {distance.joint} to {distance.other} = {value / MM:g} mm"
+        mechanism = self._desk.robot.mechanism
+        try:
+            for i, length in wanted.items():
+                distance = self._distances[i]
+                mechanism = with_distance(mechanism, distance.joint, distance.other, length)
+            self._desk.redesign(mechanism)
+        except TwinError as error:
+            return f"{what}: {error}"
+        self.values = wanted
+        return ""
