@@ -143,6 +143,7 @@ BAD = [
     '{"type": "grab", "target": "tool", "robot": ["a"]}',
     '{"type": "drag", "value": 1, "robot": "' + 65 * "x" + '"}', '{"type": "variant"}',
     '{"type": "variant", "name": 3}',
+    '{"type": "distance", "value": 0.2}', '{"type": "distance", "index": -1, "value": 0.2}',
     '{"type": "workspace", "on": 0}', '{"type": "record"}', '{"type": "ping"}', '{"type": "ping", "t": true}',
     '{"type": "hands"}', '{"type": "hands", "number": 1, "right": null, "left": null, "clutch": false}',
     '{"type": "scale", "value": 0}', '{"type": "scale", "value": 1.5}',
