@@ -20,10 +20,12 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.formula import flow
 from twin.kinematics.closed_loops.dragging import bounds_of
+from twin.proof.certificate import digest
 from twin.proof.formula_boxes import FormulaBoxes
 from twin.proof.limits import LinearLimit
 from twin.proof.loops import ClosingConditions
 from twin.proof.regular_workspace import BoxJudge, RegularWorkspace, cover
+from twin.proof.workspace_certificate import SCHEMA, boxes_as_data, limits_as_data, loops_as_data
 
 _PARTS = 232
 """Number of smallest boxes along the longest side of the workspace, unless an edge is given."""
@@ -50,6 +52,8 @@ class ProvenWorkspace(Result):
         sampled: volume in m3 of the reached positions, as `twin workspace` counts them in the same box.
         sampled_error: its error of counting cells in m3, about two standard deviations.
         unchecked: limits that the proof does not consider.
+        files: {file of equations or mechanism: SHA-256 of its bytes}.
+        certified: loops, limits and boxes as plain data, for the certificate.
     """
 
     robot: str
@@ -58,6 +62,8 @@ class ProvenWorkspace(Result):
     sampled: float
     sampled_error: float
     unchecked: tuple[str, ...]
+    files: Mapping[str, str]
+    certified: JsonObject
 
     kind = "prove-workspace"
     judges = False
@@ -101,12 +107,26 @@ class ProvenWorkspace(Result):
             "limits_unchecked": list(self.unchecked),
         }
 
+    def certificate(self) -> JsonObject:
+        """Return the certificate of the proved boxes, which docs/check_workspace.py checks without twin."""
+        data: JsonObject = {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "variants": dict(self.variants),
+            "files": dict(self.files),
+            "orientation": self.proof.orientation.tolist(),
+            **self.certified,
+        }
+        return {**data, "sha256": digest(data)}
+
     def write(self, folder: Path) -> None:
-        """Write the proved boxes."""
+        """Write the proved boxes, and the certificate if there is one."""
         low = (self.proof.low / MM).tolist()
         high = (self.proof.high / MM).tolist()
         data = {"low_mm": low, "high_mm": high, "R_base_tool": self.proof.orientation.tolist()}
         (folder / "boxes.json").write_text(json.dumps(data), encoding="ascii")
+        text = json.dumps(self.certificate(), ensure_ascii=True, allow_nan=False)
+        (folder / "certificate.json").write_text(text, encoding="ascii")
 
     def text(self) -> Iterator[Part]:
         """Yield the volumes."""
@@ -182,7 +202,12 @@ def proven_workspace(
     halvings = int(np.clip(np.log2((high - low).min() / edge), 0, _HALVINGS))
     proof = cover(judge, low, high, edge, halvings, progress)
     volume, error = _sampled_volume(robot, T, low, high, progress)
-    return ProvenWorkspace(robot.name, chosen, proof, volume, error, unchecked)
+    certified: JsonObject = {
+        **loops_as_data(loops),
+        "limits": limits_as_data(limits),
+        "boxes": boxes_as_data(proof, equations.values(0.5 * (proof.low + proof.high))),
+    }
+    return ProvenWorkspace(robot.name, chosen, proof, volume, error, unchecked, robot.hashes(), certified)
 
 
 def _checked(name: str, corners: tuple[Array, Array]) -> tuple[Array, Array]:

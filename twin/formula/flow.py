@@ -199,7 +199,6 @@ def gather(formula: Formula, symbols: Mapping[str, Value], names: tuple[str, ...
 
     Raises:
         KinematicsError: a symbol is missing or not a scalar.
-
     """
     column = []
     for name in names:
@@ -207,13 +206,27 @@ def gather(formula: Formula, symbols: Mapping[str, Value], names: tuple[str, ...
             raise KinematicsError(
                 f"formula '{formula.name}': no equation gives {what} '{name}'. Symbols: {', '.join(sorted(symbols))}."
             )
-        value = ca.SX(symbols[name])
+        value = expression(formula, symbols, name, what)
         if value.shape != (1, 1):
             raise KinematicsError(f"formula '{formula.name}': {what} '{name}' has shape {value.shape}, not (1, 1).")
         column.append(value)
     if not column:
         return ca.SX(0, 1)  # `vertcat` of nothing has no column
     return ca.vertcat(*column)
+
+
+def expression(formula: Formula, symbols: Mapping[str, Value], name: str, what: str) -> ca.SX:
+    """Return a symbol as an expression; `what` is its role in messages.
+
+    Raises:
+        KinematicsError: it is no number, vector or matrix.
+    """
+    try:
+        return ca.SX(symbols[name])
+    except NotImplementedError:
+        kind = type(symbols[name]).__name__
+        text = f"formula '{formula.name}': {what} '{name}' is a {kind}, not a number, vector or matrix."
+        raise KinematicsError(text) from None
 
 
 def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapping[str, Value]) -> list[Value]:

@@ -96,7 +96,7 @@ def _of_helpers(formula: Formula, variants: Mapping[str, str], symbols: Mapping[
     }
     for name, symbol in formula.points.items():
         if isinstance(symbol, str):
-            outputs[f"point {name}"] = ca.vec(ca.SX(symbols[symbol]))
+            outputs[f"point {name}"] = ca.vec(flow.expression(formula, symbols, symbol, f"point '{name}':"))
         else:
             outputs[f"point {name}"] = flow.gather(formula, symbols, symbol, f"point '{name}':")
     return outputs
@@ -109,7 +109,7 @@ def _parameters(formula: Formula) -> dict[str, ca.SX]:
 def _pose(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
     """Return the pose (4, 4) that forward equations gave as a matrix or as coordinates."""
     if POSE_SYMBOL in symbols:
-        return ca.SX(symbols[POSE_SYMBOL])
+        return flow.expression(formula, symbols, POSE_SYMBOL, "the pose")
     return flow.to_pose(formula, symbols)
 
 

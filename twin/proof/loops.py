@@ -153,6 +153,7 @@ class ClosingConditions:
         ).inverse()
         self._paths: dict[str, tuple[PathStep, ...]] = {mechanism.base: (), tool.body: ()}
         self._roots = {mechanism.base: mechanism.base, tool.body: tool.body}
+        self._routes: dict[str, tuple[tuple[Joint, int], ...]] = {mechanism.base: (), tool.body: ()}
         self.names: list[str] = []
         closing = self._place(mechanism)
         joints = [mechanism.joint(name) for name in self.names]
@@ -213,10 +214,16 @@ class ClosingConditions:
             step = PathStep(first, second.inverse(), number, 1, turns)
             self._paths[joint.child] = (*self._paths[joint.parent], step)
             self._roots[joint.child] = self._roots[joint.parent]
+            self._routes[joint.child] = (*self._routes[joint.parent], (joint, 1))
         else:
             step = PathStep(second, first.inverse(), number, -1, turns)
             self._paths[joint.parent] = (*self._paths[joint.child], step)
             self._roots[joint.parent] = self._roots[joint.child]
+            self._routes[joint.parent] = (*self._routes[joint.child], (joint, -1))
+
+    def route(self, body: str) -> tuple[bool, tuple[tuple[Joint, int], ...]]:
+        """Return whether a body is placed from the tool, and its joints: each with 1 from parent to child, else -1."""
+        return self._roots[body] == self._tool_body, self._routes[body]
 
     def _frames(self, joint: Joint) -> tuple[IntervalPose, IntervalPose]:
         """Return the frames of a joint on its parent and its child."""

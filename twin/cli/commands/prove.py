@@ -98,7 +98,7 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
     folder = show.folder(args, robot.name, "prove-workspace")
     with show.progress(args.quiet or args.json) as progress:
         result = proven_workspace(robot, asked(args.variant), edge, corners, progress)
-    return show.store(result, args, folder, ["boxes.json"])
+    return show.store(result, args, folder, ["boxes.json", "certificate.json"])
 
 
 def _bounds(robot: Robot, args: argparse.Namespace) -> int:

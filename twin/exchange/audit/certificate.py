@@ -20,6 +20,8 @@ from twin.core.errors import TwinError
 from twin.exchange.audit.bounds import SCHEMA as BOUNDS
 from twin.exchange.audit.bounds import audit_bounds
 from twin.exchange.audit.report import AuditReport, Ledger, finished
+from twin.exchange.audit.workspace import SCHEMA as WORKSPACE
+from twin.exchange.audit.workspace import audit_workspace
 
 SCHEMA = "twin/certificate/1"
 
@@ -77,6 +79,9 @@ def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> Aud
         if data["schema"] == BOUNDS:
             ledger.tool = "random joint values"
             audit_bounds(data, ledger)
+        elif data["schema"] == WORKSPACE:
+            ledger.tool = "Newton's method at random points"
+            audit_workspace(data, ledger)
         else:
             _judge(data, ledger)
         motions = sum(len(motion["proved"]) for motion in data.get("motions", ()))
@@ -91,10 +96,10 @@ def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> Aud
 def _read(path: Path) -> dict[str, Any]:
     """Return the content of a certificate whose hash is that of its content."""
     data = json.loads(path.read_text(encoding="utf-8"))
-    if data["schema"] not in (SCHEMA, BOUNDS):
+    known = (SCHEMA, BOUNDS, WORKSPACE)
+    if data["schema"] not in known:
         raise TwinError(
-            f"{path}: schema {data['schema']!r} is neither {SCHEMA!r} nor {BOUNDS!r}: use the version of twin that "
-            "wrote it"
+            f"{path}: schema {data['schema']!r} is none of {', '.join(known)}: use the version of twin that wrote it"
         )
     content = {key: value for key, value in data.items() if key != "sha256"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)

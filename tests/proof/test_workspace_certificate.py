@@ -1,0 +1,125 @@
+"""Certificates of a proved workspace: a script and the audit check them without the prover."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twin
+from made.certificates import audited, digest
+from twin.analysis.proven_workspace import proven_workspace
+
+SCRIPT = Path(__file__).parents[2] / "docs/check_workspace.py"
+CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
+
+
+@pytest.fixture(scope="module")
+def checker():
+    spec = importlib.util.spec_from_file_location("check_workspace", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def found():
+    return proven_workspace(twin.load("sils"), edge=0.01, corners=CORNERS)
+
+
+@pytest.fixture
+def certificate(found):
+    return json.loads(json.dumps(found.certificate()))
+
+
+def checked(checker, path, data, points="40"):
+    data["sha256"] = digest(data)
+    path.write_text(json.dumps(data))
+    return checker.main([str(path), points])
+
+
+def test_the_script_is_short_and_needs_the_standard_library_alone():
+    lines = SCRIPT.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 300
+    modules = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
+    assert modules <= set(sys.stdlib_module_names) | {"__future__"}
+
+
+@pytest.mark.slow
+def test_the_boxes_hold_for_script_and_audit(tmp_path, found, certificate, capsys):
+    found.write(tmp_path)
+    line = [sys.executable, "-I", str(SCRIPT), str(tmp_path / "certificate.json"), "100"]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("holds: ")
+    code, report = audited(tmp_path / "c.json", certificate, capsys, "--robot", "sils")
+    assert code == 0
+    assert {check["where"] for check in report["checks"]} == {"loops", "predictions", "limits", "cones", "derivatives"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(50))
+def test_what_was_changed_is_refused(tmp_path, checker, certificate, capsys, seed):
+    generator = random.Random(seed)
+    text = json.dumps(certificate)
+    place = generator.randrange(len(text))
+    if seed % 2:
+        text = text[:place]
+    else:
+        text = text[:place] + chr(33 + (ord(text[place]) + 7) % 90) + text[place + 1 :]
+    path = tmp_path / "c.json"
+    path.write_text(text)
+    assert checker.main([str(path)]) == 2
+    assert "cannot be checked" in capsys.readouterr().err
+
+
+def wider(data):
+    """Boxes that reach beyond the workspace."""
+    for box in data["boxes"]:
+        box[1][2] += 0.3
+
+
+def other_limit(data):
+    data["limits"][0]["least"] += 1.0
+
+
+def other_length(data):
+    """A closing joint at another place of its body: the loops close elsewhere, beyond limits, or not at all."""
+    step = data["closures"][-1]["paths"][0]["steps"][-1]
+    step[1][0][3] += 0.5
+
+
+def no_motor(data):
+    """With a motor less, the tool can move while the others are at rest."""
+    data["active"][data["active"].index(True)] = False
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", [wider, other_limit, other_length, no_motor])
+def test_what_was_changed_with_a_new_hash_fails(tmp_path, checker, certificate, capsys, change):
+    change(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate) in (1, 2)
+    certificate["sha256"] = digest(certificate)
+    assert audited(tmp_path / "c.json", certificate, capsys)[0] in (1, 2)
+
+
+@pytest.mark.slow
+def test_a_turned_frame_that_is_no_rotation_is_refused(tmp_path, checker, certificate):
+    certificate["closures"][0]["paths"][0]["steps"][0][1][0][0] += 1e-9
+    assert checked(checker, tmp_path / "c.json", certificate) == 2
+
+
+@pytest.mark.slow
+def test_certificates_without_boxes_or_of_other_files_are_refused(tmp_path, checker, certificate, capsys):
+    certificate["files"]["sils.py"] = "0" * 64
+    certificate["sha256"] = digest(certificate)
+    assert audited(tmp_path / "c.json", certificate, capsys, "--robot", "sils")[0] == 2
+    certificate["boxes"] = []
+    assert checked(checker, tmp_path / "c.json", certificate) == 2
+    assert audited(tmp_path / "c.json", certificate, capsys)[0] == 2

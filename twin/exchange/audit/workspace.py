@@ -1,0 +1,173 @@
+"""Audit a certificate of `twin prove --workspace`: Newton's method closes the loops at random points of its boxes.
+
+Neither the prover's intervals nor its derivatives are used: the derivatives here are those of complex steps. That the
+points hold is no proof of the boxes; `docs/check_workspace.py` proves points again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.exchange.audit.report import Ledger
+
+SCHEMA = "twin/workspace-certificate/1"
+
+POINTS = 1000
+"""Number of random points."""
+
+CLOSED = 1e-9
+"""Largest gap of a loop in m, or as a sine."""
+
+_SMALLEST = 1e-9
+"""Smallest singular value, in m or without unit, of derivatives that are regular."""
+
+_STEPS = 10
+"""Number of Newton steps."""
+
+_STEP = 1e-20
+"""Step along the imaginary axis; its square is below any rounding."""
+
+_NEAR = 1.0
+"""Largest distance in m or rad of joint values from those of the certificate, which only predict them."""
+
+Numbers = NDArray[np.complex128]
+Reals = NDArray[np.float64]
+
+
+def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
+    """Add a row for each kind of condition, and a finding for each that does not hold at a point.
+
+    Raises:
+        ValueError, KeyError, TypeError, IndexError: the certificate was changed.
+    """
+    generator = np.random.default_rng()  # no point that the author of a certificate could foresee
+    boxes = data["boxes"]
+    chosen = [boxes[i] for i in generator.integers(0, len(boxes), POINTS)]
+    low, high, joints = (np.array([box[k] for box in chosen], float) for k in range(3))
+    if low.shape != (POINTS, 3) or joints.shape != (POINTS, len(data["joints"])) or not (low < high).all():
+        raise ValueError("a box has no lower and upper corner, or not the values of all joints")
+    p = generator.uniform(low, high)
+    x: Numbers = joints.astype(np.complex128)
+    tool = _tool(data["orientation"], p)
+    names = data["joints"]
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            F, _ = _conditions(data, x, tool)
+            J = _by_joints(data, x, tool, range(len(names)))
+            x = x - np.asarray((np.linalg.pinv(J) @ F.real[..., None])[..., 0], np.complex128)
+        F, cosines = _conditions(data, x, tool)
+    _largest(ledger, "loops", "m", np.abs(F.real).max(axis=1), CLOSED, "a loop does not close", p)
+    distance = np.abs(x.real - joints).max(axis=1)
+    _largest(ledger, "predictions", "rad", distance, _NEAR, "the joint values are far from those predicted", p)
+    excess = [np.zeros(POINTS)]
+    for limit in data["limits"]:
+        total = sum(weight * x.real[:, names.index(name)] for name, weight in limit["weights"].items())
+        excess.append(limit["least"] - np.broadcast_to(total, POINTS))
+    _largest(ledger, "limits", "m", np.max(excess, axis=0), CLOSED, "a limit of joints is exceeded", p)
+    missing = [np.zeros(POINTS), *(least - cosine.real for cosine, least in cosines)]
+    _largest(ledger, "cones", "", np.max(missing, axis=0), CLOSED, "a joint is turned over, or beyond its cone", p)
+    passive = [i for i, active in enumerate(data["active"]) if not active]
+    J = np.concatenate([_by_joints(data, x, tool, passive), _by_tool(data, x, tool)], axis=2)
+    smallest = np.linalg.svd(J, compute_uv=False)[:, -1] if J.shape[1] >= J.shape[2] else np.zeros(POINTS)
+    # a quotient below 1 is regular
+    quotient = np.asarray(_SMALLEST / smallest, np.float64)
+    _largest(ledger, "derivatives", "", quotient, 1.0, "the tool can move while the joints are at rest", p)
+
+
+def _largest(ledger: Ledger, what: str, unit: str, values: Reals, limit: float, text: str, p: Reals) -> None:
+    """Add the row of the largest value (k,) and, if it is above the limit or no number, a finding with its point."""
+    values = np.where(np.isfinite(values), values, np.inf)
+    place = int(np.argmax(values))
+    ledger.row("workspace", float(values[place]), unit, limit, where=what)
+    if not values[place] <= limit:
+        at = ", ".join(f"{1e3 * entry:.6g}" for entry in p[place])
+        ledger.wrong("certificate.wrong", f"{text} at {at} mm: {values[place]:.3g}, at most {limit:g}", what)
+
+
+def _tool(orientation: Sequence[Sequence[float]], p: Reals) -> Numbers:
+    """Return poses (k, 4, 4) of the tool at positions (k, 3) in m."""
+    T = np.zeros((len(p), 4, 4), complex)
+    T[:, :3, :3] = np.array(orientation, float)
+    T[:, :3, 3] = p
+    T[:, 3, 3] = 1
+    return T
+
+
+def _conditions(data: Mapping[str, Any], x: Numbers, tool: Numbers) -> tuple[Numbers, list[tuple[Numbers, float]]]:
+    """Return the closing conditions (k, rows), and (cosine (k,), least one) of axes."""
+    rows = []
+    cosines = []
+    for closure in data["closures"]:
+        first, second = (_moved(path, x, tool) for path in closure["paths"])
+        kind = closure["type"]
+        T = np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3]
+        shift = (np.swapaxes(first[:, :3, :3], 1, 2) @ (second - first)[:, :3, 3:])[..., 0]
+        rows += [shift[:, 0], shift[:, 1]]
+        if kind in ("spherical", "revolute", "fixed"):
+            rows.append(shift[:, 2])
+        if kind != "spherical":
+            rows += [T[:, 0, 2], T[:, 1, 2]]
+            cosines.append((T[:, 2, 2], 0.0))
+        if kind in ("prismatic", "fixed"):
+            rows.append(T[:, 0, 1])
+            cosines.append((T[:, 1, 1], 0.0))
+        if closure["cone"] is not None:
+            cosines.append((T[:, 2, 2], math.cos(closure["cone"])))
+    return np.stack(rows, axis=1), cosines
+
+
+def _moved(path: Mapping[str, Any], x: Numbers, tool: Numbers) -> Numbers:
+    """Return the poses (k, 4, 4) of the frame at the end of a path."""
+    T = tool if path["from_tool"] else np.broadcast_to(np.eye(4, dtype=complex), tool.shape)
+    for kind, value, *sign in path["steps"]:
+        step = np.zeros((len(x), 4, 4), complex)
+        step[:] = np.eye(4)
+        if kind in ("frame", "inverse"):
+            frame = np.eye(4)
+            frame[:3] = np.array(value, float)
+            step[:] = np.linalg.inv(frame) if kind == "inverse" else frame
+        elif kind == "turn":
+            angle = sign[0] * x[:, value]
+            step[:, 0, 0] = step[:, 1, 1] = np.cos(angle)
+            step[:, 1, 0] = np.sin(angle)
+            step[:, 0, 1] = -step[:, 1, 0]
+        elif kind == "slide":
+            step[:, 2, 3] = sign[0] * x[:, value]
+        else:
+            raise ValueError(f"a step is {kind!r}")
+        T = T @ step
+    return T
+
+
+def _by_joints(data: Mapping[str, Any], x: Numbers, tool: Numbers, numbers: Sequence[int]) -> Reals:
+    """Return the derivatives (k, rows, columns) of the conditions by some coordinates."""
+    columns = []
+    for i in numbers:
+        moved = x.real.astype(np.complex128)
+        moved[:, i] += 1j * _STEP
+        columns.append(_conditions(data, moved, tool)[0].imag / _STEP)
+    if not columns:
+        return np.zeros((*_conditions(data, x, tool)[0].shape, 0))
+    return np.stack(columns, axis=2)
+
+
+def _by_tool(data: Mapping[str, Any], x: Numbers, tool: Numbers) -> Reals:
+    """Return the derivatives (k, rows, 6) by shifts and turns of the tool about its origin, along the axes of base."""
+    columns = []
+    for axis in range(3):
+        moved = tool.copy()
+        moved[:, axis, 3] += 1j * _STEP
+        columns.append(_conditions(data, x.real.astype(np.complex128), moved)[0].imag / _STEP)
+    for axis in range(3):
+        second, third = (axis + 1) % 3, (axis + 2) % 3
+        moved = tool.copy()
+        # the velocity of each axis of the tool is the cross product of the unit vector with it
+        moved[:, second, :3] -= 1j * _STEP * tool[:, third, :3]
+        moved[:, third, :3] += 1j * _STEP * tool[:, second, :3]
+        columns.append(_conditions(data, x.real.astype(np.complex128), moved)[0].imag / _STEP)
+    return np.stack(columns, axis=2)
