@@ -219,7 +219,7 @@ def expression(formula: Formula, symbols: Mapping[str, Value], name: str, what: 
     """Return a symbol as an expression; `what` is its role in messages.
 
     Raises:
-        KinematicsError: it is no number, vector or matrix.
+        KinematicsError: it is not a number, vector or matrix.
     """
     try:
         return ca.SX(symbols[name])
