@@ -427,9 +427,9 @@ def test_a_refuted_claim_has_a_witness_in_fractions():
     assert not {c["name"] for c in found.certificate()["claims"]} & {"inverse: s1 to s3"}
 
 
-def test_a_margin_that_is_a_list_is_named():
+def test_a_margin_that_is_a_function_is_named():
     robot = twin.load("sils")
     formula = robot.formula
-    symbols = {name: [] for name in formula.reach.values()}
-    with pytest.raises(TwinError, match="is a list, not a number, vector or matrix"):
+    symbols = dict.fromkeys(formula.reach.values(), np.cos)
+    with pytest.raises(TwinError, match="is a ufunc, not a number, vector or matrix"):
         flow.gather(formula, symbols, tuple(formula.reach.values()), "reach")
