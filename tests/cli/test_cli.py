@@ -152,7 +152,13 @@ def test_list(run):
 
 
 def test_info(run, tmp_path):
-    text = run("info", "sils")
+    brief = run("info", "sils")
+    assert brief.code == 0
+    assert len(brief.out.splitlines()) <= 30
+    assert "17 bodies, 21 joints, 6 degrees of freedom, 9 redundant constraints" in brief.out
+    assert "eq1=printed" in brief.out
+    assert "twin info sils --all" in brief.out
+    text = run("info", "sils", "--all")
     assert text.code == 0
     assert "17 bodies, 21 joints, 6 degrees of freedom, 9 redundant constraints" in text.out
     assert re.search(r"q3 +prismatic +limb2 -> carriage3 +-10 \.\. 600 mm +driven", text.out)

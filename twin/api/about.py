@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from twin.api.robot import Progress, Robot, silent
 from twin.core import assets
-from twin.core.findings import Finding
+from twin.core.findings import Finding, by_severity
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM, display_unit
@@ -19,6 +19,18 @@ if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
     from twin.model.scene import Scene
     from twin.model.transmission import Transmission
+
+LINES = 30
+"""Largest number of lines of the brief form of `twin info`."""
+
+_DRIVEN = 10
+"""Largest number of driven joints in the brief form."""
+
+_FINDINGS = 2
+"""Largest number of findings in the brief form; each can take two lines."""
+
+_NAMES = 8
+"""Largest number of names in one line of the brief form."""
 
 SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
 """Commands that accept a scene in which every robot has a protocol."""
@@ -101,6 +113,52 @@ class Info(Result):
             yield "\n  parameters (* assumed: not published)"
             yield _parameters(sorted(data["parameters"], key=_parameter_order))
         yield from self.findings
+
+    def brief(self, word: str) -> Iterator[Part]:
+        """Yield at most `LINES` lines: the driven joints, names, counts of the rest, and the most severe findings.
+
+        `word` is the name or path of the robot in the command that shows all.
+        """
+        data = self.data
+        title = data["name"]
+        if data["title"]:
+            title += f": {data['title']}"
+        yield title
+        yield f"  {data['source']}"
+        joints = data["joints"]
+        loops = sum(joint["closes_loop"] for joint in joints)
+        yield (
+            f"  {self.bodies} bodies, {len(joints)} joints, {data['degrees_of_freedom']} degrees of freedom, "
+            f"{data['redundant_constraints']} redundant constraints; {loops} loops\n"
+        )
+        driven = [_joint_row(joint) for joint in joints if joint["active"] or joint["auxiliary"]]
+        yield TextTable(("joint", "type", "between", "limits", ""), driven[:_DRIVEN])
+        if len(driven) > _DRIVEN:
+            yield f"  and {len(driven) - _DRIVEN} more driven joints"
+        yield ""
+        passive = len(joints) - len(driven)
+        yield f"  passive joints  {passive}"
+        if data["transmissions"]:
+            yield f"  motors          {_few([actuator['name'] for actuator in data['actuators']])}"
+        yield f"  frames          {_few(data['frames'])}"
+        yield f"  points          {_few(data['points'])}"
+        yield f"  postures        {_few(data['postures'])}"
+        variants = []
+        for name, choices in data["variants"].items():
+            for variant in choices:
+                used = "*" if data["chosen"][name] == variant else ""
+                variants.append(f"{name}={variant}{used}")
+        yield f"  equations       {_few(variants) if variants else 'no equations'}{' (* in use)' if variants else ''}"
+        counts: dict[str, int] = {}
+        for parameter in data["parameters"]:
+            counts[parameter["provenance"]] = counts.get(parameter["provenance"], 0) + 1
+        said = [f"{count} {provenance}" for provenance, count in sorted(counts.items())]
+        yield f"  parameters      {', '.join(said) or 'none'}"
+        shown = [finding for finding in by_severity(self.findings) if finding.severity != "info"]
+        yield from shown[:_FINDINGS]
+        if len(shown) > _FINDINGS:
+            yield f"  and {len(shown) - _FINDINGS} more findings"
+        yield f"  All joints, motors and parameters: twin info {word} --all"
 
 
 @dataclass(frozen=True)
@@ -224,6 +282,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
         "transmissions": [_transmission(t) for t in mechanism.transmissions],
         "frames": [f.name for f in mechanism.frames],
         "points": [p.name for p in mechanism.points],
+        "postures": list(mechanism.postures),
         "variants": variants,
         "chosen": chosen,
         "parameters": [vars(p) for p in parameters],
@@ -318,6 +377,14 @@ def _transmission(t: Transmission) -> JsonObject:
         "matrix": t.matrix.tolist(),
         "equations": t.equations,
     }
+
+
+def _few(names: Sequence[str]) -> str:
+    """Return the first `_NAMES` names, and how many there are more."""
+    text = ", ".join(names[:_NAMES]) or "none"
+    if len(names) > _NAMES:
+        text += f" and {len(names) - _NAMES} more"
+    return text
 
 
 def _joint_row(j: JsonMapping) -> tuple[str, ...]:

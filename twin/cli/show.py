@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.cli import pages
+from twin.cli import layout, pages
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
@@ -160,14 +159,14 @@ def store(result: Result, args: argparse.Namespace, out: Path, more: Iterable[st
 
 
 def plain(part: Part) -> str:
-    """Return a part of a result (text, table or finding) as printable text."""
+    """Return a part of a result (text, table or finding) as printable text, fitted to the terminal, if there is one."""
     if isinstance(part, TextTable):
         return table(part.rows, part.header, fit=part.fit)
     if isinstance(part, Finding):
-        return finding(part)
+        return layout.text(finding(part))
     if isinstance(part, Line):
-        return part.text
-    return part
+        return layout.text(part.text)
+    return layout.text(part)
 
 
 def _styled(line: Line) -> None:
@@ -180,34 +179,37 @@ def _styled(line: Line) -> None:
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError
 
-    PipedConsole(highlight=False, soft_wrap=True).print(Text(line.text, style=line.style))
+    console = PipedConsole(highlight=False, soft_wrap=True)
+    for row in layout.fitted(line.text):
+        console.print(Text(row, style=line.style))
 
 
 def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str = "  ", *, fit: bool = False) -> str:
-    """Return a table as aligned text; with `fit`, lines longer than the terminal's width are cut."""
-    rows_of_text = [list(row) for row in rows]
+    """Return a table as aligned text.
+
+    On a terminal, it is fitted to the width: cells are wrapped or, with `fit`, long lines are cut.
+    """
+    rows_of_text = [[str(cell) for cell in row] for row in rows]
     if header:
         rows_of_text.insert(0, list(header))
     if not rows_of_text:
         return ""
-    widths: list[int] = []
-    for column in zip(*rows_of_text, strict=True):
-        widths.append(max(len(str(cell)) for cell in column))
-    lines = [_aligned(row, widths, indent) for row in rows_of_text]
+    columns = layout.width()
+    drawn = layout.table(rows_of_text, indent, None if fit else columns)
     if header:
-        rule = "  ".join("-" * width for width in widths)
-        lines.insert(1, indent + rule)
-    if fit and sys.stdout.isatty():
-        columns = shutil.get_terminal_size().columns
+        widths = [max(len(cell) for cell in cells) for cells in zip(*rows_of_text, strict=True)]
+        rule = indent + "  ".join("-" * width for width in widths)
+        if columns is not None and len(rule) > columns:
+            rule = indent + "-" * (columns - len(indent))
+        drawn.insert(1, [rule])
+    lines: list[str] = []
+    for row in drawn:
+        lines += row
+    if fit and columns is not None:
         for i, line in enumerate(lines):
             if len(line) > columns:
                 lines[i] = f"{line[: columns - 1]}…"
     return "\n".join(lines)
-
-
-def _aligned(row: Sequence[str], widths: Sequence[int], indent: str) -> str:
-    cells = [str(cell).ljust(width) for cell, width in zip(row, widths, strict=True)]
-    return indent + "  ".join(cells).rstrip()
 
 
 def finding(f: Finding) -> str:

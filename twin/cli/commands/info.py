@@ -9,7 +9,8 @@ from twin.core.errors import TwinError
 
 EXAMPLES = """\
   twin info sils
-  twin info vsrs                   a scene
+  twin info sils --all            with all joints and parameters
+  twin info vsrs                  a scene
   twin info pa10 --inertia        are masses and inertias physically possible?
   twin info raven_left --motion   published equations of motion against the mechanism"""
 
@@ -18,6 +19,7 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin info`."""
     command.robot()
     command.tool()
+    command.flag("--all", "all joints, motors and parameters with their provenance, instead of 30 lines")
     only = command.add_mutually_exclusive_group()
     for name, text in (
         ("--motion", "only compare the published equations of motion with the mechanism"),
@@ -42,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
         return show.finish(api.info_of_scene(api.load_scene(file), args.robot), args)
     robot = api.load(args.robot, tool=args.tool)
     show.tool_note(robot, args.quiet)
+    text = None
     with show.progress(args.quiet or args.json) as progress:
         if args.inertia:
             result = published.masses(robot, progress)
@@ -49,4 +52,6 @@ def run(args: argparse.Namespace) -> int:
             result = published.equations_of_motion(robot)
         else:
             result = api.info(robot, progress)
-    return show.finish(result, args)
+            if not args.all:
+                text = result.brief(args.robot)
+    return show.finish(result, args, text=text)
