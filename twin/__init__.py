@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         world as world,
     )
     from twin.checking.checker import check as check
+    from twin.api.difference import diff as diff
     from twin.api.new import new as new
     from twin.api.procedure import (
         operate_procedure as operate_procedure,
@@ -88,6 +89,7 @@ _HOMES = {
         "validate",
         "world",
     ),
+    "twin.api.difference": ("diff",),
     "twin.api.new": ("new",),
     "twin.api.procedure": ("operate_procedure", "replay_procedure"),
     "twin.api.session": ("operate_console", "replay_session"),

@@ -29,6 +29,8 @@ DONE = {
     "info of cited masses": ("inertia", ["info", "pa10", "--inertia"]),
     "info of motion": ("motion", ["info", "raven_left", "--motion"]),
     "doctor": ("doctor", ["doctor"]),
+    "open": ("open", ["open", "{page}"]),
+    "diff": ("diff", ["diff", "{json}", "{json}"]),
     "build": ("build", ["build", "hibou", "--out", "stage"]),
     "build that is not current": ("build", ["build", "hibou", "--check", "--out", "nowhere"]),
     "plan": ("plan", ["plan", "sils", str(SHORT)]),
@@ -53,6 +55,21 @@ DONE = {
     "sweep": ("sweep", ["sweep", "sils", "--vary", "l_p=120..150mm", "--samples", "1", "--workers", "1"]),
     "workspace": ("workspace", ["workspace", "hibou", "--count", "1000"]),
 }
+
+
+def _filled(argument, folder):
+    """Return an argument with the path of what it stands for."""
+    if argument == "{column}":
+        return str(column.folder(folder / "column"))
+    if argument == "{page}":
+        page = folder / "report.html"
+        page.write_text("")
+        return str(page)
+    if argument == "{json}":
+        file = folder / "result.json"
+        file.write_text(json.dumps({"schema": "twin/list/1", "verdict": "agree", "findings": []}))
+        return str(file)
+    return argument
 
 
 LONG = {
@@ -94,7 +111,7 @@ def test_every_command_is_here():
 def test_a_result_fits_its_schema(printed, no_plots, tmp_path, monkeypatch, case):
     kind, argv = DONE[case]
     monkeypatch.setattr(files, "write_report", lambda report, folder, **_: None)  # plots take most of the time
-    code, data = printed(*(str(column.folder(tmp_path / "column")) if a == "{column}" else a for a in argv))
+    code, data = printed(*(_filled(a, tmp_path) for a in argv))
     assert data["schema"] == f"twin/{kind}/1"
     assert code == EXIT_CODES[data["verdict"]] or (kind, code) == ("tolerance", 0)
 
@@ -118,7 +135,7 @@ def test_a_missing_package_is_a_finding(printed, monkeypatch):
 def test_every_kind_of_result_is_in_the_schema():
     """Also those that take too long here: several reports, sessions, procedures, trends, scenes."""
     known = set(SCHEMA["properties"]["schema"]["enum"])
-    kinds = {"build", "doctor", "error", "machine", "new", "reports"}
+    kinds = {"build", "doctor", "error", "machine", "open", "reports"}
     for file in (ROOT / "twin").rglob("*.py"):
         text = file.read_text(encoding="utf-8")
         for body in re.split(r"^class \w+\(Result\):$", text, flags=re.MULTILINE)[1:]:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from made.lanes import one_of_a_kind
 from twin.api.about import LINES, info
 from twin.api.robot import load
 from twin.cli import layout, show
@@ -95,7 +96,7 @@ def test_tables_keep_their_letters(rows, columns):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["sils", "sher", "raven_left", "davinci_psm", "hibou", "lapbot", "pa10"])
+@pytest.mark.parametrize("name", one_of_a_kind())
 def test_info_of_every_robot_is_brief(name):
     text = "\n".join(show.plain(part) for part in info(load(name)).brief(name))
     assert len(text.splitlines()) <= LINES

@@ -32,8 +32,10 @@ def run(argv: Sequence[str]) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     output = Output()
-    if not argv:  # no command: print the help; this is wrong usage
-        parser().print_help()
+    if not argv:  # no command: say what to do next; this is wrong usage
+        from twin.cli.commands import FIRST
+
+        print(FIRST, end="")
         return 2
     args = argparse.Namespace(json="--json" in argv, debug="--debug" in argv)  # until the arguments are parsed
     try:

@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any, NoReturn
 
-from twin.cli.commands import HELP
+from twin.cli.commands import GROUPS, HELP
 from twin.core.compute_device import CHOICES
 from twin.core.errors import unknown
 from twin.core.version import __version__
@@ -261,13 +261,38 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line; later calls in the same process return the same parser."""
     root = _Parser(
         prog="twin",
+        usage="twin [-h] [--version] COMMAND ...",
         description="Compare the equations of a robot with its CAD, and show where they disagree.",
-        epilog=_EPILOG,
+        epilog=f"{_by_job()}\n{_EPILOG}",
         formatter_class=_Help,
     )
     root.add_argument("--version", action="version", version=f"twin {__version__}")
-    commands = root.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=Command)
+    commands = root.add_subparsers(
+        dest="command",
+        required=True,
+        metavar="COMMAND",
+        prog="twin",
+        parser_class=Command,
+        help=argparse.SUPPRESS,
+    )
     for name, text in HELP.items():
         description = text[0].upper() + text[1:] + ("" if text.endswith("?") else ".")
-        commands.add_parser(name, help=text, description=description, formatter_class=_Help)
+        commands.add_parser(name, description=description, formatter_class=_Help)
     return root
+
+
+def _by_job() -> str:
+    """Return the commands by job, as text for the help."""
+    import shutil
+    import textwrap
+
+    size = max(map(len, HELP))
+    columns = max(40, min(shutil.get_terminal_size().columns - 2, 110))
+    lines: list[str] = []
+    for job, names in GROUPS.items():
+        lines.append(f"{job}:")
+        for name in names:
+            start = f"  {name.ljust(size)}  "
+            lines += textwrap.wrap(HELP[name], columns, initial_indent=start, subsequent_indent=" " * len(start))
+        lines.append("")
+    return "\n".join(lines)

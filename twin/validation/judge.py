@@ -180,7 +180,7 @@ def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
         "mechanism.no_assembly",
         mechanism.name,
         f"the mechanism cannot reach the tool poses of the protocol: {error}",
-        suggestion="the CAD has a smaller workspace than the equations; compare the lengths in `twin info`",
+        suggestion="the CAD has a smaller workspace than the equations; compare the lengths in `twin info --all`",
     )
 
 

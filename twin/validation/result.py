@@ -300,7 +300,8 @@ class Report(Result):
             yield table
             yield ""
         if self.assumed:
-            yield f"  {len(self.assumed)} assumed values (unpublished) are listed in the report and by `twin info`."
+            count = len(self.assumed)
+            yield f"  {count} assumed values (unpublished) are listed in the report and by `twin info --all`."
 
     def _without_cause(self) -> list[Finding]:
         """Return the findings above "info" that no cause contains, the most severe first."""

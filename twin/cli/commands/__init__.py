@@ -40,6 +40,33 @@ HELP = {
     "workspace": "compute the workspace: volume, conditioning, margins to limits and singularities",
     "tolerance": "compute the tool error caused by part and encoder errors, and compare it with a requirement",
     "sweep": "evaluate designs with other parameters or distances, on a grid or Latin hypercube",
-    "doctor": "list the installed packages and programs, and their purposes",
+    "diff": "compare two results in JSON: both verdicts, and the findings and residuals that differ",
+    "open": "open the last report in the browser",
+    "doctor": "check the installation: packages, programs, ports, graphics; ends with one verdict",
 }
-"""What each command does, in the order of `twin --help`."""
+"""What each command does."""
+
+GROUPS = {
+    "start": ("list", "info", "new", "run", "open", "doctor"),
+    "judge equations": ("validate", "explain", "prove", "selftest", "diff"),
+    "compare and check files": ("compare", "check", "audit"),
+    "see and move": ("view", "serve"),
+    "write files": ("build", "plan", "export"),
+    "analyse a design": ("workspace", "tolerance", "sweep"),
+    "operate and simulate": ("operate", "session", "track", "machine", "follow", "hazards"),
+    "check publications": ("study", "console"),
+}
+"""The commands by job, in the order of `twin --help`."""
+
+FIRST = """\
+twin compares the equations of a robot with its CAD, and shows where they disagree.
+
+  twin run sils --open       a robot that comes with twin, from CAD to report
+  twin view sils             drag it in the browser
+  twin new arm.urdf          your robot: from URDF, MJCF, SDF, xacro, USD, STEP or a DH table
+  twin validate my_robot/    your equations (formula.py) against your CAD
+  twin compare a.urdf b.xml  two descriptions of one robot
+
+  twin list, twin doctor, twin --help, twin COMMAND --help
+"""
+"""What `twin` alone prints."""

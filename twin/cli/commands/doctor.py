@@ -1,4 +1,4 @@
-"""`twin doctor`: list the required and optional packages and programs, with installed versions and purposes."""
+"""`twin doctor`: check packages, programs, ports and graphics, and say in one line whether twin can work."""
 
 from __future__ import annotations
 
@@ -6,21 +6,42 @@ import argparse
 import platform
 import re
 import shutil
+import socket
+import subprocess
 
 from twin.cli.parser import Command
 
 EXAMPLES = """\
-  twin doctor"""
+  twin doctor
+  twin doctor --webgl    also start Chromium, and ask it what draws its pages"""
 
 _CURE = "Reinstall twin: pip install ."
 
 
+PORTS = {"twin view": 8080, "twin serve": 8765}
+"""Default ports of the pages."""
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "firefox", "safari")
+
+_WEBGL_SECONDS = 60.0
+"""Time in s after which a browser that does not answer is stopped."""
+
+_WEBGL_PAGE = """data:text/html,<body><script>
+const gl = document.createElement('canvas').getContext('webgl2');
+const info = gl && gl.getExtension('WEBGL_debug_renderer_info');
+const name = gl && gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+document.body.textContent = 'WEBGL[' + (name || '') + ']';
+</script></body>"""
+"""Page whose text is WEBGL[name of what draws], with nothing in the brackets if there is no WebGL 2."""
+
+
 def arguments(command: Command) -> None:
-    """Add no arguments: `twin doctor` has none of its own."""
+    """Add the arguments of `twin doctor`."""
+    command.flag("--webgl", "start Chromium without a window, and name what draws its pages (some seconds)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the required and optional packages and programs; return 2 if a required package is missing, else 0."""
+    """Print what is installed and a verdict; return 2 if a required package is missing, else 0."""
     from twin.cli import show
     from twin.core import assets
     from twin.core.findings import error
@@ -52,6 +73,9 @@ def run(args: argparse.Namespace) -> int:
     for name, purpose in programs.items():
         rows.append((name, shutil.which(name) or "-", f"optional: {purpose}"))
     rows.append(("graphics processor", *_graphics_processor()))
+    rows.append(("WebGL 2", *_webgl(args.webgl)))
+    for command, port in PORTS.items():
+        rows.append((f"port {port}", *_port(command, port)))
     if args.json:
         found = {name: version for name, version, _ in rows}
         content = {"python": platform.python_version(), "found": found, "missing": missing}
@@ -66,9 +90,68 @@ def run(args: argparse.Namespace) -> int:
         if missing:
             names = ", ".join(missing)
             print(f"\n  missing: {names}. {_CURE}")
+        print(f"\n{show.plain(_verdict(missing, rows))}")
     if missing:
         return 2
     return 0
+
+
+def _verdict(missing: list[str], rows: list[tuple[str, str, str]]) -> str:
+    """Return one line: whether twin can work, and what is limited."""
+    if missing:
+        return f"  NOT READY: {len(missing)} required packages are missing"
+    limits = []
+    absent = [name for name, found, purpose in rows if found == "-" and "(extra:" in purpose]
+    if absent:
+        limits.append(f"{len(absent)} optional packages are absent (pip install 'twin-robotics[all]')")
+    for name, found, _ in rows:
+        if name.startswith("port ") and found == "taken":
+            limits.append(f"{name} is taken (choose another with --port)")
+        if name == "WebGL 2" and found in ("-", "software"):
+            limits.append("pages are drawn slowly or not at all: see WebGL 2")
+    if not limits:
+        return "  READY: everything is there"
+    return f"  READY: all required packages are there; {'; '.join(limits)}"
+
+
+def _port(command: str, port: int) -> tuple[str, str]:
+    """Return (free or taken; what the port is for)."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        # as servers do: a port that was closed a moment ago is free
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return "taken", f"default port of {command}; another is chosen with --port"
+    return "free", f"default port of {command}"
+
+
+def _webgl(asked: bool) -> tuple[str, str]:
+    """Return (what is known of WebGL 2; what it is for), by asking Chromium if that is wanted."""
+    purpose = "draws the pages of view and serve"
+    browser = ""
+    for name in _BROWSERS:
+        if shutil.which(name):
+            browser = name
+            break
+    if not asked:
+        found = f"untested ({browser})" if browser else "untested"
+        return found, f"{purpose}; test it: twin doctor --webgl, or chrome://gpu"
+    if not browser.startswith(("chromium", "google")):
+        return "untested", f"{purpose}; only Chromium can be asked, and it was not found"
+    line = [browser, "--headless", "--no-sandbox", "--disable-dev-shm-usage", "--dump-dom", _WEBGL_PAGE]
+    try:
+        said = subprocess.run(line, capture_output=True, text=True, timeout=_WEBGL_SECONDS, check=False).stdout
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return "untested", f"{purpose}; {browser} did not answer: {type(error).__name__}"
+    renderer = re.search(r"WEBGL\[(.*?)\]", said, re.DOTALL)
+    if renderer is None:
+        return "untested", f"{purpose}; {browser} did not answer"
+    if not renderer[1]:
+        return "-", f"{purpose}; {browser} has none"
+    if "swiftshader" in renderer[1].lower() or "llvmpipe" in renderer[1].lower():
+        return "software", f"{purpose}, slowly: {renderer[1]}"
+    return "yes", f"{purpose}: {renderer[1]}"
 
 
 def _graphics_processor() -> tuple[str, str]:

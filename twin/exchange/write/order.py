@@ -298,7 +298,9 @@ def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
             line = f"{parameter.name} = {parameter.shown:g} {parameter.unit}: {parameter.note}"
             lines.append(" ".join(line.split()))
     if drawn:
-        lines.append(f"{_DRAWN}*: {drawn} lengths that affect only the appearance of parts (`twin info` lists them)")
+        lines.append(
+            f"{_DRAWN}*: {drawn} lengths that affect only the appearance of parts (`twin info --all` lists them)"
+        )
     return tuple(dict.fromkeys(lines))  # each line once, in this order
 
 
