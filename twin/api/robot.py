@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from twin.core.foreign.budget import STAGE_SUFFIXES, read_bytes
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
-    from twin.api.by_mechanism import MechanismKinematics
     from twin.cad.build import CadModel
     from twin.cad.description import Description
     from twin.kinematics import Formula, Kinematics, Solution, Task
@@ -368,10 +367,10 @@ class Robot:
         return self.files is not None and self.files.has_equations
 
     @cached_property
-    def _by_mechanism(self) -> MechanismKinematics:
-        from twin.api.by_mechanism import MechanismKinematics
-
-        return MechanismKinematics(self.loops, self.reference())
+    def _by_mechanism(self) -> Any:
+        """A `twin.api.by_mechanism.MechanismKinematics`; by name, as robots with equations do not need it."""
+        module = import_module("twin.api.by_mechanism")
+        return module.MechanismKinematics(self.loops, self.reference())
 
     @property
     def unwritten(self) -> bool:

@@ -7,7 +7,6 @@ import argparse
 from twin.cli.parser import Command
 
 EXAMPLES = """\
-  twin validate sils --json > before.json; twin validate sils --variant eq1=printed --json > after.json
   twin diff before.json after.json
   twin diff old/table2/ twin-out/sils/table2/    two folders of reports"""
 
