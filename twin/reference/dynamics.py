@@ -28,6 +28,7 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array, Index
 from twin.model.mechanism import Mechanism
 from twin.reference import given
+from twin.reference.continuation import LoopContinuation
 from twin.reference.model import ReferenceModel
 from twin.reference.states import Assembly
 
@@ -135,20 +136,6 @@ class Dynamics:
         if isinstance(before, Assembly):
             seed = before
         return self.model.solve(np.asarray(q, float), seed)
-
-    def follow(self, q: Array, before: Array | None = None) -> Array:
-        """Return configurations (k, nq) at q (k, n), continued from those before (k, nq), if given, or from home.
-
-        The rows are of separate motions, such as simulations of one robot under several conditions, side by side.
-
-        Raises:
-            AssemblyError: the loops cannot be closed.
-        """
-        if not self._tied:
-            return np.array([self.configuration(row) for row in q])
-        if before is None:
-            return np.array([self.model.solve(row).x for row in q])
-        return self.model.follow(before, q)
 
     def tools(self, q: ArrayLike) -> Array:
         """Return T_base_tool (k, 4, 4) for joint values q (k, n) along a motion."""
@@ -312,26 +299,42 @@ class Dynamics:
         return f"joint '{self._pin.names[number]}'"
 
 
-def inverse_of(models: Sequence[Dynamics], X: Array, qd: Array, qdd: Array) -> Array:
-    """Return the joint efforts (k, n) of k models that differ in masses and friction only, each at its own state.
+class SharedLoops:
+    """Inverse dynamics of k models of one mechanism that differ in masses and friction only, tick by tick together.
 
-    The loops are those of one mechanism: their gains are computed for all states at once; see `Dynamics.inverse`.
-
-    Args:
-        models: the k models.
-        X: configurations (k, nq).
-        qd: rates (k, n) of the active joints.
-        qdd: accelerations (k, n) of the active joints.
+    The loops are closed, and their gains computed, for all models at once.
     """
-    first = models[0]
-    for model in models:
-        if model._idle:
-            model._determined(X[0])  # raises
-    if first._tied:
-        V, change, G = first.model.motion(X, qd, qdd)
-    else:
-        G = np.broadcast_to(first._scatter, (len(models), *first._scatter.shape))
-        V = qd @ first._scatter.T
-        change = qdd @ first._scatter.T
-    efforts = [model._inverse_at(X[i], V[i], change[i], G[i], qd[i], qdd[i]) for i, model in enumerate(models)]
-    return np.array(efforts)
+
+    def __init__(self, models: Sequence[Dynamics]) -> None:
+        """Store the models.
+
+        Raises:
+            MechanismError: see `Dynamics.mass_matrix`.
+        """
+        self._models = models
+        first = models[0]
+        if first._idle:
+            first._determined(first._home)  # raises
+        self._continuation = LoopContinuation(first.model) if first._tied else None
+
+    def efforts(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return joint efforts (k, n) for joint values q, rates qd and accelerations qdd (k, n), a row for each model.
+
+        Each row of q must be near that of the last call; see `Dynamics.inverse`.
+
+        Raises:
+            AssemblyError: the loops of a row cannot be closed.
+        """
+        first = self._models[0]
+        if self._continuation is None:
+            X = np.array([first.configuration(row) for row in q])
+            G = np.broadcast_to(first._scatter, (len(q), *first._scatter.shape))
+            V = qd @ first._scatter.T
+            change = qdd @ first._scatter.T
+        else:
+            V, change, G = self._continuation.motion(q, qd, qdd)
+            X = self._continuation.X
+        efforts = []
+        for i, model in enumerate(self._models):
+            efforts.append(model._inverse_at(X[i], V[i], change[i], G[i], qd[i], qdd[i]))
+        return np.array(efforts)

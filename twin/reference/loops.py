@@ -150,15 +150,15 @@ class Loops:
         w = w1 - w0
         d = p1 - p0
         # of p1 relative to p0, in base
-        speed = twists[:, children, :3] + _cross(w1, p1) - twists[:, parents, :3] - _cross(w0, p0)
+        speed = twists[:, children, :3] + cross_products(w1, p1) - twists[:, parents, :3] - cross_products(w0, p0)
         gain = point_acceleration(twists[:, children], biases[:, children], p1)
         gain = gain - point_acceleration(twists[:, parents], biases[:, parents], p0)
         angular_0 = biases[:, parents, 3:]
         angular_1 = biases[:, children, 3:]
         # In axes that rotate with w0: subtract the Euler, Coriolis and centrifugal accelerations.
-        centrifugal = _cross(w0, _cross(w0, d))
-        gain -= _cross(angular_0, d) + 2 * _cross(w0, speed) - centrifugal
-        spin_change = angular_1 - angular_0 - _cross(w0, w)
+        centrifugal = cross_products(w0, cross_products(w0, d))
+        gain -= cross_products(angular_0, d) + 2 * cross_products(w0, speed) - centrifugal
+        spin_change = angular_1 - angular_0 - cross_products(w0, w)
         # in the axes of frame 0
         gain = np.einsum("...ij,...j->...i", R0t, gain)
         w = np.einsum("...ij,...j->...i", R0t, w)
@@ -293,13 +293,13 @@ def point_acceleration(twists: Array, biases: Array, p: Array) -> Array:
     Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 2.11.
     """
     w = twists[..., 3:]
-    velocity = twists[..., :3] + _cross(w, p)
-    euler = _cross(biases[..., 3:], p)
-    acceleration = biases[..., :3] + euler + _cross(w, velocity)
+    velocity = twists[..., :3] + cross_products(w, p)
+    euler = cross_products(biases[..., 3:], p)
+    acceleration = biases[..., :3] + euler + cross_products(w, velocity)
     return np.asarray(acceleration, float)
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross_products(a: Array, b: Array) -> Array:
     """Return the cross products (..., 3); faster than `numpy.cross` for few vectors."""
     return (spatial.hat(a) @ b[..., None])[..., 0]
 

@@ -314,8 +314,8 @@ class ReferenceModel:
         qd and qdd (k, n) are rates and accelerations of the active joints.
         """
         A, _ = self._jacobians(states)
-        give = self._give(A)
-        gain = self._gains(A, give)
+        give = self.pseudoinverse_of(A)
+        gain = self.gains_of(A, give)
         V = np.einsum("kij,kj->ki", gain, qd)
         change = np.einsum("kij,kj->ki", gain, qdd)
         if self.tree.loops.names:
@@ -661,9 +661,9 @@ class ReferenceModel:
         """Return the rates (k, nv, n) of tree joints per rate of each active joint; passive rates by least squares."""
         if A is None:
             A, _ = self._jacobians(states)
-        return self._gains(A, self._give(A))
+        return self.gains_of(A, self.pseudoinverse_of(A))
 
-    def _gains(self, A: Array, give: Array) -> Array:
+    def gains_of(self, A: Array, give: Array) -> Array:
         """Return the rates of `gains` for loop Jacobians A (k, m, nv) and their pseudoinverses (k, np, m)."""
         active = self.tree.active
         passive = self.tree.passive
@@ -672,7 +672,7 @@ class ReferenceModel:
         gain[:, passive] = -give @ A[:, :, active]
         return gain
 
-    def _give(self, A: Array) -> Array:
+    def pseudoinverse_of(self, A: Array) -> Array:
         """Return the pseudoinverse (k, np, m): change of the passive joints per change of the loop residual."""
         passive = self.tree.passive
         if not A.shape[1] or not len(passive):

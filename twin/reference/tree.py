@@ -12,7 +12,7 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.reference.loops import Coupled, Loops, point_acceleration
+from twin.reference.loops import Coupled, Loops, cross_products, point_acceleration
 
 _JOINT_MODELS = {
     "revolute": pin.JointModelRZ,
@@ -87,16 +87,27 @@ class Tree:
         self._views = self._memory_views()
         self._placements = [T.homogeneous for T in self.model.jointPlacements]
         self._chain: list[tuple[int, str, int, int]] = []  # number, kind, configuration index, velocity index
+        singles: list[tuple[int, int]] = []  # configuration index, velocity index
+        balls: list[tuple[int, int]] = []
+        self._flyers: list[int] = []
         self.quaternions: list[int] = []
+        self._owner = np.zeros(self.model.nv, int)  # number of the joint of each velocity
         for number in range(1, self.model.njoints):
             joint_model = self.model.joints[number]
             kind = joint_model.shortname()
             place = joint_model.idx_q
             self._chain.append((number, kind, place, joint_model.idx_v))
+            self._owner[joint_model.idx_v : joint_model.idx_v + joint_model.nv] = number
             if kind == "JointModelSpherical":
                 self.quaternions.append(place)
+                balls.append((place, joint_model.idx_v))
             elif kind == "JointModelFreeFlyer":
                 self.quaternions.append(place + 3)  # after the position
+                self._flyers.append(place)
+            else:
+                singles.append((place, joint_model.idx_v))
+        self._single = np.array(singles, int).reshape(-1, 2).T
+        self._balls = np.array(balls, int).reshape(-1, 2).T
 
     def __getstate__(self) -> dict[str, object]:
         state = dict(self.__dict__)
@@ -264,32 +275,31 @@ class Tree:
     def step(self, X: Array, steps: Array) -> Array:
         """Return configurations (k, nq) after tangent steps (k, nv); faster than `integrate` for large k."""
         out = np.empty_like(X)
-        for _, kind, place, column in self._chain:
-            if kind in ("JointModelRZ", "JointModelPZ"):
-                out[:, place] = X[:, place] + steps[:, column]
-                continue
-            if kind == "JointModelFreeFlyer":
-                out[:, place : place + 7] = self.integrate(X, steps)[:, place : place + 7]
-                continue
-            three = slice(place, place + 3)
-            w = X[:, place + 3, None]
-            v = X[:, three]
-            # product of quaternions: (w, v) times (c, u), the rotation of the step
-            r = steps[:, column : column + 3] / 2
-            half = np.linalg.norm(r, axis=1, keepdims=True)
-            c = np.cos(half)
-            u = r * np.sinc(half / np.pi)
-            cross = (spatial.hat(v) @ u[..., None])[..., 0]
-            out[:, three] = w * u + c * v + cross
-            out[:, place + 3] = (w * c)[:, 0] - (v * u).sum(axis=1)
+        places, columns = self._single
+        out[:, places] = X[:, places] + steps[:, columns]
+        for place in self._flyers:
+            out[:, place : place + 7] = self.integrate(X, steps)[:, place : place + 7]
+        places, columns = self._balls
+        if not len(places):
+            return self.unit(out)
+        # product of quaternions: (w, v) times (c, u), the rotation of the step
+        three = places[:, None] + np.arange(3)
+        v = X[:, three]  # (k, balls, 3)
+        w = X[:, places + 3, None]
+        r = steps[:, columns[:, None] + np.arange(3)] / 2
+        half = np.linalg.norm(r, axis=-1, keepdims=True)
+        c = np.cos(half)
+        u = r * np.sinc(half / np.pi)
+        out[:, three] = w * u + c * v + cross_products(v, u)
+        out[:, places + 3] = (w * c)[..., 0] - (v * u).sum(axis=-1)
         return self.unit(out)
 
     def unit(self, X: Array) -> Array:
         """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for large k."""
         X = X.copy()
-        for place in self.quaternions:
-            four = slice(place, place + 4)
-            X[:, four] /= np.linalg.norm(X[:, four], axis=1, keepdims=True)
+        if self.quaternions:
+            four = np.array(self.quaternions)[:, None] + np.arange(4)
+            X[:, four] /= np.linalg.norm(X[:, four], axis=-1, keepdims=True)
         return X
 
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
@@ -299,23 +309,24 @@ class Tree:
             (k, m) second derivatives of the loop residuals, dA/dt V, valid for closed loops; and (k, 6) acceleration of
             the tool in base at its origin, dJ/dt V, linear part first.
         """
-        k = len(X)
-        n = self.model.njoints
-        poses = np.broadcast_to(np.eye(4), (k, n, 4, 4)).copy()
-        twists = np.zeros((k, n, 6))
-        biases = np.zeros((k, n, 6))
-        zero = np.zeros(self.model.nv)
-        for row, (x, v) in enumerate(zip(X, V, strict=True)):
-            pin.forwardKinematics(self.model, self.data, x, v, zero)
-            for i in self._closing:
-                T = self.data.oMi[i]
-                poses[row, i] = T.homogeneous
-                twists[row, i] = T.act(self.data.v[i]).vector
-                biases[row, i] = T.act(self.data.a[i]).vector
+        poses, J = self.update(X, closing_only=True)
+        return self.drift_at(poses, J, V)
+
+    def drift_at(self, poses: Array, J: Array, V: Array) -> tuple[Array, Array]:
+        """Return what `drift` returns, for poses (k, joints, 4, 4) and Jacobians (k, 6, nv) from `update`.
+
+        The axis of a joint is fixed in its body: its derivative is its cross product with the body's twist.
+        """
+        axes = np.swapaxes(J * V[:, None], 1, 2)  # (k, nv, 6): twist of each velocity
+        twists = self._mask @ axes
+        bodies = twists[:, self._owner]  # (k, nv, 6): twist of the body that the velocity moves
+        linear = cross_products(bodies[..., 3:], axes[..., :3]) + cross_products(bodies[..., :3], axes[..., 3:])
+        angular = cross_products(bodies[..., 3:], axes[..., 3:])
+        biases = self._mask @ np.concatenate([linear, angular], axis=-1)
         tool = self.tool_joint
         p_tool = self.tool(poses)[:, :3, 3]
-        linear = point_acceleration(twists[:, tool], biases[:, tool], p_tool)
-        acceleration = np.concatenate([linear, biases[:, tool, 3:]], axis=1)
+        linear_tool = point_acceleration(twists[:, tool], biases[:, tool], p_tool)
+        acceleration = np.concatenate([linear_tool, biases[:, tool, 3:]], axis=1)
         return self.loops.drift(poses, twists, biases), acceleration
 
     def integrate(self, X: Array, steps: Array) -> Array:

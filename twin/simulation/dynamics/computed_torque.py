@@ -23,7 +23,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
-from twin.reference.dynamics import Dynamics, inverse_of
+from twin.reference.dynamics import Dynamics, SharedLoops
 from twin.reference.loops import LENGTH_SCALE
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.dynamics.effort_plants import STEP, ModelPlant, MujocoPlant, Plant
@@ -260,14 +260,13 @@ def side_by_side(
             joint_scale[i] = LENGTH_SCALE
     controls = [_Control(arm, motion, c, joint_scale) for c in conditions]
     models = [control.model for control in controls]
-    X: Array | None = None
+    loops = SharedLoops(models)
     for i in range(k):
         if i % _OFTEN == 0:
             progress(i / k)
         wishes = [control.wish(i) for control in controls]
         q, qd, qdd = (np.array(values) for values in zip(*wishes, strict=True))
-        X = models[0].follow(q, X)
-        for control, asked in zip(controls, inverse_of(models, X, qd, qdd), strict=True):
+        for control, asked in zip(controls, loops.efforts(q, qd, qdd), strict=True):
             control.act(i, arm.mechanism.motor_efforts(asked))
     desired_tips = models[0].tools(motion.q) @ motion.T_tool_tip
     return [_run(motion, control, desired_tips) for control in controls]
