@@ -17,11 +17,8 @@ from pages import draw
 from playwright.sync_api import Browser, Page
 
 import twin
-from twin.cli import scene as scenes
 from twin.core.units import MM
-from twin.model.scene import load_scene
 from twin.ui.session.desk import Desk
-from twin.ui.viewer.console_page import ConsoleFront
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -67,28 +64,17 @@ def workspace(front: Front, page: Page) -> None:
     page.get_by_role("button", name="Compute workspace").scroll_into_view_if_needed()
 
 
-def console(front: ConsoleFront, page: Page) -> None:
-    """Scene davinci through the endoscope: the right instrument is controlled, its jaw open."""
-    front.ask("look", lambda: [front.look("endoscope", c) for c in front.server.get_clients().values()])
-    front.ask("jaw", lambda: front.pens.squeeze("page 1", "right", 0.6))
-
-
 PICTURES: dict[str, tuple[str, Callable[[Any, Page], None]]] = {
     "play": ("sher", play),
     "printed": ("sils", printed),
     "workspace": ("sils", workspace),
-    "console": ("davinci", console),
 }
 
 
-def opened(name: str) -> Front | ConsoleFront:
-    """Return the page of a robot, or of a scene with a console."""
+def opened(name: str) -> Front:
+    """Return the page of a robot."""
     server = serve(name, "127.0.0.1", 0)
-    file = scenes.find(name)
-    if file is None:
-        return open_page(f"twin · {name}", [ShownRobot(name, name, Desk(twin.load(name)))], None, server)
-    scene = load_scene(file)
-    return ConsoleFront(f"twin · {name}", scenes.load(scene), server)
+    return open_page(f"twin · {name}", [ShownRobot(name, name, Desk(twin.load(name)))], None, server)
 
 
 def shown(browser: Browser, name: str) -> bytes:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import shutil
-import signal
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,29 +11,23 @@ from hypothesis import strategies as st
 
 import twin
 from made.by_hand import ByHand, RandomHands
-from made.headset_page import free_port, until
-from made.streaming import serving
 from twin.api.act import robots_at
 from twin.api.session import replay_session
 from twin.cli import main
 from twin.cli import scene as scenes
 from twin.core import spatial
-from twin.core.errors import DescriptionError, TwinError
+from twin.core.errors import DescriptionError
 from twin.core.units import MM
 from twin.model.scene import load_scene
 from twin.simulation.controllers.pivot import CONE, SHALLOW, InstrumentPivot
 from twin.simulation.limits import JointLimits
 from twin.ui.headset import protocol as wire
-from twin.ui.headset import served
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
-from twin.ui.headset.watched import Watched
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE
-from twin.ui.viewer.server import serve
-from twin.ui.viewer.watch import WatchFront
 
 
 @pytest.fixture(scope="module")
@@ -249,89 +240,6 @@ def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     assert found.ran.difference is None
     assert found.ran.duration > 1.0
     assert main(["session", str(path)]) == 0
-
-
-@pytest.mark.nightly
-def test_a_spectator_sees_robots_and_organs_as_the_server_simulates_them(scene, robots):
-    def watch(port):
-        watched = Watched(port, scene.name)
-        try:
-            return watched, until(watched.take, "a frame", 60)
-        finally:
-            watched.close()
-
-    async def go():
-        loaded = scenes.with_organs(LoadedScene(scene, robots))
-        async with serving(lambda: served.of_console(loaded)) as s:
-            watched, (links, fields) = await asyncio.to_thread(watch, s.port)
-            truth = s.live.world.frame().link_poses
-            for place in scene.places:
-                for name, T in links[place.name].items():
-                    assert place.T_world_base @ T == pytest.approx(truth[place.name][name], abs=1e-5)
-            assert list(fields) == list(loaded.feed.surfaces) == list(watched.surfaces)
-            assert all(len(v) > watched.surfaces[n].triangles.max() for n, v in fields.items())
-
-    asyncio.run(go())
-
-
-@pytest.mark.slow
-def test_a_spectator_sees_rings_and_shows_no_frames_of_another_task(theatre):
-    task = theatre.scene.tasks["pegboard"]
-
-    async def go():
-        async with serving(lambda: served.of_console(theatre)) as other:
-            async with serving(lambda: served.of_console(theatre, Exercise(task))) as s:
-                watched = await asyncio.to_thread(Watched, s.port, "davinci")
-                links, _ = await asyncio.to_thread(until, watched.take, "a frame", 60)
-                rings = {n: poses[n] for n, poses in s.live.world.frame().link_poses.items() if n in watched.objects}
-                front = WatchFront("davinci", theatre, serve("davinci", "127.0.0.1", 0), watched)
-                front._draw(links, {})
-                assert len(rings) == 4
-                for name, T in rings.items():
-                    assert front._objects[name].bodies[name].position == pytest.approx(T[:3, 3], abs=1e-4)
-            watched._port = other.port  # what a server does that is started again without its task
-            await asyncio.to_thread(until, lambda: "with another task" in watched.problem, "the other task", 30)
-            assert watched.reading is None
-            watched.take()
-            await asyncio.sleep(0.2)
-            assert watched.take() is None
-            with pytest.raises(TwinError, match="the server shows 'davinci', not 'vsrs'"):
-                await asyncio.to_thread(Watched, other.port, "vsrs")
-        front.close()
-
-    asyncio.run(go())
-
-
-@pytest.mark.slow
-def test_a_spectator_sees_the_models_of_machines_as_ghosts_and_refuses_unknown_robots():
-    scene = twin.load_scene("raven")
-    loaded = LoadedScene(scene, robots_at(scene.places))
-    links = loaded.robots["raven_left"].reference().home().link_poses
-    stream = SimpleNamespace(
-        surfaces={}, objects=(), robots=("raven_left", "raven_left_model"), reading=None, problem=""
-    )
-    stream.close = lambda: None
-    front = WatchFront("raven", loaded, serve("raven", "127.0.0.1", 0), stream)
-    try:
-        front._draw({"raven_left_model": links}, {})
-        body = front.nodes["raven_left_model"].bodies["hand"]
-        place = next(p for p in scene.places if p.name == "raven_left")
-        assert body.position == pytest.approx((place.T_world_base @ links["hand"])[:3, 3], abs=1e-6)
-        stream.robots = ("another",)
-        with pytest.raises(TwinError, match="the server shows another, which the scene's files here do not have"):
-            WatchFront("raven", loaded, front.server, stream)
-    finally:
-        front.close()
-
-
-def test_a_spectator_without_a_server_is_told(capsys):
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as in a process that a shell started in the background
-    try:
-        assert main(["view", "vsrs", "--watch", str(free_port()), "--port", "0", "--no-browser"]) == 2
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert "no `twin serve vsrs` answers" in capsys.readouterr().err
 
 
 # -- files and options ----------------------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin import api
-from twin.cli import machines, show
 from twin.cli import scene as scenes
+from twin.cli import show
 from twin.cli.address import PageAddress, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
@@ -21,20 +21,19 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     import viser
 
-    from twin.model.scene import Scene
-    from twin.ui.viewer.console_page import ConsoleFront
     from twin.ui.viewer.front import Front
-    from twin.ui.viewer.loop import ViewerPage
-    from twin.ui.viewer.watch import WatchFront
-
-    Page = Front | ConsoleFront | WatchFront
 
 
 _ADVICE = "every connected client can move and load robots, but cannot write to disk"
 
 
 def view(args: argparse.Namespace) -> int:
-    """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit."""
+    """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit.
+
+    A robot has the page of viser, in which it is taken apart; a scene has the page of `twin serve`.
+    """
+    if args.html is None and assets.scene_file(args.robot) is not None:
+        return _show_scene(args)
     port = args.port
     if args.html is not None:
         port = 0  # a recording needs no certain port
@@ -44,27 +43,35 @@ def view(args: argparse.Namespace) -> int:
         assets.require_writable_file(Path(args.html))
         return _write(load, title, port, args)
 
-    def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Page:
+    def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Front:
         from twin.cli.terminal import Terminal
-        from twin.ui.viewer.front import Front  # after the server is up, so that the browser loads its page meanwhile
 
         terminal = None
         if local:
             terminal = Terminal.here()
         front = load(server, {"stopping": stopping, "local": local, "terminal": terminal})
-        if isinstance(front, Front):
-            front.load_soon()
+        front.load_soon()
         return front
 
-    return show_page(args, title, port, _ADVICE, open_page)
+    return _show_page(args, title, port, open_page)
 
 
-def show_page(
+def _show_scene(args: argparse.Namespace) -> int:
+    """Show a scene in the page of `twin serve`, with the defaults of that command for its other options."""
+    from twin.cli.parser import parser
+    from twin.cli.serving import serve
+
+    if args.tool is not None:
+        raise TwinError(f"{args.robot} is a scene: its robots define their tools; omit --tool")
+    defaults = parser().parse_args(["serve", args.robot])
+    return serve(argparse.Namespace(**(vars(defaults) | vars(args))))
+
+
+def _show_page(
     args: argparse.Namespace,
     title: str,
     port: int,
-    advice: str,
-    open_page: Callable[[viser.ViserServer, threading.Event, bool], ViewerPage],
+    open_page: Callable[[viser.ViserServer, threading.Event, bool], Front],
 ) -> int:
     """Show a page of viser until Ctrl-C.
 
@@ -72,7 +79,6 @@ def show_page(
         args: options `host` and `no_browser`.
         title: name of the shown robot or scene.
         port: the port.
-        advice: sentence on the rights of connected clients.
         open_page: function that opens the page; its arguments are the server, the event that ends the page, and whether
             only this computer can connect.
     """
@@ -90,7 +96,7 @@ def show_page(
 
     before = signal.signal(signal.SIGINT, end)
     try:
-        address = PageAddress(args.host, port, False, title, advice)
+        address = PageAddress(args.host, port, False, title, _ADVICE)
         rules = AccessRules(args.host, port, False, address.say)
         server = serve(f"twin · {title}", args.host, port, rules)
         if not rules.needs_token:
@@ -112,10 +118,9 @@ def show_page(
 
 
 def _write(
-    load: Callable[[viser.ViserServer, dict[str, Any]], Page], title: str, port: int, args: argparse.Namespace
+    load: Callable[[viser.ViserServer, dict[str, Any]], Front], title: str, port: int, args: argparse.Namespace
 ) -> int:
     from twin.ui.access.rules import AccessRules
-    from twin.ui.viewer.front import Front
     from twin.ui.viewer.server import serve, stop
 
     rules = AccessRules(args.host, port, False, lambda token: None)
@@ -123,7 +128,6 @@ def _write(
     front = None
     try:
         front = load(server, {})
-        assert isinstance(front, Front)
         return _page(front, Path(args.html), args.quiet)
     finally:
         if front is not None:
@@ -132,9 +136,7 @@ def _write(
             stop(server)
 
 
-def _what(
-    args: argparse.Namespace,
-) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front | ConsoleFront | WatchFront]]:
+def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front]]:
     """Return (title, function that loads the robots and opens the page).
 
     The arguments of the function are a server and {name: value} of further arguments of `Front`.
@@ -142,40 +144,39 @@ def _what(
     Raises:
         TwinError: a name or option is invalid; raised before a port opens.
     """
+    for option, value in (("--task", args.task), ("--fulcrum", args.fulcrum), ("--machine", args.machine)):
+        if value is not None:
+            raise TwinError(f"{option} is for the live console of a scene; omit --html and name a scene with a console")
     file = assets.scene_file(args.robot)
-    if args.task is not None and (file is None or args.html is not None):
-        raise TwinError("--task is for the live console of a scene; omit --html and name a scene with a console")
-    if args.watch is not None and (file is None or args.html is not None):
-        raise TwinError("--watch shows the scene of a running `twin serve SCENE`: name the same SCENE, and omit --html")
-    if file is None:
-        from twin.ui.session.timeline import protocols_of
+    if file is not None:
+        return _scene(args, file)
+    from twin.ui.session.timeline import protocols_of
 
-        robot = api.load(args.robot, tool=args.tool)
-        show.tool_note(robot, args.quiet)
-        protocols_of(robot, args.protocol)
+    robot = api.load(args.robot, tool=args.tool)
+    show.tool_note(robot, args.quiet)
+    protocols_of(robot, args.protocol)
 
-        def of_robot(server: viser.ViserServer, more: dict[str, Any]) -> Front:
-            from twin.ui.session.desk import Desk
-            from twin.ui.viewer.front import ShownRobot
-            from twin.ui.viewer.page import open_page
+    def of_robot(server: viser.ViserServer, more: dict[str, Any]) -> Front:
+        from twin.ui.session.desk import Desk
+        from twin.ui.viewer.front import ShownRobot
+        from twin.ui.viewer.page import open_page
 
-            actor = ShownRobot(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)
-            return open_page(f"twin · {robot.name}", [actor], None, server, **more)
+        actor = ShownRobot(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)
+        return open_page(f"twin · {robot.name}", [actor], None, server, **more)
 
-        return robot.name, of_robot
+    return robot.name, of_robot
+
+
+def _scene(args: argparse.Namespace, file: Path) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front]]:
+    """Return title and function, as `_what`, of a scene of which a recording is written."""
+    from twin.model.scene import load_scene
+
     if args.tool is not None:
         raise TwinError(f"{args.robot} is a scene: its robots define their tools; omit --tool")
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
-    from twin.model.scene import load_scene
-
     scene = load_scene(file)
-    plays = _plays(scene, args)
-    task = None
-    if args.task is not None:
-        from twin.simulation.session.run import task_of
-
-        task = task_of(scene, args.task)
+    scene.require_protocols()
 
     def of_scene(server: viser.ViserServer, more: dict[str, Any]) -> Front:
         from twin.ui.session.desk import Desk
@@ -189,47 +190,7 @@ def _what(
             actors.append(ShownRobot(place.name, place.robot, desk, place.T_world_base, place.protocol))
         return open_page(f"twin · {scene.name}", actors, loaded.props, server, feed=loaded.feed, **more)
 
-    def of_console(server: viser.ViserServer, more: dict[str, Any]) -> ConsoleFront:
-        from twin.cli.commands.session import report
-        from twin.ui.session.exercise import Exercise
-        from twin.ui.viewer.console_page import ConsoleFront
-
-        loaded = machines.connected(scenes.with_organs(scenes.load(scene), task), args.machine)
-        exercise = Exercise(task, report=report, fulcrum=args.fulcrum or "compensated")
-        return ConsoleFront(f"twin · {scene.name}", loaded, server, exercise, more["stopping"])
-
-    if args.watch is not None:
-        return scene.name, lambda server, more: _spectator(scene, server, more["stopping"], args.watch)
-    if plays:
-        return scene.name, of_scene
-    return scene.name, of_console
-
-
-def _plays(scene: Scene, args: argparse.Namespace) -> bool:
-    """Return whether the robots of a scene play their protocols (otherwise, a console moves them).
-
-    Raises:
-        TwinError: a robot has no protocol to play, --fulcrum does not apply, or only another page has the console.
-    """
-    plays = scene.console is None or args.html is not None or args.protocols
-    if plays:
-        scene.require_protocols()
-    if args.fulcrum is not None and (plays or scene.console is None or not scene.console.instrument_mm):
-        raise TwinError(f"--fulcrum: no hand moves instruments that pass ports in scene '{scene.name}'")
-    if not plays and scene.console is not None and scene.console.teleoperation is not None:
-        raise TwinError(
-            f"the console of scene '{scene.name}' is on the page of `twin serve {args.robot}`; "
-            f"`twin view {args.robot} --protocols` plays the protocols"
-        )
-    return plays
-
-
-def _spectator(scene: Scene, server: viser.ViserServer, stopping: threading.Event, port: int) -> WatchFront:
-    from twin.ui.headset.watched import Watched
-    from twin.ui.viewer.watch import WatchFront
-
-    stream = Watched(port, scene.name)
-    return WatchFront(f"twin · {scene.name}", scenes.load(scene), server, stream, stopping)
+    return scene.name, of_scene
 
 
 def _page(front: Front, path: Path, quiet: bool) -> int:

@@ -1,4 +1,4 @@
-"""`twin follow`: show a machine live, in the page of `twin serve` or, with --view, in the page of `twin view`."""
+"""`twin follow`: show a machine live, in the page of `twin serve`."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs
-  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)
-  twin follow raven_left --states 36001 --view         in the page of twin view"""
+  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)"""
 
 
 def arguments(command: Command) -> None:
@@ -24,7 +23,6 @@ def arguments(command: Command) -> None:
     command.robot()
     command.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
     command.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=port_number)
-    command.flag("--view", "show the page of twin view instead of that of twin serve")
     command.address(8766, "page")
     command.set_defaults(record=None, replay=None, session=None, ros=None)
 
@@ -43,8 +41,6 @@ def run(args: argparse.Namespace) -> int:
     robot = api.load(args.robot)
     mirror = _mirror(robot, args)
     try:
-        if args.view:
-            return _view(args, port, mirror)
         import asyncio
 
         from twin.cli.serving import serve_until_stopped
@@ -75,11 +71,3 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
     if not (port.isascii() and port.isdigit() and len(port) < 10 and 0 < int(port) < 65536):
         raise TwinError(f"--states {args.states[:80]}: give HOST:PORT or PORT, such as 127.0.0.1:36001")
     return Mirror(robot, StateReader(host or "127.0.0.1", int(port), n))
-
-
-def _view(args: argparse.Namespace, port: int, mirror: Mirror) -> int:
-    from twin.cli.viewing import show_page
-    from twin.ui.viewer.mirror import MirrorFront
-
-    advice, title = "every connected client can watch, but not control", f"twin · {mirror.name}"
-    return show_page(args, mirror.name, port, advice, lambda server, end, _: MirrorFront(title, mirror, server, end))

@@ -1,16 +1,15 @@
-"""`twin view`: show a robot or scene in a browser, where it can be moved; implemented in twin.cli.viewing."""
+"""`twin view`: show a robot in a browser, where it can be moved, or a scene; implemented in twin.cli.viewing."""
 
 from __future__ import annotations
 
 import argparse
 
-from twin.cli.parser import Command, port_number
+from twin.cli.parser import Command
 
 EXAMPLES = """\
   twin view sils
   twin view sher phantom            plan and play the protocol `phantom`
-  twin view vsrs                    a scene of several robots
-  twin view davinci                 a scene that is controlled from its console
+  twin view davinci                 a scene, in the page of twin serve
   twin view davinci --task pegboard       with rings to grasp
   twin view my_robot/ --port 8090 --no-browser
   twin view usd/pa10/pa10.usda      a USD stage without a robot folder
@@ -22,7 +21,6 @@ def arguments(command: Command) -> None:
     command.page(8080, "page")
     command.tool()
     command.text("--html", "FILE", "write a recording of the protocol and exit")
-    command.text("--watch", "PORT", "only show the simulation of a running twin serve of this scene", type=port_number)
 
 
 def run(args: argparse.Namespace) -> int:

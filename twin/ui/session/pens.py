@@ -223,11 +223,6 @@ class Pens:
     # -- states for the console -----------------------------------------------------------------------
 
     @property
-    def aims(self) -> bool:
-        """Whether the camera is still moving to the coordinates requested by `aim`."""
-        return self._aim is not None
-
-    @property
     def settled(self) -> bool:
         """Whether all requested motions of handles and camera have been sent to the console."""
         return self._aim is None and all(p.arrived for p in self.pens.values())

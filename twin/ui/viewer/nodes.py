@@ -10,9 +10,7 @@ import viser
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.model.body import Body
 from twin.model.mechanism import Mechanism
-from twin.model.movable import Movable
 from twin.ui.session.display_meshes import Look, behind, looks
 from twin.ui.viewer.pose_frames import FrameWriter
 
@@ -21,12 +19,6 @@ RED = (225, 0, 0)
 ORANGE = (255, 120, 20)
 BLUE = (40, 110, 220)
 _GHOST_OPACITY = 0.28
-
-
-def object_nodes(server: viser.ViserServer, item: Movable, T_world_object: Array) -> RobotNodes:
-    """Return the scene nodes of a movable object at a pose (4, 4); the object is shown as a robot with one body."""
-    alone = Mechanism(item.name, item.name, (Body(item.name, (item.mesh(),)),), ())
-    return RobotNodes(server, f"/{item.name}", alone, {item.name: T_world_object})
 
 
 class RobotNodes:
