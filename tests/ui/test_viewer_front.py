@@ -146,8 +146,10 @@ def test_curves_have_names_units_and_values():
 
 
 def test_points_of_the_equations_are_drawn_with_their_error_enlarged():
-    with front_of(twin.load("sils")) as front:
+    robot = twin.load("sils")
+    with front_of(robot) as front:
         desk, node = front.hand.desk, front.nodes["sils"]
+        assert desk.move_tool(robot.loops.forward(robot.loops.q)).good  # as drawn
         desk.change({"eq1": "printed"})
         front.refresh()
         drawn = node._equations.points.reshape(-1, 3)
