@@ -652,7 +652,6 @@ class Robot:
 
     def path_kinematics(self) -> PathKinematics:
         """Return the limits, the equations (if the robot has any) and the mechanism, for planning."""
-        from twin.api.standing import standing
         from twin.planning.trajectory import without_equations
         from twin.reference.following import Follower
         from twin.reference.space import JointSpace
@@ -663,6 +662,8 @@ class Robot:
         def obstructed(scene: str, clearance: float) -> JointSpace:
             around = None
             if scene:
+                # by name: only a path around other robots reads a scene
+                standing = import_module("twin.api.standing").standing
                 around = partial(standing, scene, self.name, load)
             return JointSpace(lambda: follower.model, clearance, around=around)
 
