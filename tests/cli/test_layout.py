@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from made.lanes import one_of_a_kind
 from twin.api.about import LINES, info
 from twin.api.robot import load
-from twin.cli import layout, show
+from twin.cli import show
 from twin.core.findings import disagreement
 from twin.core.result import TextTable
 
@@ -75,21 +75,21 @@ def test_a_pipe_gets_no_escape_and_no_wrapped_line(monkeypatch):
 )
 def test_the_verdict_alone_is_colored(line, code, terminal):
     terminal(80, color=True)
-    colored = layout.text(line)
+    colored = show.text(line)
     assert ESCAPE.sub("", colored) == line
     assert ESCAPE.findall(colored) == ([f"\x1b[{code}m", "\x1b[0m"] if code else [])
 
 
 def test_no_color_is_honoured(terminal):
     terminal(80)
-    assert layout.text("  AGREE: all") == "  AGREE: all"
+    assert show.text("  AGREE: all") == "  AGREE: all"
 
 
 @given(
     st.lists(st.lists(st.text("ab ", max_size=60), min_size=3, max_size=3), min_size=1, max_size=4), st.integers(40, 90)
 )
 def test_tables_keep_their_letters(rows, columns):
-    lines = [line for row in layout.table(rows, "  ", columns) for line in row]
+    lines = [line for row in show.table_lines(rows, "  ", columns) for line in row]
     assert max(map(len, lines)) <= columns
     letters = sorted("".join(lines).replace(" ", ""))
     assert letters == sorted("".join("".join(row) for row in rows).replace(" ", ""))

@@ -360,10 +360,11 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLi
 def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
     from twin.comparison.side import from_mechanism
 
+    unlimited: Collection[str]
     if robot.files is None:
         mechanism = robot.mechanism
         # in the schema of USD, a joint without limits is not limited: a stage cannot leave them open
-        unlimited: Collection[str] = [joint.name for joint in mechanism.tree]
+        unlimited = [joint.name for joint in mechanism.tree]
         efforts: Mapping[str, float] = {}
         if robot.source.described is not None:
             unlimited = robot.source.described.unlimited
@@ -379,10 +380,11 @@ def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
         )
     else:
         mechanism = robot.weighed().mechanism
-        unlimited: list[str] = []
+        stated: list[str] = []
         for limit in robot.source.description.limit:
             if limit.limits == "none":
-                unlimited += limit.joints
+                stated += limit.joints
+        unlimited = stated
         side = from_mechanism(mechanism, label, path=robot.files.description, only=only, unlimited=unlimited)
     return replace(side, tool_poses=_poses_of(mechanism, side))
 

@@ -1,17 +1,24 @@
-"""Print tables, results and progress of the commands; only `twin.cli` prints."""
+"""Print tables, results and progress of the commands; only `twin.cli` prints.
+
+On a terminal, texts and tables fit its width and verdicts are colored; a file or pipe gets them unchanged.
+"""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import math
+import os
+import re
+import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.cli import layout, pages
+from twin.cli import pages
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
@@ -32,11 +39,37 @@ __all__ = [
     "record",
     "store",
     "table",
+    "table_lines",
+    "terminal_width",
+    "text",
     "tool_note",
 ]
 
 _SILENCE = 15.0
 """Time in s after which a command whose stderr is not a terminal says how far it is, again and again."""
+
+_LEAST = 40
+"""Smallest width in characters to which texts are fitted."""
+
+_NARROW = 8
+"""Smallest width of a column that has been narrowed."""
+
+_GAP = 2
+"""Spaces between columns."""
+
+_BOLD_GREEN = "1;32"
+_BOLD_RED = "1;31"
+_BOLD_YELLOW = "1;33"
+
+_COLORS = {
+    **dict.fromkeys(("AGREE", "PASS", "PROVED", "MET"), _BOLD_GREEN),
+    **dict.fromkeys(("DISAGREE", "FAIL", "REFUTED", "✖"), _BOLD_RED),
+    **dict.fromkeys(("UNCHECKED", "OPEN", "▲"), _BOLD_YELLOW),
+}
+"""Color of the word that begins a line: a verdict, or the mark of a finding."""
+
+_FIRST = re.compile(r"^(\s*)(\S+?)(:?)(?=\s|$)")
+
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
 
@@ -163,10 +196,10 @@ def plain(part: Part) -> str:
     if isinstance(part, TextTable):
         return table(part.rows, part.header, fit=part.fit)
     if isinstance(part, Finding):
-        return layout.text(finding(part))
+        return text(finding(part))
     if isinstance(part, Line):
-        return layout.text(part.text)
-    return layout.text(part)
+        return text(part.text)
+    return text(part)
 
 
 def _styled(line: Line) -> None:
@@ -180,7 +213,7 @@ def _styled(line: Line) -> None:
             raise BrokenPipeError
 
     console = PipedConsole(highlight=False, soft_wrap=True)
-    for row in layout.fitted(line.text):
+    for row in wrapped_lines(line.text):
         console.print(Text(row, style=line.style))
 
 
@@ -194,8 +227,8 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str
         rows_of_text.insert(0, list(header))
     if not rows_of_text:
         return ""
-    columns = layout.width()
-    drawn = layout.table(rows_of_text, indent, None if fit else columns)
+    columns = terminal_width()
+    drawn = table_lines(rows_of_text, indent, None if fit else columns)
     if header:
         widths = [max(len(cell) for cell in cells) for cells in zip(*rows_of_text, strict=True)]
         rule = indent + "  ".join("-" * width for width in widths)
@@ -221,3 +254,104 @@ def finding(f: Finding) -> str:
     if f.suggestion:
         text += f"\n      {f.suggestion}"
     return text
+
+
+def terminal_width() -> int | None:
+    """Return the width of the terminal in characters; None if the output is not a terminal."""
+    if not sys.stdout.isatty():
+        return None
+    return max(_LEAST, shutil.get_terminal_size().columns)
+
+
+def has_color() -> bool:
+    """Return whether colors are printed: on a terminal that has them, and without NO_COLOR (see no-color.org)."""
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return False
+    return sys.stdout.isatty()
+
+
+def text(given: str) -> str:
+    """Return a text with its lines wrapped to the width, and its verdicts colored, if it is printed on a terminal."""
+    lines = wrapped_lines(given)
+    if has_color():
+        lines = [_colored(line) for line in lines]
+    return "\n".join(lines)
+
+
+def wrapped_lines(given: str) -> list[str]:
+    """Return the lines of a text, wrapped to the width if it is printed on a terminal."""
+    columns = terminal_width()
+    lines = given.split("\n")
+    if columns is None:
+        return lines
+    wrapped: list[str] = []
+    for line in lines:
+        wrapped += _wrapped(line, columns)
+    return wrapped
+
+
+def _wrapped(line: str, columns: int) -> list[str]:
+    """Return a line as lines of at most `columns` characters; further lines are indented more than the first."""
+    if len(line) <= columns:
+        return [line]
+    indent = line[: len(line) - len(line.lstrip())]
+    wrapper = textwrap.TextWrapper(
+        columns,
+        initial_indent=indent,
+        subsequent_indent=indent[: columns // 4] + "    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return wrapper.wrap(line.strip()) or [line]
+
+
+def _colored(line: str) -> str:
+    first = _FIRST.match(line)
+    if first is None or first[2] not in _COLORS:
+        return line
+    start = len(first[1])
+    end = start + len(first[2])
+    return f"{line[:start]}\x1b[{_COLORS[first[2]]}m{first[2]}\x1b[0m{line[end:]}"
+
+
+def table_lines(rows: Sequence[Sequence[str]], indent: str, columns: int | None) -> list[list[str]]:
+    """Return the lines of each row of a table; cells of the widest columns are wrapped to fit into `columns`.
+
+    Cells are padded to the width of their column. None: no row is wrapped.
+    """
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    if columns is not None:
+        widths = _fitted(widths, columns - len(indent))
+    drawn = []
+    for row in rows:
+        cells = [_cell(cell, size) for cell, size in zip(row, widths, strict=True)]
+        height = max(map(len, cells))
+        lines = []
+        for k in range(height):
+            parts = []
+            for cell, size in zip(cells, widths, strict=True):
+                part = cell[k] if k < len(cell) else ""
+                parts.append(part.ljust(size))
+            lines.append((indent + (" " * _GAP).join(parts)).rstrip())
+        drawn.append(lines)
+    return drawn
+
+
+def _fitted(widths: Sequence[int], available: int) -> list[int]:
+    """Return widths of columns whose sum with gaps is at most `available`, made by narrowing the widest first."""
+    fitted = list(widths)
+    excess = sum(fitted) + _GAP * (len(fitted) - 1) - available
+    while excess > 0:
+        widest = fitted.index(max(fitted))
+        if fitted[widest] <= _NARROW:
+            break
+        fitted[widest] -= 1
+        excess -= 1
+    return fitted
+
+
+def _cell(cell: str, size: int) -> list[str]:
+    """Return the lines of a cell in a column of a width; words longer than the column are broken."""
+    if len(cell) <= size:
+        return [cell]
+    return textwrap.wrap(cell, size, break_on_hyphens=False) or [""]
