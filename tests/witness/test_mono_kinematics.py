@@ -205,6 +205,36 @@ def test_what_cannot_be_is_refused_and_changes_nothing(program):
     assert "6 finite numbers" in short.why
 
 
+@pytest.mark.parametrize("convention", mono.CONVENTIONS)
+def test_joints_of_physics_meet_and_a_hand_moves_the_tool(build, tmp_path, convention):
+    """On the stub of the engine: both sides of every joint, those of loops too, are at one place in Unity's world."""
+    names = ["sils", "sher"]
+    files = []
+    for name in names:
+        robot = loaded(name)
+        files.append(tmp_path / f"{class_name(name)}.cs")
+        files[-1].write_text(source(DeviceModel(robot.mechanism, robot.kinematics(), robot.gaps)))
+    # beside the assemblies that it uses
+    program = build.folder / f"Joints{convention}.exe"
+    references = (build.engine, build.player, build.editor)
+    mono.compiled([*files, mono.HERE / "device/Joints.cs"], program, *references, define="TWIN_PLAYER")
+    for name in names:
+        mechanism = loaded(name).mechanism
+        done = mono.run(["mono", str(program), name, convention])
+        assert done.returncode == 0, done.stderr
+        said = {line.split()[0]: line.split()[1:] for line in done.stdout.splitlines()}
+        count, loops = map(int, said["joints"][:2])
+        apart, tilted = map(float, said["joints"][2:])
+        assert count == len(mechanism.joints)
+        assert loops == len(mechanism.loops) > 0
+        assert apart < 2e-6, "single precision"
+        assert tilted < 2e-6
+        left, error = map(float, said["grab"])
+        assert left < 1e-5
+        assert error < 2e-5
+        assert int(said["again"][0]) == sum(j.child == mechanism.joints[0].child for j in mechanism.joints)
+
+
 MUTATIONS = {
     "a sine is a cosine": ("Math.Sin(", "Math.Cos("),
     "an arc tangent has the other sign": ("Math.Atan2(t", "-Math.Atan2(t"),

@@ -32,6 +32,23 @@ namespace UnityEngine
     {
         public Vector3 targetPosition { get; set; }
         public Quaternion targetRotation { get; set; }
+        public Rigidbody connectedBody { get; set; }
+        public bool autoConfigureConnectedAnchor { get; set; }
+        public bool enableCollision { get; set; }
+        public Vector3 anchor { get; set; }
+        public Vector3 connectedAnchor { get; set; }
+        public Vector3 axis { get; set; }
+        public Vector3 secondaryAxis { get; set; }
+        public ConfigurableJointMotion xMotion { get; set; }
+        public ConfigurableJointMotion yMotion { get; set; }
+        public ConfigurableJointMotion zMotion { get; set; }
+        public ConfigurableJointMotion angularXMotion { get; set; }
+        public ConfigurableJointMotion angularYMotion { get; set; }
+        public ConfigurableJointMotion angularZMotion { get; set; }
+        public SoftJointLimit lowAngularXLimit { get; set; }
+        public SoftJointLimit highAngularXLimit { get; set; }
+        public JointDrive angularXDrive { get; set; }
+        public JointDrive xDrive { get; set; }
     }
 
     public static class Debug
@@ -148,5 +165,6 @@ namespace UnityEditor
     public static class AssetDatabase
     {
         public static void Refresh() { }
+        public static T LoadAssetAtPath<T>(string path) where T : UnityEngine.Object { return null; }
     }
 }

@@ -61,7 +61,19 @@ namespace UnityEngine
             return added;
         }
 
-        public T GetComponent<T>() where T : Component { return components.Find(c => c is T) as T; }
+        public static GameObject CreatePrimitive(PrimitiveType type) { return new GameObject("" + type); }
+        public T GetComponent<T>() where T : Component { return components.Find(c => c is T && c) as T; }
+
+        public T[] GetComponents<T>() where T : Component
+        {
+            var found = new List<T>();
+            foreach (Component c in components)
+            {
+                if (c is T && c) found.Add((T)c);
+            }
+
+            return found.ToArray();
+        }
 
         public T[] GetComponentsInChildren<T>() where T : Component
         {
@@ -145,6 +157,7 @@ namespace UnityEngine
     public class TextMesh : Component
     {
         public string text { get; set; }
+        public TextAnchor anchor { get; set; }
     }
 
     public struct Bounds

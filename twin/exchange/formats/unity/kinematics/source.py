@@ -17,6 +17,7 @@ from twin.kinematics.closed_loops.adjustable import DISTANCES, AdjustableLoops
 from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.kinematics.compile import Kinematics
 from twin.model.joint_distance import kinematic_distances
+from twin.model.mechanism import Mechanism
 
 _TEMPLATE = Path(__file__).resolve().parent / "robot.cs.template"
 _INDENT = " " * 8
@@ -63,7 +64,7 @@ def source(model: DeviceModel) -> str:
     methods += equation_methods
 
     text = _TEMPLATE.read_text(encoding="utf-8")
-    values = _mechanism_tables(model, loops) | equations
+    values = _mechanism_tables(model, loops) | _joint_tables(mechanism) | equations
     values["NEWTON_FIELDS"] = ""
     if newton:
         values["NEWTON_FIELDS"] = (
@@ -151,6 +152,37 @@ def _mechanism_tables(model: DeviceModel, loops: AdjustableLoops) -> dict[str, s
         "REST_JOINTS": _numbers(solver.q),
         "REST_STATES": _numbers(np.concatenate([*solver.home, []])),
         "HOME": _numbers(np.asarray(home)),
+    }
+
+
+def _joint_tables(mechanism: Mechanism) -> dict[str, str]:
+    """Return the values of the template that describe all joints, in the tree and in loops, and the masses of links."""
+    order = {body.name: i for i, body in enumerate(mechanism.bodies)}
+    active = {joint.name: i for i, joint in enumerate(mechanism.active)}
+    loops = {joint.name for joint in mechanism.loops}
+    frames = []
+    limits = []
+    for joint in mechanism.joints:
+        for T in (joint.T_parent_joint, joint.T_child_joint):
+            frames.append(np.asarray(T, float)[:3].ravel())
+        limits += joint.limits or (-np.inf, np.inf)
+    masses = []
+    for body in mechanism.bodies:
+        mass = 0.0  # unknown
+        if body.inertia is not None:
+            mass = body.inertia.mass
+        masses.append(mass)
+    joints = mechanism.joints
+    return {
+        "ALL_JOINTS": _strings([joint.name for joint in joints]),
+        "JOINT_TYPES": _strings([joint.type for joint in joints]),
+        "IN_LOOPS": _list([str(joint.name in loops).lower() for joint in joints]),
+        "JOINT_PARENTS": _list([str(order[joint.parent]) for joint in joints]),
+        "JOINT_CHILDREN": _list([str(order[joint.child]) for joint in joints]),
+        "JOINT_ACTIVE": _list([str(active.get(joint.name, -1)) for joint in joints]),
+        "JOINT_FRAMES": _numbers(np.concatenate(frames)),
+        "JOINT_LIMITS": _numbers(np.array(limits, float)),
+        "LINK_MASSES": _numbers(np.array(masses, float)),
     }
 
 

@@ -35,6 +35,32 @@ namespace Twin.Player
         /// <summary>Joint values of the posture "home".</summary>
         double[] Home { get; }
 
+        /// <summary>All joints, in the tree and in loops; the arrays below have an entry for each.</summary>
+        string[] AllJoints { get; }
+
+        /// <summary>"fixed", "revolute", "prismatic", "cylindrical", "spherical" or "free".</summary>
+        string[] JointTypes { get; }
+
+        /// <summary>Whether a joint closes a loop, so that it is not in the tree.</summary>
+        bool[] InLoops { get; }
+
+        /// <summary>Indices in Links.</summary>
+        int[] JointParents { get; }
+
+        int[] JointChildren { get; }
+
+        /// <summary>Index in Q of an active joint, else -1.</summary>
+        int[] JointActive { get; }
+
+        /// <summary>T_parent_joint and T_child_joint (3, 4), 24 numbers for each joint; the axis is z.</summary>
+        double[] JointFrames { get; }
+
+        /// <summary>Lower and upper limit in m or rad, 2 numbers for each joint; infinite without a limit.</summary>
+        double[] JointLimits { get; }
+
+        /// <summary>Masses of the links in kg; 0: unknown.</summary>
+        double[] LinkMasses { get; }
+
         bool HasEquations { get; }
 
         /// <summary>Joint values of the present state.</summary>
