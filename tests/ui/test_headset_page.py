@@ -105,6 +105,27 @@ def test_the_mouse_moves_the_platform(desk, robot):
     assert desk("twin.app.grab.held === null && twin.app.model.state.holder === null")
 
 
+def test_keys_undo_a_drag_play_and_show_themselves(desk, robot):
+    before = desk.tool()
+    start = desk.pixel(desk.to_scene(before[:3, 3]))
+    desk.drag(start, desk.pixel(desk.to_scene(before[:3, 3] + np.array([0.0, 0.0, -25 * MM]))))
+    desk.settled()
+    assert np.linalg.norm(desk.tool()[:3, 3] - before[:3, 3]) > 10 * MM
+    desk.page.keyboard.press("Control+z")
+    desk.until(f"Math.abs(twin.app.model.frame.q[0] - {robot.inverse(before)[0]}) < 1e-6", "the drag is undone")
+    desk.settled()
+    np.testing.assert_allclose(desk.tool(), before, atol=1e-6)
+    desk.page.keyboard.press("Space")
+    desk.until("twin.app.model.state.playing", "it plays")
+    desk.page.keyboard.press("Space")
+    desk.until("!twin.app.model.state.playing", "it stops")
+    desk.page.keyboard.press("?")
+    assert "Ctrl-Z" in desk.page.locator("dialog.keys").inner_text()
+    desk.page.keyboard.press("Escape")
+    assert not desk.page.locator("dialog.keys").is_visible()
+    assert "Nearest limit: q" in desk.page.locator(".headline").inner_text()
+
+
 def test_what_cannot_be_reached_is_said_and_coloured(desk, robot):
     desk.draws(True)
     before = desk.tool()
@@ -222,10 +243,12 @@ CUT = """[...document.querySelectorAll('.side .tab')].filter((tab) => {
 def test_all_headings_of_the_controls_are_whole_folded_or_not(desk, size):
     with desk.sized(*size):
         assert desk(CUT) == []
+        before = desk.id("fold").get_attribute("aria-expanded")  # a small screen begins folded
         desk.id("fold").click()
         assert desk(CUT) == []
+        assert desk.id("fold").get_attribute("aria-expanded") != before
         desk.id("fold").click()
-        assert desk.id("fold").get_attribute("aria-expanded") == "true"
+        assert desk.id("fold").get_attribute("aria-expanded") == before
 
 
 def test_a_joint_is_led_by_its_slider_and_by_its_link(desk, robot):

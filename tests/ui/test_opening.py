@@ -77,3 +77,16 @@ def test_the_start_is_found_again():
     assert desk.go("home").good
     assert desk.go(START).good
     assert np.abs(desk.assembly.q - q).max() < 1e-12
+
+
+def test_the_last_drag_is_undone():
+    desk = Desk(twin.load("sils"))
+    q = desk.assembly.q.copy()
+    T = desk.assembly.T_base_tool.copy()
+    T[2, 3] -= 20 * MM
+    desk.remember()
+    desk.remember()  # a click that moves nothing
+    assert desk.drag_tool(T).good
+    assert desk.undo().good
+    assert np.abs(desk.assembly.q - q).max() < 1e-12
+    assert "nothing to undo" in desk.undo().reason

@@ -224,6 +224,12 @@ class PostureMessage(_RobotMessage):
     name: _Name
 
 
+class UndoMessage(_RobotMessage):
+    """Move the robot back to where the last grab began."""
+
+    type: Literal["undo"]
+
+
 class GrabMessage(_RobotMessage):
     """Grab the tool, a joint, or a link at `point` (3,) in m in the link's frame."""
 
@@ -403,6 +409,7 @@ Message = (
     | LoopMessage
     | ProtocolMessage
     | PostureMessage
+    | UndoMessage
     | GrabMessage
     | DragMessage
     | ReleaseMessage
@@ -426,6 +433,7 @@ Message = (
 RobotMessage = (
     ProtocolMessage
     | PostureMessage
+    | UndoMessage
     | GrabMessage
     | DragMessage
     | ReleaseMessage

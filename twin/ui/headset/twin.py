@@ -28,7 +28,7 @@ from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import ReachablePoints
 from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
-from twin.ui.session.desk import Desk, MoveResult, start_of
+from twin.ui.session.desk import UNDOS, Desk, MoveResult, start_of
 from twin.ui.session.instruments import RobotReading
 from twin.ui.session.patient import Patient
 from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
@@ -84,6 +84,7 @@ class Twin:
         self._reach = ReachablePoints(self.desk, source)
         self._distances = ChangedDistances(self.desk)
         self._hold: ClientHold | None = None
+        self._before: list[Array] = []  # joint values at the begin of each grab, the newest last
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
         self._track: StreamedPlayback | None = None
@@ -241,6 +242,10 @@ class Twin:
             self.leave_to(client)
             self._posture(message.name)
             self.let_go(client)
+        elif isinstance(message, wire.UndoMessage):
+            self.leave_to(client)
+            self._undo()
+            self.let_go(client)
         else:
             self.leave_to(client)
             if message.name not in self._protocols:
@@ -272,6 +277,7 @@ class Twin:
 
     def _grab(self, client: str, message: wire.GrabMessage) -> None:
         hold = hold_of(client, message, self.desk)
+        self._before = [*self._before[1 - UNDOS :], np.array(self._shown.q, float)]
         self._leave_track()
         if hold.target != "tool":
             self._worker.ask("prepare", self.desk.solver.prepare, lambda _: None)
@@ -306,6 +312,17 @@ class Twin:
             raise RefusedError("unknown", unknown("posture", name, self.desk.postures))
         self._leave_track()
         self._move(lambda: self.desk.go(name))
+
+    def _undo(self) -> None:
+        """Move to the joint values at the begin of the last grab that moved the robot."""
+        here = np.array(self._shown.q, float)
+        while self._before and np.abs(self._before[-1] - here).max(initial=0.0) < 1e-9:
+            self._before.pop()
+        if not self._before:
+            raise RefusedError("refused", f"nothing to undo: {self.called} has not been moved by a grab")
+        q = self._before.pop()
+        self._leave_track()
+        self._move(lambda: self.desk.move_joints(q))
 
     def _variant(self, name: str | None) -> None:
         if name is not None and name not in self.description["variants"]:

@@ -36,6 +36,9 @@ _Value = TypeVar("_Value")
 START = "start"
 """Name in the list of postures of the joint values at which the pages open."""
 
+UNDOS = 50
+"""Maximum number of moves that can be undone."""
+
 _HALVINGS = 10
 """Number of halvings in the search for the last reachable pose on the way to a target: 1024 parts of the way."""
 
@@ -86,6 +89,7 @@ class Desk:
         self.asked: Array | None = None
         self.moved = MoveResult(True)
         self._kept: dict[str, Array] = {}
+        self._before: list[Array] = []  # joint values stored by `remember`, the newest last
         if start_of(robot):
             self.keep(START)
         self._frame = self.mechanism.tool
@@ -277,6 +281,21 @@ class Desk:
         if posture not in self.mechanism.postures:
             raise TwinError(f"{self.robot.name}: {unknown('posture', posture, self.postures)}")
         return self._try(lambda: self.model.solve(self.mechanism.posture(posture)))
+
+    def remember(self) -> None:
+        """Store the present joint values, so that `undo` can return to them."""
+        with self.lock:
+            self._before = [*self._before[1 - UNDOS :], self.assembly.q.copy()]
+
+    def undo(self) -> MoveResult:
+        """Move back to the joint values that `remember` stored last, and that differ from the present ones."""
+        with self.lock:
+            while self._before and np.abs(self._before[-1] - self.assembly.q).max(initial=0.0) < 1e-9:
+                self._before.pop()
+            if not self._before:
+                self.moved = MoveResult(False, "nothing to undo: no drag has moved the robot")
+                return self.moved
+            return self.move_joints(self._before.pop())
 
     def keep(self, name: str) -> None:
         """Store the present joint values under a name, so that `go` can move there."""

@@ -341,6 +341,7 @@ class Front(ViewerPage):
             if event.phase == "start":
                 self.dragging = True
                 self.clock.playing = False
+                self.hand.desk.remember()
             wxyz = np.array(event.target.wxyz)
             position = np.array(event.target.position)
             self.go_on("tool", lambda: self._tool_to(wxyz, position))
@@ -386,6 +387,7 @@ class Front(ViewerPage):
             if event.phase == "start":
                 T_body_base = spatial.inverse(a.desk.assembly.link_poses[body])
                 p_base = node.to_base(np.array(event.start_position))
+                a.desk.remember()
                 held[body] = (T_body_base @ np.append(p_base, 1.0))[:3]
                 self.clock.playing = False
                 self.ask("prepare", a.desk.solver.prepare)

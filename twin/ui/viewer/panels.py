@@ -81,6 +81,7 @@ class Panels:
         self._list_protocols()
         self._state = gui.add_markdown("_not planned yet_")
         self._run = gui.add_button("▶ Play", disabled=True)
+        undo = gui.add_button("↶ Undo the last drag", color="gray", hint="Ctrl-Z")
         self._time: viser.GuiSliderHandle | None = None
         self._folder = gui.add_folder("Timeline")
         with self._folder:
@@ -113,6 +114,7 @@ class Panels:
 
         self._protocol.on_update(planned)
         self._run.on_click(lambda _: front.ask("run", self._toggle))
+        undo.on_click(lambda _: front.ask("undo", self._undo))
         self._speed.on_update(lambda _: setattr(front.clock, "speed", float(self._speed.value.split()[0])))
         self._loop.on_update(lambda _: setattr(front.clock, "loop", self._loop.value))
         self._trail.on_update(lambda _: front.ask("trail", lambda: front.scenery.trail(self._trail.value)))
@@ -147,6 +149,10 @@ class Panels:
             clock.playing = False
         else:
             clock.play()
+
+    def _undo(self) -> None:
+        self.front.clock.playing = False
+        self.front.hand.desk.undo()
 
     def preparing(self, a: ShownRobot, protocol: str | None) -> None:
         """Show that a protocol of a robot is being planned; None: its default protocol."""

@@ -11,10 +11,13 @@ from twin.core.format import quantity
 from twin.core.units import DEG, MM
 from twin.ui.session.instruments import AGREE, EquationError, Limit, RobotReading
 
-_GOOD = "#1f8a55"
-_BAD = "#d62f2f"
-_WARN = "#c77700"
-_DIM = "#7d8896"
+_GOOD = "light-dark(#17703f, #57c98e)"
+_BAD = "light-dark(#b8201f, #ff8a80)"
+_WARN = "light-dark(#8f5200, #f0b34a)"
+"""Colours with the contrast of WCAG AA on the light and on the dark page."""
+
+_FAINT = "opacity:.78"
+"""Style of the names of values."""
 
 
 def length(metres: float) -> str:
@@ -126,7 +129,7 @@ def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
         share = 100 * (t1 - t0) / total
         fill = "background:#8882"
         if name == now:
-            fill = "background:#2b8be0;color:#fff"
+            fill = "background:#1b6ec2;color:#fff"
         cells += (
             f"<span title='{escape(name)}: {t0:.2f} to {t1:.2f} s' style='flex:0 0 {share:.2f}%;"
             f"overflow:hidden;text-overflow:ellipsis;white-space:nowrap;padding:1px 3px;box-sizing:border-box;"
@@ -148,14 +151,14 @@ def legend(names: Sequence[str], colors: Sequence[str]) -> str:
 def _number(name: str, value: float, unit: str) -> str:
     digits = f"{value:.3f}" if unit == "mm" else f"{value:.4f}"
     digits = digits.replace("-0.000", "0.000")  # a rounding error at zero would change its sign all the time
-    return f"<span><span style='color:{_DIM}'>{escape(name)}</span> {digits} {unit}</span>"
+    return f"<span><span style='{_FAINT}'>{escape(name)}</span> {digits} {unit}</span>"
 
 
 def _line(name: str, text: str, color: str = "") -> str:
     style = f"color:{color};font-weight:600" if color else ""
     return (
         f"<div style='display:flex;justify-content:space-between;gap:1em'>"
-        f"<span style='color:{_DIM};white-space:nowrap'>{name}</span>"
+        f"<span style='{_FAINT};white-space:nowrap'>{name}</span>"
         f"<span style='{style};text-align:right'>{text}</span></div>"
     )
 
@@ -175,7 +178,7 @@ def _bar(limit: Limit) -> str:
     left = 100 * np.clip(part, 0, 1)
     return (
         f"<div style='display:grid;grid-template-columns:3.2em 1fr 8.5em;gap:.5em;align-items:center'>"
-        f"<span style='color:{_DIM}'>{escape(limit.joint)}</span>"
+        f"<span style='{_FAINT}'>{escape(limit.joint)}</span>"
         f"<span title='{limit.low:g} .. {limit.high:g} {limit.unit}' style='position:relative;height:6px;"
         f"background:#8884;border-radius:3px'><span style='position:absolute;"
         f"left:calc({left:.2f}% - 3px);top:-2px;width:6px;height:10px;border-radius:2px;"

@@ -127,6 +127,15 @@ class PageConnection(Connection):
         super().connection_lost(exc)
 
 
+def _with_additions(page: bytes) -> bytes:
+    """Return viser's page with the script `page_additions.js` at its end."""
+    script = Path(__file__).with_name("page_additions.js").read_bytes()
+    head, end, tail = page.rpartition(b"</body>")
+    if not end:
+        return page
+    return head + b"<script>" + script + b"</script>\n" + end + tail
+
+
 class ViewerAccess:
     """The access control of one viser server.
 
@@ -141,7 +150,7 @@ class ViewerAccess:
         self.message_filter = MessageFilter()
         self.opened = False
         page = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        self._files = {"/": File(page.read_bytes(), "text/html; charset=utf-8", policy=POLICY)}
+        self._files = {"/": File(_with_additions(page.read_bytes()), "text/html; charset=utf-8", policy=POLICY)}
 
     def listen(
         self,

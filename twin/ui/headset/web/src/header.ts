@@ -1,6 +1,9 @@
 /** Header of the page: name, buttons to enter AR or VR, and help for the mouse. */
 
 import type { App } from './app';
+import { DeskKeys } from './desk_keys';
+import { Headline } from './headline';
+import { Toast } from './toast';
 
 const BESIDE = 0.3; // maximum fraction of the width that the header covers if the robot is drawn beside it
 
@@ -12,6 +15,9 @@ export class Header {
   private readonly other = document.createElement('button');
   private readonly about = document.createElement('p');
   private readonly help = document.createElement('p');
+  private readonly more = document.createElement('button');
+  private readonly headline: Headline;
+  private readonly keys: DeskKeys;
 
   constructor(
     parent: HTMLElement,
@@ -25,15 +31,23 @@ export class Header {
     this.about.dataset['id'] = 'xr';
     this.about.className = 'about';
     this.help.className = 'help';
-    this.help.textContent =
-      'Drag a blue ball: the tool follows. Drag any link: the mechanism follows. Drag the background: rotate the view. Wheel: zoom.';
+    this.help.textContent = 'Drag the blue ring: the tool follows.';
+    this.more.className = 'push more';
+    this.more.dataset['id'] = 'keys';
+    this.more.textContent = '?';
+    this.more.title = 'Mouse and keys';
+    this.more.setAttribute('aria-label', 'Mouse and keys');
+    this.headline = new Headline(app);
+    this.keys = new DeskKeys(parent, app);
+    this.more.onclick = () => this.keys.toggle();
+    new Toast(parent, app);
     const title = document.createElement('div');
     title.className = 'title';
-    title.append(this.dot, this.name);
+    title.append(this.dot, this.name, this.more);
     const ways = document.createElement('div');
     ways.className = 'ways';
     ways.append(this.enter, this.other);
-    this.bar.append(title, ways, this.about);
+    this.bar.append(title, this.headline.box, ways, this.about);
     parent.append(this.bar, this.help);
     this.enter.onclick = () => void app.xr.enter();
     this.other.onclick = () => void app.xr.enter('immersive-vr');
@@ -55,6 +69,8 @@ export class Header {
     this.other.textContent = 'Enter VR';
     this.other.hidden = !(xr.ar && xr.vr);
     this.about.textContent = xr.text;
+    this.headline.refresh();
+    this.more.hidden = this.app.console !== null;
     if (this.app.console) this.help.textContent = this.app.console.help;
     document.documentElement.toggleAttribute('data-console', this.app.console !== null);
     this.help.hidden = model.status().tone !== 'plain'; // a warning needs the space

@@ -17,6 +17,7 @@ export class DomPanel implements Drawer {
   /** Whether only the tab headings are shown: initially on a small screen at a console, or beside the board of a procedure. */
   private folded = false;
   private folds = false;
+  private shown = false;
   private readonly fold = make('button', 'tab fold');
   private readonly small = window.matchMedia('(max-width: 760px), (max-height: 480px)');
   private readonly narrow = window.matchMedia('(max-width: 1400px)');
@@ -50,9 +51,11 @@ export class DomPanel implements Drawer {
     this.bodies.clear();
     this.heads.clear();
     this.foot.replaceChildren();
-    const heads = make('div', 'tabs');
+    const bar = make('div', 'tabs');
+    const heads = make('div', 'tab-list');
     heads.setAttribute('role', 'tablist');
-    this.side.append(heads);
+    bar.append(heads);
+    this.side.append(bar);
     for (const tab of sheet.tabs) {
       const head = make('button', 'tab', tab.label);
       head.setAttribute('role', 'tab');
@@ -68,8 +71,9 @@ export class DomPanel implements Drawer {
       this.bodies.set(tab.id, body);
       this.side.append(body);
     }
-    heads.append(this.fold);
-    if (!before) this.folded = this.first();
+    bar.append(this.fold);
+    if (!this.shown || (this.heads.has('console') && !before)) this.folded = this.first();
+    this.shown = true;
     this.foot.append(this.draw(sheet.status), ...sheet.transport.map((c) => this.draw(c)));
     this.choose(this.bodies.has(this.open) ? this.open : (sheet.tabs[0]?.id ?? ''));
     this.refresh();
@@ -94,9 +98,9 @@ export class DomPanel implements Drawer {
     return top < window.innerHeight / 4 ? left : window.innerWidth;
   }
 
-  /** Whether the controls of a console are folded until somebody opens them. */
+  /** Whether the controls are folded until somebody opens them: on a small screen they would hide the robot. */
   private first(): boolean {
-    return this.heads.has('console') && (this.small.matches || (this.folds && this.narrow.matches));
+    return this.small.matches || (this.heads.has('console') && this.folds && this.narrow.matches);
   }
 
   private choose(id: string): void {
@@ -198,6 +202,7 @@ export class DomPanel implements Drawer {
     bar.type = 'range';
     bar.step = 'any';
     bar.dataset['id'] = c.id;
+    bar.setAttribute('aria-label', c.label); // the bar below the picture does not show the name
     label.append(name, value, bar);
     box.append(label);
     let held = false;

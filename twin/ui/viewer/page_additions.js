@@ -1,0 +1,136 @@
+// Added to the page of viser: names for controls without one, keys, and a notice when the server has gone.
+(() => {
+  const root = document.getElementById('root');
+  root?.setAttribute('role', 'main');
+  const style = document.createElement('style');
+  style.textContent = `
+    :root, :root[data-mantine-color-scheme] { --mantine-color-dimmed: light-dark(#56606b, #aab4be) !important; --mantine-color-blue-filled: #1b6ec2 !important; --mantine-primary-color-filled: #1b6ec2 !important; --mantine-color-gray-filled: #5c6670 !important; }
+    label { color: light-dark(#56606b, #aab4be); }
+    .twin-unseen { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
+    .twin-keys, .twin-gone { font: 15px/1.4 system-ui, sans-serif; color: #17212e; background: #fff; border: 1px solid #b9c4d0; border-radius: 12px; padding: 16px 20px; }
+    .twin-keys th { text-align: left; padding: 4px 16px 4px 0; } .twin-keys button, .twin-gone button { font: inherit; margin-top: 10px; padding: 8px 14px; min-height: 40px; }
+    .twin-gone { position: fixed; z-index: 10000; top: 12px; left: 50%; transform: translateX(-50%); width: min(30rem, 92vw); border: 2px solid #b3101e; }
+    .twin-gone[hidden] { display: none; }
+    .twin-help { position: fixed; z-index: 900; left: 50%; bottom: 14px; transform: translateX(-50%); font: 15px/1.4 system-ui, sans-serif; color: #17212e; background: #ffffffe8; border: 1px solid #b9c4d0; border-radius: 20px; padding: 2px 4px 2px 14px; white-space: nowrap; }
+    .twin-help button { font: inherit; font-weight: 650; min-width: 40px; min-height: 40px; border: 0; background: none; cursor: pointer; color: #17212e; }
+    @media (pointer: coarse) { button, input:not([type="checkbox"]), select { min-height: 40px !important; } }
+    @media print { .twin-help { display: none; } }`;
+  document.head.append(style);
+  const head = document.createElement('header');
+  head.className = 'twin-unseen';
+  const title = document.createElement('h1');
+  head.append(title);
+  root?.before(head);
+
+  // -- names ------------------------------------------------------------------------------------------
+  const worded = (e) => (e.getAttribute('aria-label') || e.textContent || e.title || '').trim();
+  function around(e) {
+    for (let at = e.parentElement, k = 0; at && k < 6; at = at.parentElement, k++) {
+      const text = at.textContent.trim();
+      if (text) return text.split('\n')[0].slice(0, 60);
+    }
+    return 'value';
+  }
+  function name() {
+    title.textContent = document.title || 'twin';
+    for (const button of document.querySelectorAll('button'))
+      if (!worded(button)) button.setAttribute('aria-label', /close/i.test(button.className) ? 'Close' : 'Connection and settings');
+    for (const slider of document.querySelectorAll('[role="slider"]'))
+      if (!slider.getAttribute('aria-label') && !slider.getAttribute('aria-labelledby')) slider.setAttribute('aria-label', around(slider));
+    for (const input of document.querySelectorAll('input:not([type="hidden"])'))
+      if (!input.labels?.length && !input.getAttribute('aria-label')) input.setAttribute('aria-label', around(input));
+  }
+  setInterval(name, 700);
+
+  // Software rendering is said once, and does not stay over the robot.
+  setTimeout(() => {
+    for (const notice of document.querySelectorAll('[class*="Notification-root"]'))
+      if (notice.textContent.includes('Software WebGL')) notice.querySelector('button')?.click();
+  }, 8000);
+
+  // -- keys -------------------------------------------------------------------------------------------
+  const rows = [
+    ['Move the tool', 'drag the arrows at the tool; the rings rotate it'],
+    ['Move any link', 'Shift and drag it'],
+    ['Rotate the view', 'drag the background; right button: shift the view'],
+    ['Zoom', 'wheel'],
+    ['Play or pause', 'Space'],
+    ['Undo the last drag', 'Ctrl-Z'],
+    ['Show these keys', '?'],
+  ];
+  const keys = document.createElement('dialog');
+  keys.className = 'twin-keys';
+  keys.setAttribute('aria-label', 'Mouse and keys');
+  const table = document.createElement('table');
+  for (const [what, how] of rows) {
+    const row = table.insertRow();
+    const cell = document.createElement('th');
+    cell.scope = 'row';
+    cell.textContent = what;
+    row.append(cell);
+    row.insertCell().textContent = how;
+  }
+  const close = document.createElement('button');
+  close.textContent = 'Close';
+  close.onclick = () => keys.close();
+  keys.append(table, close);
+  const help = document.createElement('aside');
+  help.className = 'twin-help';
+  help.setAttribute('aria-label', 'Help');
+  help.textContent = 'Drag the arrows: the tool follows. ';
+  const more = document.createElement('button');
+  more.textContent = '?';
+  more.setAttribute('aria-label', 'Mouse and keys');
+  more.onclick = () => keys.showModal();
+  help.append(more);
+  document.body.append(keys, help);
+  const press = (pattern) => {
+    for (const button of document.querySelectorAll('button'))
+      if (pattern.test(button.textContent.trim()) && !button.disabled) {
+        button.click();
+        return true;
+      }
+    return false;
+  };
+  window.addEventListener('keydown', (e) => {
+    const typing = e.target instanceof HTMLElement && (e.target.isContentEditable || /^(INPUT|TEXTAREA|SELECT)$/.test(e.target.tagName));
+    if (typing || e.altKey) return;
+    const command = e.ctrlKey || e.metaKey;
+    let done = false;
+    if (command && !e.shiftKey && e.key.toLowerCase() === 'z') done = press(/^↶ Undo/);
+    else if (command) return;
+    else if (e.key === '?') {
+      if (keys.open) keys.close();
+      else keys.showModal();
+      done = true;
+    } else if (e.code === 'Space' && !(e.target instanceof HTMLButtonElement) && !keys.open) done = press(/^(▶ Play|❚❚ Pause)$/);
+    if (done) e.preventDefault();
+  });
+
+  // -- the server has gone ------------------------------------------------------------------------------
+  const gone = document.createElement('div');
+  gone.className = 'twin-gone';
+  gone.setAttribute('role', 'alert');
+  gone.hidden = true;
+  const text = document.createElement('p');
+  text.style.margin = '0';
+  const again = document.createElement('button');
+  again.textContent = 'Reload the page';
+  again.onclick = () => location.reload();
+  gone.append(text, again);
+  document.body.append(gone);
+  let missed = 0;
+  async function look() {
+    if (document.hidden || !location.protocol.startsWith('http')) return;
+    try {
+      await fetch(location.pathname, { method: 'HEAD', cache: 'no-store' });
+      missed = 0;
+    } catch {
+      missed++;
+    }
+    const robot = document.title.split('·').pop()?.trim() ?? '';
+    text.textContent = `The server does not answer. If it has ended, run "twin view ${robot}" again, then reload this page.`;
+    gone.hidden = missed < 2;
+  }
+  setInterval(look, 2500);
+})();
