@@ -131,6 +131,7 @@ BAD = [
     '{"type": "seek", "t": 1e400}', '{"type": "seek", "t": "1"}', '{"type": "speed", "value": 0}',
     '{"type": "speed", "value": 100}', '{"type": "loop", "on": null}', '{"type": "protocol", "name": ""}',
     '{"type": "protocol", "name": "' + 65 * "x" + '"}', '{"type": "posture", "name": null}',
+    '{"type": "undo", "on": true}',
     '{"type": "grab", "target": "moon"}', '{"type": "grab", "target": "tool", "name": "x"}',
     '{"type": "grab", "target": "joint"}', '{"type": "grab", "target": "link", "name": "x"}',
     '{"type": "grab", "target": "joint", "name": "x", "point": [0, 0, 0]}',
