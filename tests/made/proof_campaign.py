@@ -25,6 +25,9 @@ from twin.core.errors import TwinError
 from twin.formula import flow
 from twin.proof.prove import Prover
 
+MANY = 4096
+"""Number of states at which a mutant is refuted that was not at the first ones."""
+
 WRONG = 1e-9
 """Error in m or rad above which a mutant is wrong: the rounding of doubles is below it."""
 
@@ -40,6 +43,7 @@ class Judge:
         self.prover = Prover(robot.formula, robot.mechanism)
         self.right = self.prover.proof(self.variants)
         assert not self.right.count("refuted")
+        assert not self.prover.refuted(self.variants, MANY)
         self.proved = {claim.name for claim in self.right.claims if claim.status == "proved"}
         self.ranges = {key: limits for key, limits in self.right.ranges.items() if key not in self.right.drawn}
         self.oracle = mutants.Oracle(robot, self.ranges, self.right.uncovered_points)
@@ -60,6 +64,8 @@ class Judge:
                 error, missing = self.oracle.wrong()
                 if alike and error <= WRONG and not missing:
                     return "alike", error, missing
+                if self.prover.refuted(self.variants, MANY):
+                    return "refuted", error, missing
                 proof = self.prover.proof(self.variants)
             except (TwinError, ValueError, NotImplementedError):  # doubles meet what the prover refuses by name
                 return "refused", 0.0, 0

@@ -75,23 +75,25 @@ def attempted(
 ) -> Attempt:
     """Return all claims, judged at some states; for the arguments see `Attempt`.
 
-    If `only_refute`, the claims about the inverse are left out if one about the forward equations is refuted.
+    If `only_refute`, the equations are computed with double precision alone, so that nothing is proved; the claims
+    about the inverse are left out if one about the forward equations is refuted.
     """
     work = Attempt(states, variants, zero_shares)
+    computed = _evaluated if only_refute else _replayed
     formula = states.formula
     if formula.has("forward"):
-        found = _replayed(work, formula_side.from_joints(formula, variants), list(states.state.values()))
+        found = computed(work, formula_side.from_joints(formula, variants), list(states.state.values()))
         inside = _inside(work, found)
         _claim_mechanism(work, "forward", found, states.state, inside)
         if only_refute and any(claim.status == "refuted" for claim in work.claims):
             return work
         if formula.has("inverse"):
             outputs = formula_side.from_pose(formula, variants, coordinates=False)
-            again = _replayed(work, outputs, found["pose"])
+            again = computed(work, outputs, found["pose"])
             _claim_inverse(work, again, inside & _inside(work, again))
     else:
         outputs = formula_side.from_pose(formula, variants, coordinates=True)
-        found = _replayed(work, outputs, list(states.state.values()))
+        found = computed(work, outputs, list(states.state.values()))
         _claim_inverse(work, found, _inside(work, found))
     return work
 
@@ -135,6 +137,17 @@ def _replayed(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[s
     second = int(bool(work.shares))  # the share of the first function is known when the second one is repeated
     work.roots += [(second, mark, instruction) for mark, instruction in work.notes.roots]
     return dict(zip(outputs.names, found, strict=True))
+
+
+def _evaluated(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
+    """Return the outputs of the equations at a state, with real values alone."""
+    numbers = np.array([values.real_of(value) for value in state])
+    parameters = np.array([values.real_of(value) for value in work.states.parameters.values()])
+    results = outputs.function.call([numbers, parameters.reshape(-1, work.states.count)])
+    found: dict[str, list[Value]] = {}
+    for name, result in zip(outputs.names, results, strict=True):
+        found[name] = [values.unknown(row) for row in result.full()]
+    return found
 
 
 def _inside(work: Attempt, found: Found) -> Truths:

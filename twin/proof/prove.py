@@ -187,6 +187,8 @@ class _Course:
                     claim = replace(claim, error=formulas[claim.name], fractions=fractions)
                 claims.append(claim)
             return replace(proof, claims=tuple(claims))
+        if not proof.inside:
+            return proof  # nothing is within reach: other states and parameters prove nothing
         proof = self._for_other_parameters(proof)
         for factor in _ROOTED_FACTORS:
             groups = _root_groups(proof, self.last)
