@@ -20,7 +20,6 @@ from pathlib import Path
 
 SCHEMA = "twin/workspace-certificate/1"
 WIDTH = 1e-9  # m, around a point
-CLOSED = 1e-9  # m, or a sine: conditions that follow from the others
 ZERO = (0.0, 0.0)
 UNIT = [[(1.0, 1.0), ZERO, ZERO], [ZERO, (1.0, 1.0), ZERO], [ZERO, ZERO, (1.0, 1.0)]]
 
@@ -119,14 +118,15 @@ def inverse(pose):
     return back, [minus(dot(row, pose[1])) for row in back]
 
 
-def frame(numbers):
-    """Return a pose from 3 rows of 4 numbers, with the rotation nearest to its numbers."""
+def frame(numbers, tolerance=0.0):
+    """Return a pose from 3 rows of 4 numbers, its position within a tolerance, with the nearest rotation."""
     R = [row[:3] for row in numbers]
     defect = max(abs(math.fsum(R[k][i] * R[k][j] for k in range(3)) - (i == j)) for i in range(3) for j in range(3))
     if not defect <= 1e-12:
         raise ValueError(f"a frame is no rotation: {defect:.1e}")
     radius = 0.0 if all(entry in (-1, 0, 1) for row in R for entry in row) else 3 * (defect + 1e-14)
-    return [[(x - radius, x + radius) for x in row] for row in R], [exactly(row[3]) for row in numbers]
+    p = [(row[3] - tolerance, row[3] + tolerance) for row in numbers]
+    return [[(x - radius, x + radius) for x in row] for row in R], p
 
 
 class Mechanism:
@@ -139,9 +139,9 @@ class Mechanism:
         places = {name: i for i, name in enumerate(data["joints"])}
         self.limits = [(x["name"], {places[n]: w for n, w in x["weights"].items()}, x["least"]) for x in data["limits"]]
         self.passive = [i for i, active in enumerate(data["active"]) if not active]
-        self.closures = []
+        self.closures, off = [], data["tolerance_m"]
         for closure in data["closures"]:
-            paths = [(p["from_tool"], [prepared(step, count) for step in p["steps"]]) for p in closure["paths"]]
+            paths = [(p["from_tool"], [prepared(step, count, off) for step in p["steps"]]) for p in closure["paths"]]
             self.closures.append((closure["type"], closure["cone"], *paths))
         low, high, joints = data["boxes"][0]
         p = [exactly(0.5 * (a + b)) for a, b in zip(low, high, strict=True)]
@@ -191,14 +191,13 @@ class Mechanism:
 
     def moved(self, path, x, p):
         """Return a frame at the end of a path, and {coordinate: (axis, point of the axis, None for a shift)}."""
-        from_tool, steps = path
         pose, axes = (UNIT, [ZERO] * 3), {}
-        if from_tool:
+        if path[0]:  # from the tool
             pose = (self.R, p)
             for i in range(3):
                 axes[self.count + i] = UNIT[i], None
                 axes[self.count + 3 + i] = UNIT[i], p
-        for kind, value, sign in steps:
+        for kind, value, sign in path[1]:
             if kind == "frame":
                 pose = then(pose, value)
                 continue
@@ -213,26 +212,26 @@ class Mechanism:
     def judged(self, p, joints):
         """Return ("hold", "undecided" or "fails", why) of a point."""
         count = self.count
-        point = [exactly(x) for x in p]
-        m = list(joints)
+        point, m = [exactly(x) for x in p], list(joints)
         for _ in range(8):
             F, J, _ = self.conditions([exactly(x) for x in m], point)
             C = inverted([[sum(J[r][i]) / 2 for i in range(count)] for r in self.rows])
             m = [x - sum(C[i][k] * sum(F[r]) / 2 for k, r in enumerate(self.rows)) for i, x in enumerate(m)]
-        if any(abs(x - y) > 1.0 for x, y in zip(m, joints, strict=True)):
-            return "fails", "the loops close only far from the joint values of the certificate"
         box = [(x - WIDTH, x + WIDTH) for x in p]
         F, _, _ = self.conditions([exactly(x) for x in m], box)
         shift = [dot([exactly(c) for c in C[i]], [F[r] for r in self.rows]) for i in range(count)]
-        radius = [2 * max(abs(a), abs(b)) + 1e-12 for a, b in shift]
-        X = [(x - r, x + r) for x, r in zip(m, radius, strict=True)]
+        for wider in (1.2, 1.6, 2.4, 4.0):
+            radius = [wider * max(map(abs, x)) + 1e-12 for x in shift]
+            _, J, _ = self.conditions([(x - r, x + r) for x, r in zip(m, radius, strict=True)], box)
+            E = error_of(C, [[J[r][i] for i in range(count)] for r in self.rows])
+            K = [add(minus(x), dot(row, [(-r, r) for r in radius])) for x, row in zip(shift, E, strict=True)]
+            if all(-r < low <= high < r for (low, high), r in zip(K, radius, strict=True)):
+                break
+        else:
+            return "undecided", "the enclosure does not contract"
+        X = [add(exactly(x), part) for x, part in zip(m, K, strict=True)]
         values, J, cosines = self.conditions(X, box)
-        E = error_of(C, [[J[r][i] for i in range(count)] for r in self.rows])
-        for i in range(count):
-            mapped = add(minus(shift[i]), dot(E[i], [(-r, r) for r in radius]))
-            if not -radius[i] < mapped[0] <= mapped[1] < radius[i]:
-                return "undecided", "the enclosure does not contract"
-        if any(a > CLOSED or b < -CLOSED for r, (a, b) in enumerate(values) if r not in self.rows):
+        if any(a > 1e-9 or b < -1e-9 for r, (a, b) in enumerate(values) if r not in self.rows):
             return "fails", "a loop does not close"
         for name, weights, least in self.limits:
             cosines.append((name, dot([exactly(w) for w in weights.values()], [X[i] for i in weights]), least))
@@ -242,16 +241,17 @@ class Mechanism:
         moving = [*self.passive, *range(count, count + 6)]
         A = [[J[r][i] for i in moving] for r in self.rows]
         E = error_of(inverted([[sum(a) / 2 for a in row] for row in A]), A)
-        if not max(sum(max(abs(a), abs(b)) for a, b in row) for row in E) < 1:
+        v = [sum(max(map(abs, x)) for x in row) + 1e-3 for row in E]  # nearly the vector of the largest eigenvalue
+        if any(sum(max(map(abs, x)) * v[j] for j, x in enumerate(row)) >= v[i] for i, row in enumerate(E)):
             return "undecided", "the derivatives may be singular"
         return "hold", ""
 
 
-def prepared(step, count):
+def prepared(step, count, tolerance):
     """Return (kind, pose or number of the coordinate, sign) of a step."""
     kind, value, *sign = step
     if kind in ("frame", "inverse"):
-        return "frame", frame(value) if kind == "frame" else inverse(frame(value)), 1
+        return "frame", frame(value, tolerance) if kind == "frame" else inverse(frame(value, tolerance)), 1
     if kind not in ("turn", "slide") or not 0 <= value < count or sign not in ([1], [-1]):
         raise ValueError(f"there is no step {step}")
     return kind, value, sign[0]

@@ -172,4 +172,4 @@ def test_the_command_prints_the_bounds(tmp_path, capsys):
     assert main(["prove", "pa10", "--bounds", "--against", "raven_left", "--out", str(tmp_path / "no")]) == 2
     assert "gives no value of joint" in capsys.readouterr().err
     assert main(["prove", "pa10", "--tolerance-um", "10"]) == 2
-    assert "--tolerance-um and --against need --bounds" in capsys.readouterr().err
+    assert "--tolerance-um needs --bounds or --workspace" in capsys.readouterr().err

@@ -15,6 +15,7 @@ import pytest
 import twin
 from made.certificates import audited, digest
 from twin.analysis.proven_workspace import proven_workspace
+from twin.core.errors import TwinError
 
 SCRIPT = Path(__file__).parents[2] / "docs/check_workspace.py"
 CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
@@ -61,6 +62,20 @@ def test_the_boxes_hold_for_script_and_audit(tmp_path, found, certificate, capsy
     code, report = audited(tmp_path / "c.json", certificate, capsys, "--robot", "sils")
     assert code == 0
     assert {check["where"] for check in report["checks"]} == {"loops", "predictions", "limits", "cones", "derivatives"}
+
+
+@pytest.mark.slow
+def test_tolerances_of_the_joints_make_fewer_boxes_and_a_gap_of_the_other_conditions(tmp_path, checker, found, capsys):
+    wide = proven_workspace(twin.load("sils"), edge=0.01, corners=CORNERS, tolerance=1e-5)
+    assert 0.9 * found.proof.volume < wide.proof.volume <= found.proof.volume
+    # of the bars, six frames or more are off by 10 um along the axes, which are parallel
+    assert 1e-5 < wide.proof.redundant < 2e-4
+    assert "within 10 um of the CAD" in "\n".join(map(str, wide.text()))
+    data = json.loads(json.dumps(wide.certificate()))
+    assert checked(checker, tmp_path / "c.json", data) == 0
+    assert audited(tmp_path / "c.json", data, capsys)[0] == 0
+    with pytest.raises(TwinError, match="tolerance of lengths is -10 um"):
+        proven_workspace(twin.load("sils"), tolerance=-1e-5)
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from twin.core.findings import Finding, warning
 from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result
 from twin.core.spatial import Array
-from twin.core.units import MM
+from twin.core.units import MM, UM
 from twin.formula import flow
 from twin.kinematics.closed_loops.dragging import bounds_of
 from twin.proof.certificate import digest
@@ -54,6 +54,7 @@ class ProvenWorkspace(Result):
         unchecked: limits that the proof does not consider.
         files: {file of equations or mechanism: SHA-256 of its bytes}.
         certified: loops, limits and boxes as plain data, for the certificate.
+        tolerance: by how much each coordinate of the origin of each joint's frame may differ from its number, in m.
     """
 
     robot: str
@@ -64,6 +65,7 @@ class ProvenWorkspace(Result):
     unchecked: tuple[str, ...]
     files: Mapping[str, str]
     certified: JsonObject
+    tolerance: float = 0.0
 
     kind = "prove-workspace"
     judges = False
@@ -105,6 +107,7 @@ class ProvenWorkspace(Result):
             "examined_boxes": proof.boxes,
             "largest_redundant_condition": proof.redundant,
             "limits_unchecked": list(self.unchecked),
+            "tolerance_um": self.tolerance / UM,
         }
 
     def certificate(self) -> JsonObject:
@@ -115,6 +118,7 @@ class ProvenWorkspace(Result):
             "variants": dict(self.variants),
             "files": dict(self.files),
             "orientation": self.proof.orientation.tolist(),
+            "tolerance_m": self.tolerance,
             **self.certified,
         }
         return {**data, "sha256": digest(data)}
@@ -135,6 +139,9 @@ class ProvenWorkspace(Result):
         yield ""
         yield f"  proved            {proof.volume / _LITRE:.4g} dm³ in {len(proof.low)} boxes ({proof.boxes} examined)"
         yield "                    at every position: one assembly near the equations, within limits, not singular"
+        if self.tolerance:
+            within = f"{self.tolerance / UM:g} um of the CAD along x, y and z"
+            yield f"                    of every mechanism whose joints are within {within}"
         error = float(f"{self.sampled_error / _LITRE:.1g}")
         yield f"  sampled           {self.sampled / _LITRE:.4g} ± {error:g} dm³ are reached (as by `twin workspace`)"
         yield f"  share             {100 * self.share:.3g} %"
@@ -163,6 +170,7 @@ def proven_workspace(
     edge: float | None = None,
     corners: tuple[Array, Array] | None = None,
     progress: Progress = silent,
+    tolerance: float = 0.0,
 ) -> ProvenWorkspace:
     """Return the tool positions, in the orientation of the posture home, that are proved regular.
 
@@ -172,14 +180,18 @@ def proven_workspace(
         edge: edge of the smallest boxes in m; default: a part of the longest side of the workspace.
         corners: lower and upper corner (3,) of the box of positions in m, in base; default: around all reached ones.
         progress: see `Progress`.
+        tolerance: by how much each coordinate of the origin of each joint's frame may differ from its number, in m; the
+            positions are then proved for all these mechanisms.
 
     Raises:
         TwinError: the robot has no equations, or loops that are not enclosed; the box has no volume or is not reached.
     """
     if robot.files is None or not robot.files.has_equations:
         raise TwinError(f"{robot.name} has no equations, which must predict the joint values")
+    if not (math.isfinite(tolerance) and tolerance >= 0):
+        raise TwinError(f"the tolerance of lengths is {tolerance / UM:g} um; give a number of micrometres, 0 or more")
     mechanism = robot.mechanism
-    loops = ClosingConditions(mechanism)
+    loops = ClosingConditions(mechanism, tolerance)
     T = sampled.centre(robot)
     start = T[:3, 3]
     if corners is None:
@@ -207,7 +219,7 @@ def proven_workspace(
         "limits": limits_as_data(limits),
         "boxes": boxes_as_data(proof, equations.values(0.5 * (proof.low + proof.high))),
     }
-    return ProvenWorkspace(robot.name, chosen, proof, volume, error, unchecked, robot.hashes(), certified)
+    return ProvenWorkspace(robot.name, chosen, proof, volume, error, unchecked, robot.hashes(), certified, tolerance)
 
 
 def _checked(name: str, corners: tuple[Array, Array]) -> tuple[Array, Array]:

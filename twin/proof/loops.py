@@ -7,8 +7,9 @@ equations: joint values and tool poses are given.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -130,11 +131,16 @@ class ClosingConditions:
         mechanism: the mechanism.
         names: joints whose coordinates are the unknowns, in order.
         active: (k,) whether a motor drives each of them.
+        tolerance: by how much each coordinate of the origin of each joint's frame may differ from its number, in m.
         closures: the joints that close loops, in the order of the rows.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, tolerance: float = 0.0) -> None:
         """Place the bodies.
+
+        Args:
+            mechanism: the mechanism.
+            tolerance: by how much each coordinate of the origin of each joint's frame may differ from its number, in m.
 
         Raises:
             TwinError: a coupling, a free joint, a body that no joint places, or a frame that is no rotation but for
@@ -146,6 +152,7 @@ class ClosingConditions:
                 "without couplings have one"
             )
         self.mechanism = mechanism
+        self.tolerance = tolerance
         tool = mechanism.frame(mechanism.tool)
         self._tool_body = tool.body
         self._T_tool_body = interval_pose.fixed(
@@ -164,6 +171,19 @@ class ClosingConditions:
                 raise TwinError(f"{mechanism.name}: the active joint {joint.name} closes a loop; nothing encloses it")
         self._limits = [joint for joint in mechanism.joints if joint.name not in placing and joint.cone is not None]
         self.closures = [self._closure(joint) for joint in closing if joint.type != "free"]
+
+    @property
+    def play(self) -> float:
+        """Largest gap in m that tolerances can leave in a condition that follows from the others.
+
+        Each of the two frames of each joint of a loop may be off by the tolerance along three axes.
+        """
+        most = 0
+        for closure in self.closures:
+            carried = sum(path.carrier is not None for path in (closure.first, closure.second))
+            joints = len(closure.first.joints) + len(closure.second.joints) + carried + 1
+            most = max(most, 2 * joints)
+        return most * math.sqrt(3) * self.tolerance
 
     @property
     def groups(self) -> list[tuple[list[Closure], list[int]]]:
@@ -228,7 +248,8 @@ class ClosingConditions:
     def _frames(self, joint: Joint) -> tuple[IntervalPose, IntervalPose]:
         """Return the frames of a joint on its parent and its child."""
         frames = joint_frames(self.mechanism.name, joint.name, joint.T_parent_joint, joint.T_child_joint)
-        return interval_pose.fixed(frames[0]), interval_pose.fixed(frames[1])
+        first, second = (replace(frame, p_radius=frame.p_radius + self.tolerance) for frame in frames)
+        return interval_pose.fixed(first), interval_pose.fixed(second)
 
     def _closure(self, joint: Joint) -> Closure:
         """Return a joint between two placed bodies, with paths from their last common body."""

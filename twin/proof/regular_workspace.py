@@ -199,7 +199,7 @@ class BoxJudge:
             outside |= cosine < limit
         rest = self._redundant(x, tool)
         # conditions that do not follow from the others, as where a pose is impossible, are not small
-        closed = assembled & (rest <= CLOSED) & self.loops.aligned(x, tool)
+        closed = assembled & (rest <= CLOSED + self.loops.play) & self.loops.aligned(x, tool)
         worth = closed & kept
         regular = np.zeros(len(low), bool)
         if worth.any():

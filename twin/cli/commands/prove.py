@@ -34,7 +34,7 @@ def arguments(command: Command) -> None:
     text = "bound the difference of forward equations and mechanism over all joint values, for a serial chain"
     command.flag("--bounds", text)
     command.text("--against", "ROBOT", "another robot, whose mechanism --bounds compares with that of the first")
-    text = "by how much each length of the equations may differ from its value, for --bounds"
+    text = "by how much each length of the equations (--bounds) or joint of the CAD (--workspace, x, y, z) may be off"
     command.number("--tolerance-um", "UM", text, 0.0)
     text = "prove boxes of tool positions assembled, within limits and not singular, in the orientation of home"
     command.flag("--workspace", text)
@@ -58,10 +58,12 @@ def run(args: argparse.Namespace) -> int:
         raise TwinError("--protocol and --all-protocols are for the claims: leave out --bounds and --workspace")
     if args.bounds:
         return _bounds(robot, args)
-    if args.tolerance_um or args.against:
-        raise TwinError("--tolerance-um and --against need --bounds")
+    if args.against:
+        raise TwinError("--against needs --bounds")
     if args.workspace:
         return _workspace(robot, args)
+    if args.tolerance_um:
+        raise TwinError("--tolerance-um needs --bounds or --workspace")
     for option in ("edge_mm", "box_mm"):
         if getattr(args, option) is not None:
             raise TwinError(f"--{option.replace('_', '-')} needs --workspace")
@@ -97,7 +99,7 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
         corners = ends[0::2], ends[1::2]
     folder = show.folder(args, robot.name, "prove-workspace")
     with show.progress(args.quiet or args.json) as progress:
-        result = proven_workspace(robot, asked(args.variant), edge, corners, progress)
+        result = proven_workspace(robot, asked(args.variant), edge, corners, progress, args.tolerance_um * UM)
     return show.store(result, args, folder, ["boxes.json", "certificate.json"])
 
 
