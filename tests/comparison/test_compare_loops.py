@@ -19,7 +19,7 @@ from made.mechanisms import four_bar
 from twin.comparison.joined import joined
 from twin.comparison.pair import SidePair, compare_pair
 from twin.comparison.recut import recut
-from twin.comparison.side import RobotSide, from_mechanism
+from twin.comparison.side import Axis, RobotSide, from_mechanism
 from twin.core import assets
 from twin.core.spatial import Array
 from twin.exchange.formats.mjcf.write import write_mjcf
@@ -160,6 +160,57 @@ def test_another_cut_and_another_parent_are_no_difference() -> None:
     again = recut(reversed_side, side).axes[closing]
     assert (again.parent, again.child) == (axis.parent, axis.child)
     np.testing.assert_array_equal(again.direction, axis.direction)
+
+
+def cut_elsewhere(side: RobotSide, seed: int) -> RobotSide:
+    """Return a side whose loops are cut at other joints, which have other names there, as an MJCF writes them."""
+    rng = np.random.default_rng(seed)
+    left = [side.axes[i] for i in rng.permutation(len(side.axes))]
+    tree: list[Axis] = []
+    reached = {0}
+    while True:
+        onward = [axis for axis in left if (axis.parent in reached) != (axis.child in reached)]
+        if not onward:
+            break
+        left = [axis for axis in left if axis is not onward[0]]
+        axis = onward[0]
+        if axis.child in reached:
+            axis = replace(axis, parent=axis.child, child=axis.parent, direction=-axis.direction)
+        reached.add(axis.child)
+        tree.append(replace(axis, closing=False))
+    closing = [replace(axis, closing=True, name=f"equality_{k}") for k, axis in enumerate(left)]
+    return replace(side, axes=(*tree, *closing), label="cut")
+
+
+@pytest.mark.parametrize("name", robots(["lapbot"], slow=("davinci_psm", "hibou")))
+def test_loops_that_are_cut_and_named_elsewhere_are_no_difference(name: str) -> None:
+    side = drawn(name)
+    sides = [cut_elsewhere(side, seed) for seed in range(3)]
+    for other in sides:
+        for first, second in ((other, side), (side, other)):
+            pair = compare_pair(first, second, TOLERANCE)
+            assert pair.agrees
+            assert {item.kind for item in pair.items} <= {"name"}
+    other = sides[-1]
+    for i, axis in enumerate(other.axes):
+        # the place of a hinge that one side calls otherwise
+        if axis.closing and axis.kind == "revolute":
+            across = np.cross(axis.direction, np.eye(3)[int(np.argmin(np.abs(axis.direction)))])
+            moved = replace(axis, point=axis.point + 0.0005 * across)
+            spoiled = replace(other, axes=(*other.axes[:i], moved, *other.axes[i + 1 :]))
+            assert compare_pair(spoiled, side, TOLERANCE).kinematics == "disagree"
+            break
+
+
+def test_a_joint_that_held_joints_lock_is_not_compared_alone() -> None:
+    mechanism = four_bar()
+    message = r"joint 'crank_joint' cannot move while .* to --only \(elbow, rocker_joint, closing\)"
+    with pytest.raises(twin.TwinError, match=message):
+        from_mechanism(mechanism, "drawn", only=["crank_joint"])
+    # the loop is held at its fourth joint: the links of it are one
+    side = from_mechanism(mechanism, "drawn", only=["crank_joint", "elbow", "rocker_joint"])
+    assert [axis.closing for axis in side.axes] == [False, False, True]
+    assert ("coupler", "rocker") in [group.bodies for group in side.groups]
 
 
 def _connect(root: ET.Element) -> ET.Element:

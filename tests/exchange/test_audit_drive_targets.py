@@ -45,7 +45,7 @@ def spoilt(file: Path, joint: str, **changed: float) -> Path:
     return file
 
 
-@pytest.mark.parametrize("name", robots(["sher"], slow=("pa10", "sils", "lapbot", "davinci_psm")))
+@pytest.mark.parametrize("name", robots(["sher"], slow=("sils", "lapbot")))
 def test_the_targets_of_a_stage_hold_its_robot(name: str) -> None:
     stages = sorted(file for file in (STAGES / name).glob("*.usda") if file.name != "physics.usda")
     assert stages

@@ -30,7 +30,7 @@ def match(first: RobotSide, second: RobotSide) -> Matching:
     Raises:
         TwinError: the sides have different numbers or types of joints, so that no joint-by-joint match exists.
     """
-    by_name = _by_names(first, second)
+    by_name = _by_names(first, second) or _by_links(first, second)
     if by_name is None:
         by_name = _by_structure(first, second)
         complete = False
@@ -56,6 +56,69 @@ def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
         wanted = [key(axis.name, _prefix(second)) for axis in second.axes]
         if len(known) == len(first.axes) == len(wanted) and set(known) == set(wanted):
             yield [known[name] for name in wanted]
+
+
+def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
+    """Return for each joint of the second side that of the first with its name or, without one, between its links.
+
+    Where two robots with loops are cut at different joints, each side may call the joint that closes a loop as it
+    likes. Links are the same if bodies on them have the same name. None if a joint has no partner, or two.
+    """
+    if len(first.axes) != len(second.axes):
+        return None
+    links = _links_by_bodies(first, second)
+    names_of_first = _unique([plain(axis.name) for axis in first.axes])
+    names_of_second = _unique([plain(axis.name) for axis in second.axes])
+    pairs: dict[int, int] = {}
+    for name, j in names_of_second.items():
+        if name in names_of_first:
+            pairs[j] = names_of_first[name]
+    left = [i for i in range(len(first.axes)) if i not in pairs.values()]
+    if not pairs or not left:
+        return None
+    for j, axis in enumerate(second.axes):
+        if j in pairs:
+            continue
+        ends = {links.get(axis.parent), links.get(axis.child)}
+        found = [i for i in left if {first.axes[i].parent, first.axes[i].child} == ends]
+        if len(found) != 1 or first.axes[found[0]].kind != axis.kind:
+            return None
+        # in a tree, a joint of another name is found by its place, or missing
+        if not (axis.closing or first.axes[found[0]].closing):
+            return None
+        pairs[j] = found[0]
+        left.remove(found[0])
+    return [pairs[j] for j in range(len(second.axes))]
+
+
+def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
+    """Return {group of links of the second side: group of the first with bodies of the same names}."""
+    group_of = {}
+    for group, links in enumerate(first.groups):
+        for body in links.bodies:
+            group_of[plain(body)] = group
+    found = {0: 0}
+    for group, links in enumerate(second.groups):
+        partners = {group_of[plain(body)] for body in links.bodies if plain(body) in group_of}
+        if len(partners) == 1:
+            found[group] = partners.pop()
+    return found
+
+
+def _unique(names: Sequence[str]) -> dict[str, int]:
+    """Return {name: its index} of the names that occur once."""
+    return {name: i for i, name in enumerate(names) if names.count(name) == 1}
+
+
+def _by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
+    """Return `pairs_by_links` of two robots with loops, if the joints are of the same kinds."""
+    if not (first.looped and second.looped):
+        return None
+    pairs = pairs_by_links(first, second)
+    if pairs is None or not _same_kinds(first, second, pairs):
+        return None
+    _require_same_tree(first, second, pairs)
+    return pairs
 
 
 def _by_names(first: RobotSide, second: RobotSide) -> list[int] | None:

@@ -9,19 +9,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from twin.comparison.matching import pairs_by_name
+from twin.comparison.matching import pairs_by_links, pairs_by_name
 from twin.comparison.side import Axis, RobotSide
 
 
 def recut(side: RobotSide, other: RobotSide) -> RobotSide:
     """Return the side with the tree of the other side, if both have loops and the same joints between the same links.
 
-    The joints are matched by their names, see `matching.pairs_by_name`. Without such a match the side is returned as
-    it is.
+    The joints are matched by their names, see `matching.pairs_by_name`, or by their links, see
+    `matching.pairs_by_links`. Without such a match the side is returned as it is.
     """
     if not (side.looped and other.looped) or len(side.axes) != len(other.axes):
         return side
-    for pairs in pairs_by_name(side, other):
+    known = list(pairs_by_name(side, other))
+    by_links = pairs_by_links(side, other)
+    if by_links is not None:
+        known.append(by_links)
+    for pairs in known:
         axes = _with_tree([side.axes[i] for i in pairs], other)
         if axes is not None:
             return replace(side, axes=tuple(axes))

@@ -314,6 +314,8 @@ def from_mechanism(
                 axis = replace(axis, limits=UNLIMITED)
             axes.append(axis)
     axes.sort(key=lambda axis: axis.closing)
+    if only:
+        _refuse_locked(mechanism, moving - {axis.name for axis in axes}, group_of, label)
     frames: dict[str, tuple[int, Array]] = {}
     for body in mechanism.bodies:
         frames[body.name] = (group_of[body.name], poses[body.name])
@@ -357,11 +359,30 @@ def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]
     return chosen
 
 
+def _refuse_locked(mechanism: Mechanism, locked: Collection[str], group_of: Mapping[str, int], label: str) -> None:
+    """Raise an error for a joint to compare that held joints lock: to move it would open their loop.
+
+    Raises:
+        TwinError: it names the joint, and the joints that must be compared with it.
+    """
+    for name in sorted(locked):
+        group = group_of[mechanism.joint(name).child]
+        held = []
+        for joint in mechanism.joints:
+            ends = {group_of[joint.parent], group_of[joint.child]}
+            if joint.name not in locked and joint.type not in ("fixed", "free") and ends == {group}:
+                held.append(joint.name)
+        raise TwinError(
+            f"{label}: joint '{name}' cannot move while the other joints of its loop are held: it would open the loop. "
+            f"Add joints of the loop to --only ({', '.join(held)}), or leave '{name}' out."
+        )
+
+
 def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     """Return {body: index of its group}; the group of the base is 0.
 
-    A fixed joint that closes a loop (a weld) makes one group of two. The group of a lower index remains: its joints
-    come first in the tree.
+    A fixed joint that closes a loop (a weld), and one that is held, makes one group of two: the loop stays closed. The
+    group of a lower index remains: its joints come first in the tree.
     """
     group_of = {mechanism.base: 0}
     count = 1
@@ -372,7 +393,7 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
         else:
             group_of[joint.child] = group_of[joint.parent]
     for joint in mechanism.loops:
-        if joint.type != "fixed":
+        if joint.name in moving or joint.type == "free":
             continue
         kept, welded = sorted((group_of[joint.parent], group_of[joint.child]))
         for body, group in group_of.items():
