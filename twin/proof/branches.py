@@ -29,7 +29,7 @@ _BEYOND = tuple(10.0**-k for k in range(10))
 _HALVINGS = 4
 """How often each coordinate is halved at most."""
 
-_MOST_BOXES = 4096
+MOST_BOXES = 4096
 """Maximum number of boxes."""
 
 _RARE = 64
@@ -394,7 +394,7 @@ def bounded(branches: Branches, chosen: Sequence[int], answers: Sequence[bool], 
         keep = np.zeros(low.shape[1], bool)
         for k in set(open_at) - closed:
             keep |= open_at[k]
-        if not keep.any() or 2 * keep.sum() > _MOST_BOXES:
+        if not keep.any() or 2 * keep.sum() > MOST_BOXES:
             return {chosen[k] for k in closed}
         i = turn % n
         low, high = low[:, keep], high[:, keep]
@@ -417,7 +417,7 @@ class BranchReport:
         undefined: those with one answer, because the equations have no value at the other.
         bounded: those with one answer at all states within the limits, by intervals.
         found: those whose other answer was found by a search, at states that were judged then.
-        open: texts of those with one answer at all drawn states of which nothing else is known.
+        open: texts of those with one answer at all drawn states, and their smallest margin; nothing else is known.
         states: {name: values (j,)} at the states that were found, and at those with rare answers.
         without_value: {name: value} at a state within reach where the equations have no value; empty if there is none.
     """
@@ -470,8 +470,12 @@ def examined(branches: Branches, state: Array, published: Array, limits: Array) 
         sure = bounded(branches, list(single), list(single.values()), limits)
     rest = [i for i in single if i not in sure]
     found = searched(branches, rest, state, limits) if rest else []
-    texts = tuple(branches.text(i) for i, states in zip(rest, found, strict=True) if not states.shape[1])
+    texts = []
+    for i, other in zip(rest, found, strict=True):
+        if not other.shape[1]:
+            texts.append(f"{branches.text(i)} (margin {np.abs(margins[i]).min():.2g} or more)")
     columns = np.hstack([np.zeros((len(limits), 0)), *rare, *found])
     states = dict(zip(branches.names, columns, strict=True))
     count = len(branches.all)
-    return BranchReport(count, drawn, undefined, len(sure), len(rest) - len(texts), texts, states, without_value)
+    number_found = len(rest) - len(texts)
+    return BranchReport(count, drawn, undefined, len(sure), number_found, tuple(texts), states, without_value)

@@ -12,7 +12,7 @@ from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import draws, field, values
 from twin.proof.attempt import Attempt, RootGroup, attempted, with_roots
-from twin.proof.branches import Branches, BranchReport, examined
+from twin.proof.branches import MOST_BOXES, Branches, BranchReport, examined
 from twin.proof.claims import JudgedClaim, unclaimed
 from twin.proof.constants import exact_angle
 from twin.proof.precise import certainly_not_zero
@@ -346,8 +346,9 @@ def _with_branches(proof: Proof, report: BranchReport) -> Proof:
     claims = list(proof.claims)
     if report.open:
         reason = (
-            f"{len(report.open)} of {report.count} conditions have one answer at all drawn states, and a search found "
-            f"no state with the other: {', '.join(report.open[:_OPEN_CONDITIONS])}"
+            f"{len(report.open)} of {report.count} conditions have one answer at all drawn states, a search found "
+            f"no state with the other, and intervals in {MOST_BOXES} boxes are too wide to exclude it: "
+            f"{', '.join(report.open[:_OPEN_CONDITIONS])}"
         )
         if len(report.open) > _OPEN_CONDITIONS:
             reason += " and others"
