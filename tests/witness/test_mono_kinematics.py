@@ -23,8 +23,8 @@ from unity import mono
 
 pytestmark = pytest.mark.witness
 
-ROBOTS = ["sils", "sher", "pa10", "davinci_psm", "davinci_psm_si", "davinci_ecm", "raven_left", "raven_right"]
 MORE = ["hibou", "lapbot"]
+ROBOTS = [name for name in twin.names() if name not in MORE]
 CLOSE = 1e-9  # m, and of entries of rotations
 RUNTIME = mono.PACKAGE / "Runtime"
 
