@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
@@ -160,6 +160,13 @@ class LimitSpec(Sourced):
     max_acceleration_deg_s2: float | None = Field(default=None, gt=0)
     max_jerk_mm_s3: float | None = Field(default=None, gt=0)
     max_jerk_deg_s3: float | None = Field(default=None, gt=0)
+
+    @field_validator("limits", mode="before")
+    @classmethod
+    def _has_a_unit(cls, limits: object) -> object:
+        if isinstance(limits, list):
+            raise at((), "the unit is missing: write limits_deg or limits_mm")
+        return limits
 
     @model_validator(mode="after")
     def _none_or_some(self) -> LimitSpec:
