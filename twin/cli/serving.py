@@ -85,6 +85,7 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
     from twin.simulation.session.trial_table import TrialTable
     from twin.ui.headset import served
     from twin.ui.session.exercise import Exercise
+    from twin.ui.session.forms import QuestionnaireForms
 
     scene = loaded.scene
     task = None
@@ -107,11 +108,21 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
     if args.trials is not None:
         assets.require_writable_file(Path(args.trials))
         trials = TrialTable(Path(args.trials), args.user or "1", args.group or "simulation")
-    exercise = Exercise(task, session, report, condition, args.fulcrum or "compensated", trials)
+    forms = None
+    if trials is not None and (args.before or args.after):
+        forms = QuestionnaireForms(trials, _names(args.before), _names(args.after))
+    exercise = Exercise(task, session, report, condition, args.fulcrum or "compensated", trials, forms)
     loaded = scenes.with_organs(loaded, task)
     machines.running(args.machine)
     connections = (args.packets, args.mqtt, args.mqtt_topic)
     return lambda: served.of_console(machines.connected(loaded, args.machine), exercise, *connections)
+
+
+def _names(text: str | None) -> list[str]:
+    """Return the names in a text, which are separated by commas; none without a text."""
+    if not text:
+        return []
+    return [name.strip() for name in text.split(",")]
 
 
 _CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
@@ -144,7 +155,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
     if args.mqtt is None:
         _refuse(args, ("mqtt_topic",), "--mqtt-topic requires --mqtt HOST")
     if args.trials is None:
-        for name in ("user", "group"):
+        for name in ("user", "group", "before", "after"):
             _refuse(args, (name,), f"{_OPTION} requires --trials FILE")
     elif args.task is None:
         raise TwinError("--trials requires --task NAME: a row of the table is an attempt at a task")

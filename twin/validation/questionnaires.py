@@ -11,9 +11,12 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from twin.core import assets
-from twin.core.errors import DescriptionError
+from twin.core.errors import DescriptionError, TwinError
 from twin.core.findings import Finding, info
 from twin.schema import Identifier, Table, at, load_toml
+
+BEFORE = "before_"
+"""Prefix of the columns of a questionnaire that was answered before a session as well."""
 
 
 class Item(Table):
@@ -47,7 +50,7 @@ class Key(Table):
     An answer is a number from `low` to `high`, in steps of `step`; its value is answer - `zero`, or `zero` - answer for
     a reversed item. A scale is the sum or the mean of the values of its items, times its factor in the section `scale`.
     The answers of users are in table columns named <name>_1, <name>_2, ..., the weights of the section `weighted` in
-    columns named <name>_w1, <name>_w2, ...
+    columns named <name>_w1, <name>_w2, ... `ends` are the words at both ends of the scale.
     """
 
     name: Identifier
@@ -62,6 +65,7 @@ class Key(Table):
     scale: dict[Identifier, float]
     total: Total | None = None
     weighted: Weighted | None = None
+    ends: tuple[str, str] = ("low", "high")
 
     @property
     def columns(self) -> list[str]:
@@ -82,6 +86,36 @@ class Key(Table):
             if unknown:
                 raise at(("item", k, "scales"), f"there is no scale '{min(unknown)}'; use {', '.join(self.scale)}")
         return self
+
+    def check(self, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
+        """Check the answers of one user, None for an item without an answer, and the weights (None: no comparisons).
+
+        Raises:
+            TwinError: a number is missing, not allowed or one too many.
+        """
+        if len(answers) != len(self.item):
+            raise TwinError(f"{self.name} has {len(self.item)} items; {len(answers)} answers are given")
+        for column, value in zip(self.columns, answers, strict=True):
+            if value is not None and not self.allows(value):
+                raise TwinError(f"{column} is {value:g}; give {self.numbers()}, {self.low} to {self.high}")
+        if weights is None:
+            return
+        if self.weighted is None or len(weights) != len(self.item):
+            raise TwinError(f"{self.name} has {len(self.weight_columns)} weights; {len(weights)} are given")
+        most = len(self.item) - 1
+        for column, weight in zip(self.weight_columns, weights, strict=True):
+            if weight != int(weight) or not 0 <= weight <= most:
+                raise TwinError(f"{column} is {weight:g}; give an integer, 0 to {most}")
+        if sum(weights) != self.weighted.comparisons:
+            raise TwinError(f"the weights have the sum {sum(weights):g}; it must be {self.weighted.comparisons}")
+
+    def allows(self, value: float) -> bool:
+        """Return whether a number is an allowed answer."""
+        return value == int(value) and self.low <= value <= self.high and (value - self.low) % self.step == 0
+
+    def numbers(self) -> str:
+        """Return the allowed kind of numbers in words."""
+        return "an integer" if self.step == 1 else f"a multiple of {self.step}"
 
     def scores(self, answers: Sequence[float]) -> dict[str, float]:
         """Return the scales and, if defined, the total of one user; a score is NaN if an answer is missing (NaN).
@@ -129,6 +163,15 @@ def keys() -> list[Key]:
     return [load_toml(path, Key) for path in sorted(folder.glob("*.toml"))]
 
 
+def _asked() -> list[Key]:
+    """Return the keys for columns of tables: each also with the prefix of what was answered before a session."""
+    asked = keys()
+    for key in keys():
+        title = f"{key.title}, before the session"
+        asked.append(key.model_copy(update={"name": f"{BEFORE}{key.name}", "title": title}))
+    return asked
+
+
 def scored(
     path: Path, columns: Mapping[str, Sequence[float]], lines: Sequence[int]
 ) -> tuple[dict[str, list[float]], list[Finding]]:
@@ -144,7 +187,7 @@ def scored(
     for name, values in columns.items():
         out[name] = list(values)
     findings: list[Finding] = []
-    for key in keys():
+    for key in _asked():
         answered = []
         for name in columns:
             if re.fullmatch(rf"{key.name}_w?\d+", name):
@@ -196,12 +239,9 @@ def _check_answers(path: Path, key: Key, columns: Mapping[str, Sequence[float]],
         for value, line in zip(columns[name], lines, strict=True):
             if math.isnan(value):
                 continue
-            allowed = value == int(value) and key.low <= value <= key.high and (value - key.low) % key.step == 0
-            if not allowed:
-                numbers = "an integer" if key.step == 1 else f"a multiple of {key.step}"
-                raise DescriptionError(
-                    f"{path}:{line}: {name} is {value:g}; give {numbers}, {key.low} to {key.high}, or leave it empty"
-                )
+            if not key.allows(value):
+                allowed = f"give {key.numbers()}, {key.low} to {key.high}, or leave it empty"
+                raise DescriptionError(f"{path}:{line}: {name} is {value:g}; {allowed}")
     if key.weighted is None or key.weight_columns[0] not in columns:
         return
     most = len(key.item) - 1

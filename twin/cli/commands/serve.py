@@ -21,7 +21,7 @@ EXAMPLES = """\
   twin serve sils --replay session.json
   twin serve davinci --session hands.session    record the hands at a console, for twin session
   twin serve sher_phantom --task phantom        the SHER by one hand: pen, mouse, gamepad or controller
-  twin serve sher_phantom --task phantom --trials study.csv --user 3
+  twin serve sher_phantom --task phantom --trials study.csv --user 3 --after nasatlx
   twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces"""
 
 
@@ -47,6 +47,10 @@ def arguments(command: Command) -> None:
     command.text(
         "--trials", "FILE", "table (CSV) to which each attempt at a task with holes adds a row, for twin study"
     )
+    text = "questionnaires on the page before the first attempt, such as ssq; answers go to the table of --trials"
+    command.text("--before", "NAMES", text)
+    text = "questionnaires after each attempt, separated by commas: ssq, ueq, nasatlx, simtlx, facevalidity"
+    command.text("--after", "NAMES", text)
     command.text("--user", "NAME", "name of the user in the table of --trials (default 1)")
     command.text("--group", "NAME", "group of the user in the table of --trials (default simulation)")
 

@@ -35,6 +35,7 @@ class TrialTable:
         self.path = path
         self.user = user.strip()
         self.group = group.strip()
+        self._next: dict[str, float | None] = {}
         self.trial = 0
         for row in self._read()[1]:
             if self._is_own(row):
@@ -50,8 +51,14 @@ class TrialTable:
         self.trial += 1
         row = {USER: self.user, GROUP: self.group, TRIAL: str(self.trial)}
         self._fill(head, row, measures)
+        self._fill(head, row, self._next)
         rows.append(row)
         self._write(head, rows)
+        self._next = {}
+
+    def add_to_next(self, values: Mapping[str, float | None]) -> None:
+        """Keep {column: number} for the row of the next trial."""
+        self._next |= values
 
     def answer(self, answers: Mapping[str, float | None]) -> None:
         """Add answers {column: number} to the newest trial.

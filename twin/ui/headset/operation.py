@@ -125,6 +125,7 @@ class Operation(LiveConsole):
             "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
             "pedal": "clutch" if table.teleoperation is None else "enable",
             "first_scale": table.scale,
+            "questionnaires": self.questionnaires(),
             "marks": [[text, numbers(at)] for text, at in self.marks()],
             "tools": tools,
         }
@@ -376,6 +377,8 @@ class Operation(LiveConsole):
                 self.restart(client)
             case wire.TaskMessage():
                 self.end(client)
+            case wire.FormMessage():
+                self.answer(message.name, message.answers, message.weights)
             case wire.HapticsMessage():
                 self.feel(client, message.on)
             case wire.FulcrumMessage():

@@ -351,6 +351,15 @@ class TaskMessage(_Message):
     do: Literal["end", "restart"]
 
 
+class FormMessage(_Message):
+    """Answer the questionnaire that a console asks now; null: no answer to this item, or no comparisons of pairs."""
+
+    type: Literal["form"]
+    name: Annotated[str, Field(max_length=40)]
+    answers: Annotated[list[float | None], Field(max_length=100)]
+    weights: Annotated[list[float] | None, Field(max_length=100)] = None
+
+
 class HapticsMessage(_Message):
     """Switch the forces on the hands of a console on or off."""
 
@@ -419,6 +428,7 @@ Message = (
     | HandsMessage
     | ScaleMessage
     | TaskMessage
+    | FormMessage
     | HapticsMessage
     | FulcrumMessage
     | TrainingMessage

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from twin.simulation.condition import Condition
     from twin.simulation.controllers.pivot import Fulcrum
     from twin.simulation.session.trial_table import TrialTable
+    from twin.ui.session.forms import QuestionnaireForms
 
 MakeReport = Callable[[str, str], bytes]
 """Function that takes the paths of session file and scene file, and returns the HTML page of the report.
@@ -35,6 +36,7 @@ class Exercise:
         fulcrum: which end of the instruments the hands control at the start: the tips ("compensated") or the outer ends
             ("direct"); see `twin.simulation.controllers.pivot`.
         trials: table to which each attempt adds a row; None: no table.
+        forms: questionnaires of the page, whose answers go to the table of trials; None: no questionnaires.
     """
 
     task: ConsoleTask | None = None
@@ -43,6 +45,7 @@ class Exercise:
     condition: Condition | None = None
     fulcrum: Fulcrum = "compensated"
     trials: TrialTable | None = None
+    forms: QuestionnaireForms | None = None
 
 
 NO_TASK = Exercise()

@@ -104,6 +104,7 @@ class LiveConsole:
         self.task = task
         self._make_report = exercise.report
         self._trials = exercise.trials
+        self._forms = exercise.forms
         self._trial_problem = ""
         self._first_settings = console_scene.settings(scene, exercise.fulcrum, task)
         self.device = self._device_type(
@@ -204,6 +205,23 @@ class LiveConsole:
             return None
         return play_of(self.task).referee(self._setup, self.task, SAMPLE)
 
+    def answer(self, name: str, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
+        """Store the answers to the questionnaire that is asked now; see `QuestionnaireForms.answer`.
+
+        Raises:
+            TwinError: this questionnaire is not asked now, an answer is not allowed, or the table cannot be written.
+        """
+        if self._forms is None:
+            raise TwinError("this console asks no questionnaires: start the program with --before or --after")
+        self._forms.answer(name, answers, weights)
+        self.reading = self._read()
+
+    def questionnaires(self) -> list[JsonObject]:
+        """Return the questionnaires of this console for the page."""
+        if self._forms is None:
+            return []
+        return self._forms.about()
+
     def marks(self) -> Sequence[tuple[str, Array]]:
         """Return short texts to show in the picture of a task, each with its position (3,) in m in the World."""
         if self.task is None:
@@ -227,6 +245,8 @@ class LiveConsole:
             for robot in procedure.start:
                 self.device.set(f"{robot}.tool", self._first_settings[f"{robot}.tool"])
         self._begin()
+        if self._forms is not None:
+            self._forms.restart()
         if old_recorder is not None:
             old_recorder.close(old_ticks)
         self.owner = None
@@ -274,6 +294,8 @@ class LiveConsole:
         self._trial_problem = ""
         try:
             self._trials.add(self.referee.measures())
+            if self._forms is not None:
+                self._forms.finish()
         except TwinError as error:
             self._trial_problem = str(error)
             logging.getLogger(__name__).error("this attempt is not in the table of trials: %s", error)
@@ -589,6 +611,7 @@ class LiveConsole:
             "stopped": self._stopped or None,
             "task": self._scoreboard(),
             "machines": machines,
+            "form": None if self._forms is None else self._forms.state(),
             "plan": self.planning.state(),
         }
 

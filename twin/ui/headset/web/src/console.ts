@@ -6,6 +6,7 @@ import { ConsoleHands } from './console_hands';
 import { ConsoleMouse } from './console_mouse';
 import { ConsoleTouch } from './console_touch';
 import { Forces } from './forces';
+import { Forms } from './forms';
 import { Keys } from './keys';
 import { Label } from './label';
 import type { Status } from './model';
@@ -42,6 +43,7 @@ export class Console {
   /** The hands that move robots. */
   readonly sides: readonly Side[];
   readonly sound: ContactSound;
+  readonly forms: Forms;
   /** Hand that the mouse moves or last moved. */
   chosen: Side = 'right';
   private wheel = 0;
@@ -63,6 +65,7 @@ export class Console {
     const page = document.getElementById('page') as HTMLElement;
     this.views = new Views(app, camera, page, info.tools.length > 0);
     this.sound = new ContactSound();
+    this.forms = new Forms(page, app, info.questionnaires);
     for (const [text, at] of info.marks) this.mark(text, at);
     this.tools = info.tools.length ? new Tools(page, app, this) : null;
     this.forces = new Forces(app, this);
@@ -237,6 +240,7 @@ export class Console {
     this.forces.update();
     this.plan.update(now);
     this.sound.hear(this.app.model.console?.task ?? null);
+    this.forms.refresh();
   }
 
   /** Return the tip of a hand's instrument in the scene; null before it is loaded. */

@@ -97,9 +97,24 @@ export interface ConsoleInfo {
   pedal: 'clutch' | 'enable';
   /** Numbers to show in the camera's picture, and their positions in m in the world frame. */
   marks: [text: string, at: Numbers][];
+  /** Questionnaires that the page asks. */
+  questionnaires: QuestionnaireInfo[];
   /** The motion scale at the start. */
   first_scale: number;
   tools: ToolInfo[];
+}
+
+/** A questionnaire: its items, the answers from `low` to `high` in steps, and the words at both ends. */
+export interface QuestionnaireInfo {
+  name: string;
+  title: string;
+  items: string[];
+  low: number;
+  high: number;
+  step: number;
+  ends: [string, string];
+  /** Whether pairs of items can be compared, for weights. */
+  pairs: boolean;
 }
 
 /** A tool that an instrument can hold. */
@@ -221,6 +236,8 @@ export interface ConsoleState {
   mqtt: MqttState | null;
   /** Scoreboard of a task that is judged; null for other tasks. */
   task: TaskState | null;
+  /** The questionnaire to answer now, and the number of those that are left; null: there is none. */
+  form: { when: 'before' | 'after'; name: string; left: number } | null;
   /** Planning mode; null if there is nothing to show. */
   plan: PlanState | null;
 }

@@ -1,0 +1,139 @@
+"""Questionnaires of a study: on the page in Chromium, and their answers in the table of trials."""
+
+from __future__ import annotations
+
+import pytest
+
+from made import headset_page as headset
+from made.console_page import console
+from twin.core.errors import TwinError
+from twin.simulation.session.trial_table import TrialTable
+from twin.ui.session.forms import QuestionnaireForms
+from twin.validation.ranks import compare
+
+
+@pytest.fixture
+def forms(tmp_path):
+    return QuestionnaireForms(TrialTable(tmp_path / "t.csv", "1", "simulation"), ["ssq"], ["nasatlx", "facevalidity"])
+
+
+def cells(path):
+    head, *rows = [line.split(",") for line in path.read_text().splitlines()]
+    return [dict(zip(head, row, strict=True)) for row in rows]
+
+
+def test_answers_before_go_to_the_next_trial_and_answers_after_to_the_last(forms, tmp_path):
+    table = forms._trials
+    assert forms.state() == {"when": "before", "name": "ssq", "left": 1}
+    forms.answer("ssq", [1] * 16, None)
+    assert forms.state() is None
+    table.add({"time_s": 40.0})
+    forms.finish()
+    assert forms.state() == {"when": "after", "name": "nasatlx", "left": 2}
+    forms.answer("nasatlx", [80, 20, 60, 40, 50, 30], [5, 0, 4, 1, 3, 2])
+    forms.answer("facevalidity", [5, 4, 3, 4, None, None, None, None], None)
+    table.add({"time_s": 42.0})
+    (first, second) = cells(tmp_path / "t.csv")
+    assert (first["before_ssq_16"], first["nasatlx_1"], first["nasatlx_w6"]) == ("1", "80", "2")
+    assert (first["facevalidity_4"], first["facevalidity_5"]) == ("4", "")
+    assert (second["before_ssq_1"], second["nasatlx_1"], second["time_s"]) == ("", "", "42")
+    for user in ("1", "2"):
+        TrialTable(tmp_path / "t.csv", user, "physical").add({"time_s": 30.0})
+    found = compare(tmp_path / "t.csv").users.measures
+    # by hand: 890 / 15 weighted, 280 / 6 raw; seven items of 1 each for the disorientation before
+    assert found["nasatlx_weighted"][0] == pytest.approx(890 / 15)
+    assert found["nasatlx_raw"][0] == pytest.approx(280 / 6)
+    assert found["before_ssq_disorientation"][0] == pytest.approx(7 * 13.92)
+    assert found["time_s"] == [41, 30, 30]
+
+
+@pytest.mark.parametrize(
+    ("name", "answers", "weights", "said"),
+    [
+        ("nasatlx", [50] * 6, None, "'ssq' is asked now, not 'nasatlx'"),
+        ("ssq", [0] * 15, None, "16 items; 15 answers"),
+        ("ssq", [4] * 16, None, "ssq_1 is 4; give an integer, 0 to 3"),
+        ("ssq", [0.5] * 16, None, "ssq_1 is 0.5; give an integer"),
+        ("ssq", [0] * 16, [1] * 16, "0 weights; 16 are given"),
+    ],
+)
+def test_answers_that_are_not_allowed_are_refused_and_asked_again(forms, name, answers, weights, said):
+    with pytest.raises(TwinError, match=said):
+        forms.answer(name, answers, weights)
+    assert forms.state() == {"when": "before", "name": "ssq", "left": 1}
+
+
+def test_weights_are_those_of_all_comparisons(forms):
+    forms.answer("ssq", [0] * 16, None)
+    with pytest.raises(TwinError, match="no questionnaire is asked now"):
+        forms.answer("nasatlx", [0] * 6, None)
+    forms._trials.add({"time_s": 1.0})
+    forms.finish()
+    with pytest.raises(TwinError, match="have the sum 14; it must be 15"):
+        forms.answer("nasatlx", [0] * 6, [5, 4, 3, 2, 0, 0])
+    with pytest.raises(TwinError, match="nasatlx_w1 is 6; give an integer, 0 to 5"):
+        forms.answer("nasatlx", [0] * 6, [6, 4, 3, 2, 0, 0])
+    forms.restart()
+    assert forms.state() is None
+
+
+def test_an_unknown_questionnaire_is_named_with_those_that_there_are(tmp_path):
+    with pytest.raises(TwinError, match=r"sus.*nasatlx"):
+        QuestionnaireForms(TrialTable(tmp_path / "t.csv", "1", "x"), ["sus"], [])
+
+
+CHOOSE = """
+((name, value) => {
+  const all = [...document.querySelectorAll(`[data-id=form] input[name='${name}']`)];
+  const one = all.find((o) => o.value === value);
+  one.checked = true;
+  one.dispatchEvent(new Event('change'));
+})
+"""
+SLIDE = """
+((name, value) => {
+  const slider = document.querySelector(`[data-id=form] [data-id='${name}']`);
+  slider.value = value;
+  slider.dispatchEvent(new Event('input'));
+})
+"""
+DONE = "document.querySelector('[data-id=form-done]').click()"
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_the_page_asks_before_and_after_and_the_table_has_the_scores_by_hand(browser, tmp_path):
+    file = tmp_path / "study.csv"
+    options = ("--task", "phantom", "--trials", file, "--before", "ssq", "--after", "nasatlx")
+    server = headset.Serving("sher_phantom", None, *options)
+    ratings, order = [80, 20, 60, 40, 50, 30], [0, 2, 4, 5, 3, 1]  # weights 5, 0, 4, 1, 3, 2
+    try:
+        with console(browser, server.url, size=(1000, 760), draws=False) as page:
+            page.until("!document.querySelector('[data-id=form]').hidden", "the questionnaire before")
+            for k in range(16):
+                page(f"{CHOOSE}('item-{k}', '{k % 4}')")
+            page(DONE)
+            page.until("document.querySelector('[data-id=form]').hidden", "no questionnaire")
+            page("twin.app.ask('task', {do: 'end'})")
+            page.until("!document.querySelector('[data-id=form]').hidden", "the questionnaire after")
+            page.page.screenshot(path=str(tmp_path / "form.png"))
+            for k, value in enumerate(ratings):
+                page(f"{SLIDE}('item-{k}', {value})")
+            items = page("twin.app.console.info.questionnaires.find(k => k.name === 'nasatlx').items")
+            pairs = [(i, j) for i in range(6) for j in range(i + 1, 6)]
+            for k, pair in enumerate(pairs[:-1]):
+                page(f"{CHOOSE}('pair-{k}', '{items[min(pair, key=order.index)]}')")
+            page(DONE)
+            page.until(
+                "document.querySelector('[data-id=form] .wrong').textContent.includes('1 of 15')", "one is missing"
+            )
+            page(f"{CHOOSE}('pair-14', '{items[min(pairs[-1], key=order.index)]}')")
+            page(DONE)
+            page.until("document.querySelector('[data-id=form]').hidden", "no questionnaire")
+    finally:
+        server.stop()
+    (row,) = cells(file)
+    assert [row[f"nasatlx_w{k}"] for k in range(1, 7)] == ["5", "0", "4", "1", "3", "2"]
+    assert [row[f"nasatlx_{k}"] for k in range(1, 7)] == [str(r) for r in ratings]
+    assert [row[f"before_ssq_{k}"] for k in range(1, 17)] == [str(k % 4) for k in range(16)]
+    assert (row["time_s"], row["holes_touched"]) == ("", "0")  # the task was ended before a hole

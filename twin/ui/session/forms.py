@@ -1,0 +1,94 @@
+"""Questionnaires on the page of a console, before the first attempt at a task and after each attempt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from twin.core.errors import TwinError, unknown
+from twin.core.json_types import JsonObject
+from twin.simulation.session.trial_table import TrialTable
+from twin.validation.questionnaires import BEFORE, Key, keys
+
+When = Literal["before", "after"]
+
+
+class QuestionnaireForms:
+    """The questionnaires of a study; answers go to the row of the newest trial, those of "before" to the next row.
+
+    Attributes:
+        due: the forms to answer now, in order, as (when, key).
+    """
+
+    def __init__(self, trials: TrialTable, before: Sequence[str], after: Sequence[str]) -> None:
+        """Prepare the questionnaires with these names.
+
+        Raises:
+            TwinError: there is no such questionnaire.
+        """
+        known = {key.name: key for key in keys()}
+        for name in (*before, *after):
+            if name not in known:
+                raise TwinError(unknown("questionnaire", name, known))
+        self._trials = trials
+        self._after = [known[name] for name in after]
+        self._asked = [("before", known[name]) for name in before] + [("after", key) for key in self._after]
+        self.due: list[tuple[When, Key]] = [("before", known[name]) for name in before]
+
+    def finish(self) -> None:
+        """Ask for the questionnaires after an attempt."""
+        self.due += [("after", key) for key in self._after]
+
+    def restart(self) -> None:
+        """Forget what was not answered after the last attempt."""
+        kept: list[tuple[When, Key]] = []
+        for when, key in self.due:
+            if when == "before":
+                kept.append((when, key))
+        self.due = kept
+
+    def answer(self, name: str, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
+        """Store the answers of the form that is due; None: an item without an answer.
+
+        Raises:
+            TwinError: another form is due, or none, or an answer is not allowed.
+            OutputError: the table cannot be written.
+        """
+        if not self.due:
+            raise TwinError(f"no questionnaire is asked now; '{name}' comes before or after an attempt at the task")
+        when, key = self.due[0]
+        if key.name != name:
+            raise TwinError(f"the questionnaire '{key.name}' is asked now, not '{name}'")
+        key.check(answers, weights)
+        prefix = BEFORE if when == "before" else ""
+        cells = {prefix + column: value for column, value in zip(key.columns, answers, strict=True)}
+        if weights is not None:
+            cells |= {prefix + column: value for column, value in zip(key.weight_columns, weights, strict=True)}
+        if when == "before":
+            self._trials.add_to_next(cells)
+        else:
+            self._trials.answer(cells)
+        self.due.pop(0)
+
+    def about(self) -> list[JsonObject]:
+        """Return the questionnaires for the page: title, items, ends and steps of the scale, comparisons of pairs."""
+        asked = {}
+        for _, key in self._asked:
+            asked[key.name] = {
+                "name": key.name,
+                "title": key.title,
+                "items": [item.name for item in key.item],
+                "low": key.low,
+                "high": key.high,
+                "step": key.step,
+                "ends": list(key.ends),
+                "pairs": key.weighted is not None,
+            }
+        return list(asked.values())
+
+    def state(self) -> JsonObject | None:
+        """Return the form to answer now, as (when, name); None: there is none."""
+        if not self.due:
+            return None
+        when, key = self.due[0]
+        return {"when": when, "name": key.name, "left": len(self.due)}
