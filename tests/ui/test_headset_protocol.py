@@ -150,6 +150,7 @@ BAD = [
     '{"type": "scale", "value": 0}', '{"type": "scale", "value": 1.5}',
     '{"type": "task", "do": "again"}', '{"type": "task"}',
     '{"type": "training", "mode": "play"}', '{"type": "button"}',
+    '{"type": "form", "name": "ssq"}', '{"type": "form", "name": "ssq", "answers": ["much"]}',
     '{"type": "haptics", "on": "maybe"}', '{"type": "haptics"}',
     '{"type": "fulcrum", "mode": "outer"}', '{"type": "tool", "hand": "third", "name": "scissors"}',
     '{"type": "tool", "hand": "right"}',

@@ -32,12 +32,15 @@ class QuestionnaireForms:
                 raise TwinError(unknown("questionnaire", name, known))
         self._trials = trials
         self._after = [known[name] for name in after]
-        self._asked = [("before", known[name]) for name in before] + [("after", key) for key in self._after]
-        self.due: list[tuple[When, Key]] = [("before", known[name]) for name in before]
+        self._asked = {name: known[name] for name in (*before, *after)}
+        self.due: list[tuple[When, Key]] = []
+        for name in before:
+            self.due.append(("before", known[name]))
 
     def finish(self) -> None:
         """Ask for the questionnaires after an attempt."""
-        self.due += [("after", key) for key in self._after]
+        for key in self._after:
+            self.due.append(("after", key))
 
     def restart(self) -> None:
         """Forget what was not answered after the last attempt."""
@@ -72,9 +75,9 @@ class QuestionnaireForms:
 
     def about(self) -> list[JsonObject]:
         """Return the questionnaires for the page: title, items, ends and steps of the scale, comparisons of pairs."""
-        asked = {}
-        for _, key in self._asked:
-            asked[key.name] = {
+        asked = []
+        for key in self._asked.values():
+            about: JsonObject = {
                 "name": key.name,
                 "title": key.title,
                 "items": [item.name for item in key.item],
@@ -84,7 +87,8 @@ class QuestionnaireForms:
                 "ends": list(key.ends),
                 "pairs": key.weighted is not None,
             }
-        return list(asked.values())
+            asked.append(about)
+        return asked
 
     def state(self) -> JsonObject | None:
         """Return the form to answer now, as (when, name); None: there is none."""
