@@ -32,7 +32,7 @@ def view(args: argparse.Namespace) -> int:
 
     A robot has the page of viser, in which it is taken apart; a scene has the page of `twin serve`.
     """
-    if args.html is None and assets.scene_file(args.robot) is not None:
+    if args.html is None and not args.watch and assets.scene_file(args.robot) is not None:
         return _show_scene(args)
     port = args.port
     if args.html is not None:
@@ -148,6 +148,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         if value is not None:
             raise TwinError(f"{option} is for the live console of a scene; omit --html and name a scene with a console")
     file = assets.scene_file(args.robot)
+    if args.watch and (file is not None or args.html is not None):
+        raise TwinError("--watch rebuilds a robot in the live page: name a robot, not a scene, and omit --html")
     if file is not None:
         return _scene(args, file)
     from twin.ui.session.timeline import protocols_of
@@ -155,6 +157,11 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
     robot = api.load(args.robot, tool=args.tool)
     show.tool_note(robot, args.quiet)
     protocols_of(robot, args.protocol)
+    watch = None
+    if args.watch:
+        from twin.ui.session.file_watch import RobotFileWatch
+
+        watch = RobotFileWatch(robot, str(args.robot), args.tool)
 
     def of_robot(server: viser.ViserServer, more: dict[str, Any]) -> Front:
         from twin.ui.session.desk import Desk
@@ -162,7 +169,10 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         from twin.ui.viewer.page import open_page
 
         actor = ShownRobot(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)
-        return open_page(f"twin · {robot.name}", [actor], None, server, **more)
+        front = open_page(f"twin · {robot.name}", [actor], None, server, **more)
+        if watch is not None:
+            front.follow_files(watch)
+        return front
 
     return robot.name, of_robot
 

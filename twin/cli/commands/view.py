@@ -12,6 +12,7 @@ EXAMPLES = """\
   twin view davinci                 a scene, in the page of twin serve
   twin view davinci --task pegboard       with rings to grasp
   twin view my_robot/ --port 8090 --no-browser
+  twin view my_robot/ --watch       rebuild the robot whenever its files change
   twin view usd/pa10/pa10.usda      a USD stage without a robot folder
   twin view sils --html sils.html   a recording that plays without Python"""
 
@@ -20,6 +21,7 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin view`."""
     command.page(8080, "page")
     command.tool()
+    command.flag("--watch", "rebuild the robot when its STEP, TOML or formula changes; camera and posture stay")
     command.text("--html", "FILE", "write a recording of the protocol and exit")
 
 

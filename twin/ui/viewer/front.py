@@ -12,10 +12,12 @@ import numpy as np
 import viser
 
 from twin.core import spatial
+from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.ui.session import instruments, timeline
 from twin.ui.session.desk import Desk, MoveResult, start_of
 from twin.ui.session.feed import Feed
+from twin.ui.session.file_watch import RobotFileWatch
 from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.fields import FieldNodes
@@ -67,6 +69,7 @@ class SceneryInterface(Protocol):
 
     def panel(self) -> None: ...  # noqa: D102
     def trail(self, visible: bool) -> None: ...  # noqa: D102
+    def forget(self, robot: str) -> None: ...  # noqa: D102
     def follow(self) -> None: ...  # noqa: D102
     def update(self) -> None: ...  # noqa: D102
     def protocol_changed(self) -> None: ...  # noqa: D102
@@ -138,7 +141,9 @@ class Front(ViewerPage):
         self.ghost_shown = False
         self.dragging = False
         self._plans: dict[str, Planner] = {}
-        self._planned: set[str] = set()  # robots whose first protocol has been planned
+        # robots that stay where they are when their next plan is ready, instead of going to its start
+        self._staying = {a.name for a in actors if start_of(a.desk.robot)}
+        self._watch: RobotFileWatch | None = None
         self._reading_time = self.now
         self._stale = True
         self.after_frame: list[Callable[[], object]] = []
@@ -177,6 +182,8 @@ class Front(ViewerPage):
     def close(self) -> None:
         """End processes and threads, and release the port."""
         self.panels.close()
+        if self._watch is not None:
+            self._watch.close()
         for planner in self._plans.values():
             planner.close()
         self._plans.clear()
@@ -249,6 +256,60 @@ class Front(ViewerPage):
             ghost.remove()
         self._stale = True
 
+    # -- changed files --------------------------------------------------------------------------------
+
+    def follow_files(self, watch: RobotFileWatch) -> None:
+        """Replace the active robot whenever its files change; a robot that cannot be loaded leaves the last one."""
+        self._watch = watch
+        a = self.hand
+
+        def look() -> None:
+            found = watch.poll(self.now)
+            if found is None:
+                return
+            files = ", ".join(found.files)
+            if found.desk is None:
+                self.panels.failed(a, f"{files}: {found.error} The robot before this change stays.")
+                self.say(f"{files}: {found.error}", bad=True)
+                return
+            note = self.replace(a, found.desk)
+            self.say(f"{files} changed: {a.name} is rebuilt{note}")
+
+        self.after_frame.append(look)
+
+    def replace(self, a: ShownRobot, desk: Desk) -> str:
+        """Show another build of a robot, in the same posture if it can take it; return a note if it cannot.
+
+        The view stays. Changes of equations and parameters that were made in the page are made again.
+        """
+        note = ""
+        old = a.desk
+        if [joint.name for joint in old.joints] != [joint.name for joint in desk.joints]:
+            note = "; it has other joints, so it stands at its start"
+        elif not desk.move_joints(old.assembly.q).good:
+            note = f"; it stands at its start: {desk.moved.reason}"
+        desk.let_go()
+        if old.variants or old.parameters:
+            try:
+                desk.change(old.variants, old.parameters)
+            except TwinError as error:
+                note += f"; the changes of its equations are gone: {error}"
+        a.desk = desk
+        self.scenery.forget(a.name)
+        with self.server.atomic():
+            self.nodes[a.name].remove()
+            nodes = RobotNodes(self.server, f"/{a.name}", desk.mechanism, desk.assembly.link_poses)
+            nodes.place(a.T_world_base, a.scale)
+        self.nodes[a.name] = nodes
+        self._grab_links_of(a)
+        self.rebuilt(a)
+        if a is self.hand:
+            self.panels.rebuild()
+        self._staying.add(a.name)
+        if desk.robot.files is not None and desk.robot.files.protocols():
+            self.load(a, a.protocol)
+        return note
+
     def _draw_ghost(self) -> None:
         a = self.hand
         if a.name not in self.ghosts:
@@ -314,7 +375,11 @@ class Front(ViewerPage):
                 protocol = a.desk.robot.protocol(a.protocol)
                 bound = a.desk.robot.bound(protocol)
                 if bound is not a.desk.robot:
+                    q = a.desk.assembly.q
                     a.desk.bind(bound)
+                    if a.name in self._staying:
+                        a.desk.move_joints(q)
+                        a.desk.let_go()
                 a.desk.speak_of(protocol)
             duration = 0.0 if self.feed is None else self.feed.duration
             for other in self.actors:
@@ -323,9 +388,10 @@ class Front(ViewerPage):
             self.clock.duration = duration
             self.panels.ready(a)
             self.scenery.protocol_changed()
-            if not start_of(a.desk.robot) or a.name in self._planned:
+            if a.name in self._staying:
+                self._staying.discard(a.name)
+            else:
                 self.stand()
-            self._planned.add(a.name)
             self._stale = True
 
     # -- dragging -------------------------------------------------------------------------------------
@@ -376,9 +442,12 @@ class Front(ViewerPage):
     def _grab_links(self) -> None:
         """Make all links draggable with the shift key and the left mouse button."""
         for a in self.actors:
-            held: dict[str, Array] = {}
-            for body, handle in self.nodes[a.name].meshes:
-                handle.on_drag("left", modifier="shift")(self._follower(a, body, held))
+            self._grab_links_of(a)
+
+    def _grab_links_of(self, a: ShownRobot) -> None:
+        held: dict[str, Array] = {}
+        for body, handle in self.nodes[a.name].meshes:
+            handle.on_drag("left", modifier="shift")(self._follower(a, body, held))
 
     def _follower(self, a: ShownRobot, body: str, held: dict[str, Array]):
         node = self.nodes[a.name]

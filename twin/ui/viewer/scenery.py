@@ -80,6 +80,14 @@ class Scenery:
             )  # fmt: skip
             self._trail[a.name] = [line]
 
+    def forget(self, robot: str) -> None:
+        """Forget path, trocars and shafts of a robot whose scene nodes are removed; theirs are removed with them."""
+        self._trail.pop(robot, None)
+        for key in list(self._lines):
+            if key == robot or key.startswith(f"{robot}/"):
+                del self._lines[key]
+                del self._balls[key]
+
     def follow(self) -> None:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
         drawn: set[str] = set()
