@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -180,7 +181,7 @@ def audit(
 
     path = Path(path)
     if is_certificate(path):
-        return _audited_certificate(path, robot)
+        return _audited_certificate(path, robot, progress)
     if robot is None:
         return audit_(path, progress=progress, xacro=xacro)
     if (path / SCENE).is_file():
@@ -193,14 +194,16 @@ def audit(
     return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress, xacro=xacro)
 
 
-def _audited_certificate(path: Path, robot: Robot | str | Path | None) -> AuditReport:
+def _audited_certificate(path: Path, robot: Robot | str | Path | None, progress: Progress) -> AuditReport:
     """Check the certificate of a proof; with a robot, its files must be those that were proved."""
     from twin.exchange.audit.certificate import audit_certificate
 
     if robot is None:
         return audit_certificate(path)
     robot = loaded(robot)
-    return audit_certificate(path, robot.hashes())
+    # Loaded by name: only a certificate with bounds along protocols needs planning.
+    samples = import_module("twin.api.audited_motions").SampledMotions(robot, progress)
+    return audit_certificate(path, robot.hashes(), samples)
 
 
 def _states(mechanism: Mechanism) -> DrawnStates:

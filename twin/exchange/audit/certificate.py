@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from decimal import Context, Decimal, localcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from twin.core.errors import TwinError
 from twin.exchange.audit.bounds import SCHEMA as BOUNDS
@@ -43,6 +43,9 @@ STATES = 24
 _MOST_STATES = 2000
 """Number of states that are drawn at most."""
 
+SAMPLED = 1e-8
+"""Part by which a sample may be beyond a bound: errors of solvers, and of the series of a plan."""
+
 _BEGINNING = 200
 """Number of bytes in which a certificate says what it is."""
 
@@ -64,12 +67,23 @@ def is_certificate(path: Path) -> bool:
         return _NAME.search(file.read(_BEGINNING)) is not None
 
 
-def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> AuditReport:
+class MotionSamples(Protocol):
+    """Samples what a mechanism does along a protocol, without the prover."""
+
+    def extremes(self, entry: Mapping[str, Any]) -> Mapping[tuple[str, str], tuple[float, float]]:
+        """Return {(kind, value): (smallest, largest sample)} of the protocol of an entry; TwinError if it cannot."""
+        ...
+
+
+def audit_certificate(
+    path: Path, files: Mapping[str, str] | None = None, samples: MotionSamples | None = None
+) -> AuditReport:
     """Return the report on a certificate.
 
     Args:
         path: the certificate.
         files: {file of equations or mechanism: its SHA-256}; they must be those that were proved. None: not compared.
+        samples: what bounds along protocols are compared with; None: these are named as not checked.
     """
     ledger = Ledger(path.name, "decimals of 60 digits", "1")
     try:
@@ -84,9 +98,13 @@ def audit_certificate(path: Path, files: Mapping[str, str] | None = None) -> Aud
             audit_workspace(data, ledger)
         else:
             _judge(data, ledger)
-        motions = sum(len(motion["proved"]) for motion in data.get("motions", ()))
-        if motions:
-            ledger.add("certificate.motions", "info", f"{motions} bounds along protocols are not checked")
+        motions = data.get("motions", ())
+        if samples is not None:
+            for motion in motions:
+                _judge_motion(motion, samples, ledger)
+        elif motions:
+            count = sum(len(motion["proved"]) for motion in motions)
+            ledger.add("certificate.motions", "info", f"{count} bounds along protocols are not checked without --robot")
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError, RecursionError) as error:
         text = f"it cannot be checked, because it was changed or cut: {type(error).__name__}: {error}"
         ledger.add("certificate.unreadable", "error", text, suggestion="Let `twin prove` write it again.")
@@ -157,6 +175,34 @@ def _judge(data: Mapping[str, Any], ledger: Ledger) -> None:
         if k in wrong:
             text = f"it does not hold that {claim['claim']}: a number that must be zero is {wrong[k]:.3g}"
             ledger.wrong("certificate.wrong", text, where)
+
+
+def _judge_motion(motion: Mapping[str, Any], samples: MotionSamples, ledger: Ledger) -> None:
+    """Add a row of the bounds along a protocol, and a finding for each that a sample exceeds."""
+    name = str(motion["protocol"])
+    try:
+        extremes = samples.extremes(motion)
+    except TwinError as error:
+        ledger.add("certificate.motion", "error", f"{name}: its bounds cannot be checked: {error}", name)
+        return
+    worst = 0.0
+    missing = []
+    for row in motion["proved"]:
+        found = extremes.get((row["kind"], row["value"]))
+        if found is None:
+            missing.append(f"{row['kind']} {row['value']}")
+            continue
+        smallest, largest = found
+        beyond = float(row["at least"]) - smallest if "at least" in row else largest - float(row["at most"])
+        relative = beyond / max(1.0, abs(smallest), abs(largest))
+        worst = max(worst, relative)
+        if not relative <= SAMPLED:
+            sample = smallest if "at least" in row else largest
+            text = f"{name}: {row['kind']} {row['value']}: a sample is {sample:.6g}, beyond its bound by {beyond:.3g}"
+            ledger.wrong("certificate.wrong", text, name)
+    ledger.row("protocol", worst, "", SAMPLED, where=name)
+    if missing:
+        ledger.add("certificate.motion", "info", f"{name}: not sampled: {', '.join(missing)}", name)
 
 
 def _place(i: int, values: Sequence[Number]) -> int:
