@@ -227,3 +227,56 @@ def test_a_gamepad_does_the_five_stages(page, player):
     print(", ".join(told), "\n", dict(page("twin.app.model.console.task.rows")))
     assert [player.stages()[s] for s in STAGES] == ["done"] * 5
     page.id("result").get_by_text("All checks are passed").wait_for()
+
+
+@pytest.mark.browser
+def test_the_drawn_tool_is_the_one_that_the_instrument_carries(page):
+    """Each kind of tool has its own shape at the tip, along the shaft; what is drawn changes with the choice."""
+    ports = {p.name: next(iter(p.p_world_ports.values())) for p in twin.load_scene("vsrs").places}
+    carried = "twin.app.model.console.hands.right.carries"
+    page.until(f"twin.app.console.heads.drawn('right')?.tool === {carried}", "the drawn tool")
+    names = page("twin.app.console.info.tools.map((t) => t.name)")
+    shapes = {}
+    for name in names:
+        # An exchange takes the instrument out of the patient; here, the page is told that it has happened.
+        tool, corners, tip, angle, robot = page(
+            """((name) => {
+              const { heads } = twin.app.console;
+              const hand = twin.app.model.console.hands.right;
+              const before = [hand.carries, hand.open];
+              [hand.carries, hand.open] = [name, true];
+              heads.refresh();
+              const { tool, angle } = heads.drawn('right');
+              hand.open = false;
+              heads.refresh();
+              const head = heads.shown.right;
+              const corners = [];
+              head.group.updateWorldMatrix(true, true);
+              const at = head.group.position.clone();
+              head.group.traverse((o) => {
+                const corner = o.geometry?.attributes.position;
+                if (!corner) return;
+                for (let i = 0; i < corner.count; i++) {
+                  at.fromBufferAttribute(corner, i).applyMatrix4(o.matrixWorld);
+                  twin.app.world.robotWorld.worldToLocal(at);
+                  corners.push(at.toArray());
+                }
+              });
+              const tip = head.group.getWorldPosition(at);
+              twin.app.world.robotWorld.worldToLocal(tip);
+              [hand.carries, hand.open] = before;
+              heads.refresh();
+              return [tool, corners, tip.toArray(), angle, head.robot];
+            })"""
+            f"('{name}')"
+        )
+        assert tool == name
+        corners, tip, port = np.array(corners), np.array(tip), ports[robot]
+        along = (corners - tip) @ (tip - port) / np.linalg.norm(tip - port)
+        about = page(f"twin.app.console.info.tools.find((t) => t.name === '{name}')")
+        assert abs(along.max()) < 1e-3, "the jaws end at the tip"
+        assert -about["jaw"] - 0.007 < along.min() < -about["jaw"]
+        if about["kind"] in ("grasper", "scissors", "clip_applier"):
+            assert np.isclose(2 * about["jaw"] * np.sin(angle), about["open"]), "the gap of the open jaws"
+        shapes[name] = len(corners), round(float(np.ptp(corners, axis=0).max()), 5)
+    assert len(set(shapes.values())) == len(names), "each has a shape of its own"

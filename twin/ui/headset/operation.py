@@ -114,7 +114,16 @@ class Operation(LiveConsole):
         table = self.table
         tools = []
         for name, tool in self.scene.tools.items():
-            tools.append({"name": name, "title": tool.title, "kind": tool.kind, "does": DOES[tool.kind]})
+            tools.append(
+                {
+                    "name": name,
+                    "title": tool.title,
+                    "kind": tool.kind,
+                    "does": DOES[tool.kind],
+                    "jaw": tool.jaw_mm * MM,
+                    "open": (tool.open_mm or 0.0) * MM,
+                }
+            )
         return {
             "hands": {"right": list(table.right), "left": list(table.left)},
             "camera": table.camera,

@@ -176,9 +176,16 @@ namespace Twin.Player
             return distance;
         }
 
-        // Move to joint values; go back if a passive joint passes its limit that did not before.
+        // Move to joint values, unless a joint passes its limit there that does not at the values before; then go back.
         private bool Accepted(double[] wanted, double[] back)
         {
+            string beyond = robot.Violated(wanted);
+            if (beyond != "" && robot.Violated(back) == "")
+            {
+                Reason = beyond;
+                return false;
+            }
+
             string outside = robot.PassiveViolated();
             if (!robot.MoveTo(wanted))
             {

@@ -384,6 +384,7 @@ export class App {
         this.machines?.refresh();
         this.console?.tools?.refresh();
       }
+      if (this.loaded) this.console?.heads.refresh();
       this.xrPanel.refresh();
     }
     this.xrPanel.update(now);

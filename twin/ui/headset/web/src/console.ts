@@ -15,6 +15,7 @@ import { type Pedal, Pens, SIDES } from './pens';
 import { Planning } from './plan';
 import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
 import { endTone } from './score';
+import { Heads } from './heads';
 import { Screen } from './screen';
 import { ContactSound } from './sound';
 import { Tools } from './tools';
@@ -35,6 +36,7 @@ export class Console {
   readonly keys: Keys;
   readonly pad: Pad;
   readonly screen: Screen;
+  readonly heads: Heads;
   readonly hands: ConsoleHands;
   readonly forces: Forces;
   readonly plan: Planning;
@@ -73,6 +75,7 @@ export class Console {
     this.keys = new Keys(this);
     this.pad = new Pad(this);
     this.screen = new Screen(app, this.views);
+    this.heads = new Heads(app, this);
     this.hands = new ConsoleHands(app, this);
     new ConsoleMouse(app, this);
     new ConsoleTouch(app, this);

@@ -123,6 +123,9 @@ export interface ToolInfo {
   title: string;
   kind: 'grasper' | 'scissors' | 'clip_applier' | 'scalpel' | 'cautery';
   does: string;
+  /** Length of the jaws or blades, and gap between the open jaws (0 without jaws), in m. */
+  jaw: number;
+  open: number;
 }
 
 /** Machines of a scene, each with its model beside it. */

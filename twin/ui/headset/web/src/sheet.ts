@@ -276,8 +276,12 @@ function dimensions(app: App): Control[] {
       id: 'changed',
       tone: () => (m.state.distances.length ? 'warn' : 'faint'),
       text: () =>
-        m.state.distances.map(([i, v]) => `${distances[i]?.name ?? ''}: ${length(v)} (drawn: ${length(distances[i]?.drawn ?? 0)})`).join('\n') ||
-        'All distances are as drawn. A change moves joints; meshes keep their shape, and nothing is saved.',
+        m.state.distances.length
+          ? [
+              ...m.state.distances.map(([i, v]) => `${distances[i]?.name ?? ''}: ${length(v)} (drawn: ${length(distances[i]?.drawn ?? 0)})`),
+              'Protocols are still played as drawn.',
+            ].join('\n')
+          : 'All distances are as drawn. A change moves joints; meshes keep their shape, and nothing is saved.',
     },
   ];
 }

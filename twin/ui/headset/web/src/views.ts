@@ -203,6 +203,7 @@ export class Views {
   at(x: number, y: number): View {
     const small: View = this.large === 'scope' ? 'room' : 'scope';
     const b = this.box(small);
+    if (this.stereo === 'halves') x = 2 * (x % (window.innerWidth / 2)); // each half has the whole page, compressed
     return x >= b.left && y >= b.top && x < b.left + b.width && y < b.top + b.height ? small : this.large;
   }
 
