@@ -106,6 +106,22 @@ def test_an_edge_ends_when_two_percent_remain():
     assert pytest.approx(paper, abs=1e-4) == EDGE_TIME
 
 
+def test_a_simulated_edge_is_the_straight_connection_without_overshoot():
+    """So the test of the straight connection is that of the simulation."""
+    a, b = drawn(arm().limits, 1, 0.5)
+
+    def rates(t, x):
+        q, qd = np.split(x, 2)
+        return np.concatenate([qd, BANDWIDTH**2 * (b[0] - q) - 2 * BANDWIDTH * qd])
+
+    start = np.concatenate([a[0], 0 * a[0]])
+    q = solve_ivp(rates, (0, 2 * EDGE_TIME), start, rtol=1e-10, atol=1e-12, max_step=1e-3).y[:3].T
+    shares = (q - a[0]) / (b[0] - a[0])
+    np.testing.assert_allclose(shares, np.repeat(shares[:, :1], 3, axis=1), atol=1e-8)
+    assert np.diff(shares[:, 0]).min() > -1e-12
+    assert shares.max() <= 1 + 1e-12
+
+
 def test_the_integral_is_that_of_a_motion_that_scipy_integrates():
     mechanism = arm()
     model = space_of(mechanism)._model
