@@ -125,7 +125,7 @@ def test_a_simulated_edge_is_the_straight_connection_without_overshoot():
 def test_the_integral_is_that_of_a_motion_that_scipy_integrates():
     mechanism = arm()
     model = space_of(mechanism)._model
-    a, b = drawn(mechanism.limits, 12, 0.5)
+    a, b = drawn(mechanism.limits, 5, 0.5)
     found = squared_acceleration(mechanism)(a, b)
     expected = [squares(integrated(model, *ends), STEP) for ends in zip(a, b, strict=True)]
     np.testing.assert_allclose(found, expected, rtol=0.01)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from functools import cache
 
 import pytest
 
@@ -17,6 +18,13 @@ ABSENT = {
 }
 
 
+@cache
+def commands():
+    """Return the commands that the tests of the pages run."""
+    return {step.text for step in all_steps() if step.kind == "command"}
+
+
+@cache
 def rows():
     """Return (number, feature, command or test, comparison) of each row of the page."""
     found = []
@@ -47,7 +55,7 @@ def test_what_a_row_names_is_there(number, feature, what, compared):
     if what in ABSENT:
         return
     if what.startswith("twin "):
-        assert what in {step.text for step in all_steps() if step.kind == "command"}
+        assert what in commands()
         return
     path, _, function = what.removeprefix("python ").partition("::")
     file = ROOT / path
