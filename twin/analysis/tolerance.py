@@ -8,14 +8,16 @@ the implicit equations. A Monte Carlo simulation with compiled Newton steps chec
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
 from twin.analysis.declared_limits import beyond_limits
+from twin.analysis.tightening import COST, Tightening, least_cost
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.codegen import Kernel, Stage
@@ -319,6 +321,7 @@ class ToleranceBudget(Result):
         requirement: provenance and note of the requirement.
         beyond: findings on limits that the states exceed.
         device: what has computed the Monte Carlo check, see `ComputeDevice.name`.
+        angular: whether the coordinate of an active joint is an angle, by name of the joint.
     """
 
     robot: str
@@ -328,6 +331,7 @@ class ToleranceBudget(Result):
     requirement: str = ""
     beyond: tuple[Finding, ...] = ()
     device: str = PROCESSOR
+    angular: Mapping[str, bool] = field(default_factory=dict)
 
     kind = "tolerance"
 
@@ -341,6 +345,22 @@ class ToleranceBudget(Result):
         """Required position error divided by computed position error in the worst state; a value below 1 fails."""
         return None if self.required is None else self.required / self.worst.within[0]
 
+    @cached_property
+    def tightening(self) -> Tightening | None:
+        """What to tighten so that the worst state meets the requirement at least cost; None if it is met, or none."""
+        if self.required is None or self.factor is None or self.factor >= 1:
+            return None
+        worst = self.worst
+        names = tuple(dict.fromkeys(worst.labels))
+        labels = np.array(worst.labels)
+        states = sorted(self.budgets, key=lambda budget: -budget.within[0])
+        covariances = np.zeros((len(states), len(names), 3, 3))
+        for i, budget in enumerate(states):
+            for k, name in enumerate(names):
+                S = budget.sensitivity[:3, labels == name] * budget.sigma[labels == name]
+                covariances[i, k] = S @ S.T
+        return least_cost(names, covariances, self.required, _quantile)
+
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings on states beyond limits, and on a requirement that is not met."""
@@ -352,11 +372,16 @@ class ToleranceBudget(Result):
             f"{100 * SHARE:g}th-percentile position error",
             um(self.worst.within[0]),
             um(self.required),
-            f"reduce all errors by a factor of {1 / self.factor:.3g}",
+            self._what_to_tighten(),
             when=self.worst.name,
             word="required",
         )
         return (*self.beyond, missed)
+
+    def _what_to_tighten(self) -> str:
+        if self.tightening is None:
+            return ""
+        return self.tightening.sentence
 
     @property
     def verdict(self) -> Verdict:
@@ -374,6 +399,24 @@ class ToleranceBudget(Result):
         """Exit code: 1 if a requirement is not met, else 0."""
         return 1 if self.verdict == "disagree" else 0
 
+    @property
+    def key_figures(self) -> tuple[tuple[str, str, str], ...]:
+        """Error of the worst state, what is required, and the cost of the cheapest tightening."""
+        worst = self.worst
+        figures = [("Tool error, 95 %", f"{worst.within[0] / UM:.4g} µm", f"in the state {worst.name}")]
+        if self.required is not None:
+            figures.append(("Required", f"{self.required / UM:g} µm", self.requirement.partition(":")[0]))
+        name, share, _ = worst.contributors[0]
+        figures.append(("Largest contributor", name, f"{100 * share:.0f} % of the variance"))
+        if self.tightening is not None:
+            parts = len(self.tightening.factors)
+            figures.append(
+                ("To tighten", f"{parts} of {len(worst.contributors)}", "joints and encoders, see the table")
+            )
+            remark = f"{self.tightening.uniform_cost:.3g} if all alike"
+            figures.append(("Cost of a part", f"{self.tightening.cost:.3g} × now", remark))
+        return tuple(figures)
+
     def content(self) -> JsonObject:
         """Return all budgets as plain data; keys of values that are not in SI units end with the unit."""
         spread = self.spread
@@ -389,6 +432,7 @@ class ToleranceBudget(Result):
             "required_um": None if self.required is None else self.required / UM,
             "requirement": self.requirement,
             "factor": self.factor,
+            "tightening": None if self.tightening is None else asdict(self.tightening),
             "worst": self.worst.name,
             "device": self.device,
             "states": [as_dict(budget) for budget in self.budgets],
@@ -417,14 +461,43 @@ class ToleranceBudget(Result):
         if self.required is not None and self.factor is not None:
             result = "met"
             if self.factor < 1:
-                result = f"NOT met: reduce all errors by a factor of {1 / self.factor:.3g}"
+                result = f"NOT met: {self._what_to_tighten()}"
             yield f"  required: {self.required / UM:g} µm, {result}"
             if self.requirement:
                 yield f"    {self.requirement}"
+            yield from self._tightening_text()
         if not self.beyond:
             yield "  limits of joints, motors and gaps: kept in all states; collisions are not checked"
         yield ""
         yield from self.beyond
+
+    def _tightening_text(self) -> Iterator[Part]:
+        """Yield what to tighten, by how much, and what it costs; nothing if the requirement is met."""
+        found = self.tightening
+        if found is None or self.factor is None or self.required is None:
+            return
+        share = self.worst.contributors[0][1]
+        yield ""
+        yield f"  what to tighten, so that every state keeps {self.required / UM:g} µm"
+        yield ""
+        rows = []
+        spread = self.spread
+        for name, factor in found.factors:
+            if name.startswith("encoder "):
+                joint = self.angular.get(name.removeprefix("encoder "), False)
+                size = f"{factor * spread.angle / DEG:.2g}°" if joint else f"{factor * spread.slide / UM:.2g} µm"
+            else:
+                size = f"{factor * spread.shift / UM:.2g} µm and {factor * spread.turn / DEG:.2g}°"
+            rows.append((name, f"{100 * factor:.2g} %", size))
+        yield TextTable(("joint or encoder", "of the present errors", "standard deviations"), rows, fit=True)
+        yield ""
+        yield (
+            f"  mean cost of a part: {found.cost:.3g} times the present one, instead of {found.uniform_cost:.3g} times "
+            f"if all errors are reduced by the factor {1 / self.factor:.3g}"
+        )
+        yield f"  {COST}"
+        if share < 0.2:
+            yield f"  no single part is to blame: the largest contributes {100 * share:.0f} % of the variance"
 
 
 def _row(budget: ErrorBudget) -> tuple[str, ...]:
@@ -497,7 +570,8 @@ def tolerance(
             requirement = f"{stated.provenance}: {stated.note}"
     beyond = tuple(beyond_limits(robot, tolerances.solver, states))
     device = compute_device.current().name
-    return ToleranceBudget(robot.name, spread, tuple(budgets), required, requirement, beyond, device)
+    angular = {joint.name: joint.is_angle for joint in robot.mechanism.active}
+    return ToleranceBudget(robot.name, spread, tuple(budgets), required, requirement, beyond, device, angular)
 
 
 def _states(robot: Robot, protocol: str | None, progress: Progress) -> list[tuple[str, Array]]:

@@ -277,6 +277,25 @@ class Workspace(Result):
         sizes[measure.key("every_orientation")] = float(cell * (share == 1).sum())
         return sizes
 
+    @property
+    def key_figures(self) -> tuple[tuple[str, str, str], ...]:
+        """Size with its error, best position, conditioning, and what is not checked."""
+        content = self.content()
+        figures: list[tuple[str, str, str]] = []
+        measure = self.measure
+        if measure is not None:
+            error = float(f"{content[measure.key('error')]:.1g}")
+            size = f"{content[measure.key()]:.4g} {measure.symbol}"
+            figures.append(("Reached by the tool", size, f"± {error:g} {measure.symbol} by counting cells"))
+        if content["best_position_mm"] is not None:
+            position = ", ".join(f"{x:.0f}" for x in content["best_position_mm"])
+            figures.append(("Best position x, y, z", f"{position} mm", "largest inverse condition number"))
+        conditioning = content["global_conditioning_index"]
+        if conditioning is not None:
+            figures.append(("Inverse condition, mean", f"{conditioning:.3f}", "0 singular, 1 isotropic"))
+        figures.append(("Not checked", "collisions", "and what the list below names"))
+        return tuple(figures)
+
     def text(self) -> Iterator[Part]:
         """Yield the size, condition numbers, margins and the best position."""
         content = self.content()

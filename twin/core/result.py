@@ -74,6 +74,11 @@ class Result(ABC):
         return ""
 
     @property
+    def key_figures(self) -> tuple[tuple[str, str, str], ...]:
+        """(Name, value, remark) of the numbers with which the page begins; () for none."""
+        return ()
+
+    @property
     def exit_code(self) -> int:
         """Exit code of the command line: 0 agree, 1 disagree, 2 could not check."""
         return EXIT_CODES[self.verdict]
