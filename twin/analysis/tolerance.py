@@ -472,7 +472,7 @@ class ToleranceBudget(Result):
         yield from self.beyond
 
     def _tightening_text(self) -> Iterator[Part]:
-        """Yield what to tighten, by how much, and what it costs; nothing if the requirement is met."""
+        """Yield what to tighten, by how much, and the cost; nothing if the requirement is met."""
         found = self.tightening
         if found is None or self.factor is None or self.required is None:
             return
