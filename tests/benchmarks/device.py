@@ -26,7 +26,6 @@ from unity import mono
 
 BAR_US = 500.0
 CALLS = ("move", "inverse", "check", "grab")
-ROBOTS = ["sils", "sher", "pa10", "davinci_psm", "davinci_psm_si", "davinci_ecm", "raven_left"]
 
 
 def times(name: str, folder: Path, repeat: int) -> list[float]:
@@ -54,7 +53,7 @@ def times(name: str, folder: Path, repeat: int) -> list[float]:
 def main() -> int:
     """Print a row for each robot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("robots", nargs="*", default=ROBOTS)
+    parser.add_argument("robots", nargs="*", default=twin.names())
     parser.add_argument("--repeat", type=int, default=400)
     options = parser.parse_args()
     print(f"{'µs a call':16s}" + "".join(f"{call:>10s}" for call in CALLS))

@@ -23,8 +23,7 @@ from unity import mono
 
 pytestmark = pytest.mark.witness
 
-MORE = ["hibou", "lapbot"]
-ROBOTS = [name for name in twin.names() if name not in MORE]
+ROBOTS = twin.names()
 CLOSE = 1e-9  # m, and of entries of rotations
 RUNTIME = mono.PACKAGE / "Runtime"
 
@@ -67,7 +66,7 @@ class Program:
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
-    return Program(tmp_path_factory.mktemp("device"), [*ROBOTS, *MORE])
+    return Program(tmp_path_factory.mktemp("device"), ROBOTS)
 
 
 def text(command: str, *numbers) -> str:
@@ -95,7 +94,7 @@ def states(robot, count: int = 48):
     return run.q, links, links[frame.body] @ frame.T_body_frame
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, *MORE])
+@pytest.mark.parametrize("name", ROBOTS)
 def test_links_and_inverse_are_those_of_the_reference_model(program, name):
     robot = loaded(name)
     q, links, tools = states(robot)
