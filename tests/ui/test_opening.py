@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import twin
+from twin.cad import description
 from twin.core import spatial
+from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.robots import names
 from twin.ui.session.desk import START, Desk
@@ -19,6 +23,7 @@ LESS = {"raven_left": 35.0, "raven_right": 35.0, "sher": 30.0}
 search leaves 37 mm. The insertion of the Raven is near an end at its home."""
 
 STEP = 5 * MM
+SILS = Path(__file__).parents[2] / "cad/sils/sils.toml"
 
 
 def travel(desk, direction, most):
@@ -90,3 +95,20 @@ def test_the_last_drag_is_undone():
     assert desk.undo().good
     assert np.abs(desk.assembly.q - q).max() < 1e-12
     assert "nothing to undo" in desk.undo().reason
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("q6_mm = 518.5\n", "", "active joint 'q6' is missing; write q6_mm"),
+        ("q6_mm = 518.5\n", "q6_deg = 5\n", "joint 'q6' is prismatic; write q6_mm"),
+        ("q6_mm = 518.5\n", "q7_mm = 5\n", "active joint 'q7'"),
+    ],
+)
+def test_a_wrong_start_names_what_to_write(tmp_path, old, new, message):
+    (tmp_path / "cad").mkdir()
+    text = SILS.read_text("utf-8")
+    assert old in text
+    (tmp_path / "cad/sils.toml").write_text(text.replace(old, new, 1), "utf-8")
+    with pytest.raises(TwinError, match=message):
+        description.load(tmp_path / "cad/sils.toml")

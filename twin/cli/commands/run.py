@@ -36,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
     if (file := assets.scene_file(args.robot)) is not None:
         if args.timing is not None:
             raise TwinError(f"--timing {args.timing}: {args.robot} is a scene; put the key timing into its protocols")
+        if args.open:
+            raise TwinError(f"--open shows the report of a robot, and {args.robot} is a scene: omit --open")
         return scene.run(file, args)
     robot = api.load(args.robot).with_timing(args.timing)
     root = Path(args.out) if args.out else Path("twin-out") / robot.name

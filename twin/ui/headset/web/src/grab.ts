@@ -140,6 +140,7 @@ export class Grab {
     this.held = held;
     this.hovered = null;
     model.holding = true;
+    model.stopped = '';
     member.place.add(this.ghostHand, this.thread, this.wall, this.label.sprite);
     const fields =
       target === 'tool'

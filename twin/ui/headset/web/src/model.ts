@@ -20,7 +20,7 @@ export interface Status {
 const SAID_FOR = 6000; // ms for which a message is shown
 
 /** Messages for one robot; in a scene of several robots, they contain its name. */
-const OF_ROBOT = new Set(['protocol', 'posture', 'grab', 'drag', 'release', 'variant', 'distance', 'workspace']);
+const OF_ROBOT = new Set(['protocol', 'posture', 'undo', 'grab', 'drag', 'release', 'variant', 'distance', 'workspace']);
 
 /** Data of one robot. */
 export class RobotModel {
@@ -31,6 +31,8 @@ export class RobotModel {
   holding = false;
   /** Time in ms of the last refused request for this robot. */
   refusedAt = -Infinity;
+  /** Why the last drag of this page stopped; it is shown until the next grab or until the protocol plays. */
+  stopped = '';
 
   constructor(readonly page: Model) {}
 
@@ -174,6 +176,8 @@ export class Model {
         const own = robots?.find((r) => r.name === robot.info?.name);
         // All robots have the clock's time; a robot whose protocol has ended is at rest.
         robot.state = { ...robot.state, ...own, ...shared };
+        if (robot.holding && robot.state.reason) robot.stopped = robot.state.reason;
+        if (robot.state.playing) robot.stopped = '';
       }
     } else if (message.type === 'error') this.say(message.message);
     // The round-trip time is measured every two seconds; this needs no new picture.
@@ -231,6 +235,7 @@ export class Model {
         tone: 'plain',
         text: this.several ? `Planning: ${waits.map((r) => r.info?.name).join(', ')} …` : 'Planning the protocol …',
       };
+    if (this.robot.stopped) return { tone: 'warn', text: `The last drag stopped: ${this.robot.stopped}` };
     if (s.playing && s.phase) return { tone: 'plain', text: `Playing: ${s.phase}` };
     return { tone: 'plain', text: 'Ready.' };
   }
