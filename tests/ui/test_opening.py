@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.cad import description
+from twin.cad import description, references
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
@@ -109,6 +109,7 @@ def test_a_wrong_start_names_what_to_write(tmp_path, old, new, message):
     (tmp_path / "cad").mkdir()
     text = SILS.read_text("utf-8")
     assert old in text
-    (tmp_path / "cad/sils.toml").write_text(text.replace(old, new, 1), "utf-8")
+    path = tmp_path / "cad/sils.toml"
+    path.write_text(text.replace(old, new, 1), "utf-8")
     with pytest.raises(TwinError, match=message):
-        description.load(tmp_path / "cad/sils.toml")
+        references.check(path, description.load(path))
