@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import socket
+import subprocess
 
 import pytest
 
@@ -131,3 +133,27 @@ def test_what_is_no_result_is_refused(text, message, tmp_path):
         diff(good, bad)
     with pytest.raises(TwinError, match="does not exist"):
         diff(good, tmp_path / "gone.json")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [("twin val", "validate"), ("twin view si", "sils"), ("twin export --t", "--to"), ("twin info vs", "vsrs")],
+)
+def test_bash_completes_commands_robots_and_options(typed, offered, capsys, tmp_path):
+    assert main(["completion", "bash"]) == 0
+    script = tmp_path / "twin.bash"
+    script.write_text(capsys.readouterr().out)
+    words = typed.split()
+    ask = f"source {script}; COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _twin; echo ${{COMPREPLY[@]}}"
+    done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert offered in done.stdout.split(), done.stderr
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_other_shells_get_every_command(shell, capsys):
+    assert main(["completion", shell]) == 0
+    said = capsys.readouterr().out
+    for command in HELP:
+        assert command in said
+    assert "--to" in said or "-l to" in said

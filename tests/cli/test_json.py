@@ -30,6 +30,7 @@ DONE = {
     "info of motion": ("motion", ["info", "raven_left", "--motion"]),
     "doctor": ("doctor", ["doctor"]),
     "open": ("open", ["open", "{page}"]),
+    "completion": ("completion", ["completion", "bash"]),
     "diff": ("diff", ["diff", "{json}", "{json}"]),
     "build": ("build", ["build", "hibou", "--out", "stage"]),
     "build that is not current": ("build", ["build", "hibou", "--check", "--out", "nowhere"]),
@@ -135,7 +136,7 @@ def test_a_missing_package_is_a_finding(printed, monkeypatch):
 def test_every_kind_of_result_is_in_the_schema():
     """Also those that take too long here: several reports, sessions, procedures, trends, scenes."""
     known = set(SCHEMA["properties"]["schema"]["enum"])
-    kinds = {"build", "doctor", "error", "machine", "open", "reports"}
+    kinds = {"build", "completion", "doctor", "error", "machine", "open", "reports"}
     for file in (ROOT / "twin").rglob("*.py"):
         text = file.read_text(encoding="utf-8")
         for body in re.split(r"^class \w+\(Result\):$", text, flags=re.MULTILINE)[1:]:

@@ -12,7 +12,7 @@ from made.pages import ACTIVATE, PAGES, ROOT, TUTORIALS, NewUser, all_steps, fig
 HEXAPOD = ROOT / "docs/examples/hexapod"
 
 NIGHTLY = {
-    "README.md Python": "twin validate sils --variant eq1=printed",
+    "api.md Python": "tests/api/test_without_equations.py; twin validate sils --variant eq1=printed",
     "twin audit twin-out/sils/export/ --robot sils": "tests/exchange/test_audit_bundle.py",
     "twin audit twin-out/sils/export/": "tests/exchange/test_audit_bundle.py",
     "twin build my_robot/": "twin build my_hexapod",

@@ -20,8 +20,8 @@ def workflow(request):
     return text, yaml.safe_load(text)
 
 
-def test_there_are_two_lanes():
-    assert {p.stem for p in WORKFLOWS} == {"commit", "nightly"}
+def test_there_are_two_lanes_and_a_release():
+    assert {p.stem for p in WORKFLOWS} == {"commit", "nightly", "publish"}
 
 
 def test_actions_are_pinned_to_commits(workflow):
@@ -34,7 +34,9 @@ def test_actions_are_pinned_to_commits(workflow):
 def test_workflow_reads_only_and_every_job_ends(workflow):
     assert workflow[1]["permissions"] == {"contents": "read"}
     for name, job in workflow[1]["jobs"].items():
-        assert "permissions" not in job, name
+        # PyPI gives a token to who proves by an identity token to be this workflow
+        allowed = {"contents": "read", "id-token": "write"} if name == "publish" else None
+        assert job.get("permissions") == allowed, name
         assert job["timeout-minutes"] <= 90, name
 
 

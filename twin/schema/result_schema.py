@@ -14,6 +14,7 @@ Kind = Literal[
     "twin/build/1",
     "twin/check/1",
     "twin/compare/1",
+    "twin/completion/1",
     "twin/console/1",
     "twin/diff/1",
     "twin/doctor/1",

@@ -43,11 +43,12 @@ HELP = {
     "diff": "compare two results in JSON: both verdicts, and the findings and residuals that differ",
     "open": "open the last report in the browser",
     "doctor": "check the installation: packages, programs, ports, graphics; ends with one verdict",
+    "completion": "print a script with which bash, zsh or fish completes commands, robots and options",
 }
 """What each command does."""
 
 GROUPS = {
-    "start": ("list", "info", "new", "run", "open", "doctor"),
+    "start": ("list", "info", "new", "run", "open", "doctor", "completion"),
     "judge equations": ("validate", "explain", "prove", "selftest", "diff"),
     "compare and check files": ("compare", "check", "audit"),
     "see and move": ("view", "serve"),

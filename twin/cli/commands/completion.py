@@ -1,0 +1,95 @@
+"""`twin completion`: print a script with which a shell completes commands, robots and options."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+
+from twin.cli.parser import Command
+
+EXAMPLES = """\
+  twin completion bash > ~/.local/share/bash-completion/completions/twin
+  twin completion zsh > ~/.zfunc/_twin           with fpath+=~/.zfunc before compinit in ~/.zshrc
+  twin completion fish > ~/.config/fish/completions/twin.fish"""
+
+SHELLS = ("bash", "zsh", "fish")
+
+_BASH = """\
+_twin() {{
+    local word=${{COMP_WORDS[COMP_CWORD]}} words
+    if [ "$COMP_CWORD" -eq 1 ]; then
+        words="{commands}"
+    else
+        case "${{COMP_WORDS[1]}}" in
+{options}
+        esac
+        case "$word" in
+            -*) ;;
+            *) words="{robots}" ;;
+        esac
+    fi
+    COMPREPLY=( $(compgen -W "$words" -- "$word") )
+    [ "$COMP_CWORD" -gt 1 ] && case "$word" in -*) ;; *) COMPREPLY+=( $(compgen -f -- "$word") ) ;; esac
+}}
+complete -o filenames -F _twin twin
+"""
+
+
+def arguments(command: Command) -> None:
+    """Add the arguments of `twin completion`."""
+    command.add_argument("shell", choices=SHELLS, help="the shell")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the script of a shell."""
+    from twin.cli import show
+    from twin.cli.commands import HELP
+    from twin.core import assets
+
+    known = [*assets.names(), *assets.scenes()]
+    options = {name: _options(name) for name in HELP}
+    if args.shell == "fish":
+        script = _fish(HELP, options, known)
+    else:
+        script = _bash(list(HELP), options, known)
+        if args.shell == "zsh":
+            script = f"#compdef twin\nautoload -U +X bashcompinit && bashcompinit\n{script}"
+    if args.json:
+        print(show.as_json(show.record("completion", {"shell": args.shell, "script": script})))
+    else:
+        print(script, end="")
+    return 0
+
+
+def _options(name: str) -> list[str]:
+    """Return the options of a command, without their short forms."""
+    from twin.cli.parser import parser
+
+    commands = next(action.choices for action in parser()._actions if isinstance(action.choices, dict))
+    chosen = commands[name]
+    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+        chosen.parse_known_args(["--help"])  # adds the arguments of the command
+    found: list[str] = []
+    for action in chosen._actions:
+        found += [option for option in action.option_strings if option.startswith("--")]
+    return found
+
+
+def _bash(commands: list[str], options: dict[str, list[str]], robots: list[str]) -> str:
+    cases = []
+    for name, names in options.items():
+        cases.append(f'            {name}) words="{" ".join(names)}" ;;')
+    lines = "\n".join(cases)
+    return _BASH.format(commands=" ".join(commands), options=lines, robots=" ".join(robots))
+
+
+def _fish(texts: dict[str, str], options: dict[str, list[str]], robots: list[str]) -> str:
+    lines = []
+    for name, text in texts.items():
+        quoted = text.replace("'", "\\'")
+        lines.append(f"complete -c twin -n __fish_use_subcommand -a {name} -d '{quoted}'")
+        seen = f"'__fish_seen_subcommand_from {name}'"
+        lines.append(f"complete -c twin -n {seen} -a '{' '.join(robots)}'")
+        lines += [f"complete -c twin -n {seen} -l {option.removeprefix('--')}" for option in options[name]]
+    return "\n".join(lines) + "\n"
