@@ -38,6 +38,10 @@ _MOST_TRIED = 2500
 """Maximum number of expressions that are evaluated for one statement."""
 
 
+_OF_VECTORS = {"norm_2", "sumsqr", "dot", "cross", "vertcat"}
+"""Functions of vectors: an expression with one is no formula of scalars."""
+
+
 @dataclass(frozen=True)
 class _Template:
     """An expression of the file: its text, its code, and the names that may be replaced."""
@@ -226,11 +230,13 @@ def _assigned_once(function: ast.FunctionDef) -> dict[str, ast.expr]:
 
 def _own_names(node: ast.expr) -> tuple[str, ...]:
     """Return the names of an expression that may stand for values, in the order of the text; () if it is no formula."""
-    called = set()
+    called: set[str] = set()
     for n in ast.walk(node):
         if isinstance(n, ast.GeneratorExp | ast.ListComp | ast.Lambda | ast.Starred | ast.Attribute):
             return ()
         if isinstance(n, ast.Call) and isinstance(n.func, ast.Name):
             called.add(n.func.id)
+    if called & _OF_VECTORS:
+        return ()
     names = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and n.id not in called and n.id != "pi"]
     return tuple(dict.fromkeys(names))

@@ -331,6 +331,10 @@ def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
                     yield w.between(end, end, f" {sign} {name}", "missing", w.need(name))
         elif _is_inner_sum(w, node) and _has_square(node):
             yield from _roots(w, node)
+        elif isinstance(node, ast.Name) and _is_multiplied(w, node):
+            for name in sorted(w.pool.names - {node.id}):
+                for sign in "+-":
+                    yield w.replace(node, f"({node.id} {sign} {name})", "missing", w.need(name))
 
 
 def _squares(w: _Writer, node: ast.expr) -> Iterator[Edit]:
@@ -351,6 +355,12 @@ def _roots(w: _Writer, node: ast.expr) -> Iterator[Edit]:
 
 def _has_square(node: ast.AST) -> bool:
     return any(isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) for n in ast.walk(node))
+
+
+def _is_multiplied(w: _Writer, node: ast.AST) -> bool:
+    """Return whether a node is what a matrix is multiplied by."""
+    parent = w.parent(node)
+    return isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.MatMult) and parent.right is node
 
 
 def _is_inner_sum(w: _Writer, node: ast.AST) -> bool:

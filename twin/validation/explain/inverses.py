@@ -23,16 +23,18 @@ def inverse(node: ast.expr, child: ast.expr, wanted: Array, values: Values) -> A
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             return -wanted
         if isinstance(node, ast.Call):
-            return _of_call(node, child, wanted)
+            return _of_call(node, child, wanted, values)
         if isinstance(node, ast.BinOp):
             return _of_operation(node, child, wanted, values)
     return None
 
 
-def _of_call(node: ast.Call, child: ast.expr, wanted: Array) -> Array | None:
+def _of_call(node: ast.Call, child: ast.expr, wanted: Array, values: Values) -> Array | None:
+    name = ast.unparse(node.func).rpartition(".")[2]
+    if name in ("atan2", "arctan2") and len(node.args) == 2 and child in node.args:
+        return _of_direction(node, child, wanted, values)
     if len(node.args) != 1 or node.args[0] is not child:
         return None
-    name = ast.unparse(node.func).removeprefix("np.")
     if name == "sqrt":
         return np.where(wanted >= 0, wanted**2, np.nan)
     if name in ("acos", "arccos"):
@@ -40,6 +42,18 @@ def _of_call(node: ast.Call, child: ast.expr, wanted: Array) -> Array | None:
     if name in ("asin", "arcsin"):
         return np.sin(wanted)
     return None
+
+
+def _of_direction(node: ast.Call, child: ast.expr, wanted: Array, values: Values) -> Array | None:
+    """Return the values of one argument of atan2; the other one determines the length of the vector, with its sign."""
+    is_first = child is node.args[0]
+    other = values(node.args[1 if is_first else 0])
+    if other is None:
+        return None
+    along, across = np.cos(wanted), np.sin(wanted)
+    if not is_first:
+        along, across = across, along
+    return np.where(other * along > 0, other * across / along, np.nan)
 
 
 def _of_operation(node: ast.BinOp, child: ast.expr, wanted: Array, values: Values) -> Array | None:

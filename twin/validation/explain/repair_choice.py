@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -144,7 +145,10 @@ class RepairChoice:
 
         That is also so if it is not known.
         """
-        after = self.states.after(_first_edits(found))
+        change = _first_edits(found)
+        if _touching(change):
+            return False
+        after = self.states.after(change)
         if after is None:
             return True
         rows = {row for f in found for row in f.rows}
@@ -157,3 +161,12 @@ def _first_edits(found: Sequence[Found]) -> list[Edit]:
     for f in found:
         out += f.cures[0][0].edits
     return out
+
+
+def _touching(change: Sequence[Edit]) -> bool:
+    """Return whether two different edits replace the same text, so that one cannot be made after the other."""
+    ordered = sorted(dict.fromkeys(change), key=lambda edit: (str(edit.path), edit.start, edit.end))
+    touching = False
+    for edit, following in pairwise(ordered):
+        touching |= edit.path == following.path and following.start < edit.end
+    return touching

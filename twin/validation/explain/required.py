@@ -47,6 +47,9 @@ _LONGEST = 100
 _MOST_CALLS = 6
 """Maximum number of calls of an expression in which it may have different values."""
 
+_MOST_EITHER = 6
+"""Maximum number of terms, and of factors, that give a square its required value by either root at each pose."""
+
 _MOST_EDITS = 40
 """Maximum number of edits of one expression."""
 
@@ -422,7 +425,7 @@ def in_square(
             with np.errstate(all="ignore"):
                 added = products.either(first[known] - own[known], second[known] - own[known])
                 ratios = products.either(first[known] / own[known], second[known] / own[known])
-            for values in (*(own[known] + added), *(own[known] * ratios)):
+            for values in (*(own[known] + added[:_MOST_EITHER]), *(own[known] * ratios[:_MOST_EITHER])):
                 inner = Flat(len(own), shift.scopes)
                 inner.known = known
                 inner.value = own[:, None]

@@ -41,6 +41,8 @@ SINGULAR = 1e-9
 class Shift:
     """A function that returns its first argument plus `shift`, and stores this argument and the scope.
 
+    Where the argument has no value, such as a root of a negative number, it counts as zero: the shift is the value.
+
     `known` (k,): the poses at which the row has a value. Values and shifts are (k, entries); `entries` is 0 for a
     scalar, which is stored as one entry. `differs` (k,): where the calls since `begin` had different arguments;
     `several`: whether there was more than one call; `count`: their number.
