@@ -18,7 +18,7 @@ from twin.validation.explain.inverses import inverse
 from twin.validation.explain.required import in_square, is_square, scalar_atoms, written
 from twin.validation.explain.shifts import Flat
 from twin.validation.explain.source import Edit
-from twin.validation.explain.term_texts import Atom, Products, factors, terms
+from twin.validation.explain.term_texts import Atom, Products, factors, in_product, terms
 
 _MOST_TEXTS = 12
 """Maximum number of texts for the required values of one part."""
@@ -46,7 +46,6 @@ def _around(
         if expression.deadline.passed:
             return
         start, end = expression.span_of(part)
-        # An edit at the end where the term is put would touch it.
         inside = np.array([i for i, e in enumerate(singles) if start <= e.start and e.end <= end], dtype=np.intp)
         needed = expression.needed(part, (), wanted) if len(inside) else None
         if needed is None:
@@ -59,6 +58,8 @@ def _around(
                 for sign, text in terms(added[n], atoms):
                     if first.end < end:
                         yield first, _inserted(expression, end, f" {sign} {text}")
+                    elif start < first.start:  # an insertion at the end would touch the edit
+                        yield first, _inserted(expression, start, f"{sign.strip('+')}{text} + ")
         if _takes_factor(expression, part):
             with np.errstate(all="ignore"):
                 ratio = needed[k] / values
@@ -66,7 +67,9 @@ def _around(
                 first = singles[inside[n]]
                 for text in factors(ratio[n], atoms):
                     if start < first.start:
-                        yield first, _inserted(expression, start, f"{text} * ")
+                        yield first, _inserted(expression, start, f"{in_product(text)} * ")
+                    elif first.end < end:
+                        yield first, _inserted(expression, end, f" * {in_product(text)}")
 
 
 def _beside(
