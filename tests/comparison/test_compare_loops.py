@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from pxr import Usd
 
 import twin
 from made.lanes import robots
@@ -24,6 +25,7 @@ from twin.core import assets
 from twin.core.spatial import Array
 from twin.exchange.formats.mjcf.write import write_mjcf
 from twin.exchange.formats.urdf.write import write_urdf
+from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 
@@ -225,6 +227,44 @@ def test_a_loop_anchor_that_differs_is_located(tmp_path: Path) -> None:
     pair = compare_pair(from_mechanism(mechanism, "drawn"), side_of(file), TOLERANCE)
     assert pair.kinematics == "disagree"
     assert anchor.get("name", "").removesuffix("_0") in located(pair)
+
+
+def test_the_edit_of_a_loop_anchor_is_named_with_its_line(tmp_path: Path) -> None:
+    right = write_mjcf(four_bar(), tmp_path)
+    anchor = _connect(ET.parse(right).getroot()).get("anchor", "")
+    wrong = tmp_path / "wrong.xml"
+    moved = " ".join(repr(float(value)) for value in shifted(anchor))
+    text = right.read_text(encoding="utf-8")
+    wrong.write_text(text.replace(f'anchor="{anchor}"', f'anchor="{moved}"', 1), encoding="utf-8")
+    line = text[: text.index(f'anchor="{anchor}"')].count("\n") + 1
+    (item,) = twin.compare(right, wrong).pairs[0].differences
+    told = {edit.side: (edit.line, edit.what, numbers_of(edit.new)) for edit in item.edits}
+    what = "equality connect 'closing_0' anchor"
+    assert told["wrong.xml"] == (line, what, pytest.approx(numbers_of(anchor)))
+    assert told[right.name] == (line, what, pytest.approx(numbers_of(moved)))
+
+
+def numbers_of(text: str) -> list[float]:
+    return [float(number) for number in text.split()]
+
+
+@pytest.mark.parametrize("place", ["localPos0", pytest.param("localPos1", marks=pytest.mark.slow)])
+def test_the_edit_of_a_joint_frame_that_opens_a_loop_is_named_with_its_line(place: str, tmp_path: Path) -> None:
+    (root,) = [file for file in write_usd(four_bar(), (), tmp_path) if file.name == "bars.usda"]
+    right = tmp_path / "right.usda"
+    Usd.Stage.Open(str(root)).Flatten().Export(str(right))
+    text = right.read_text(encoding="utf-8")
+    start = text.index(f"physics:{place} = (", text.index('Joint "closing"')) + len(f"physics:{place} = (")
+    end = text.index(")", start)
+    old = text[start:end].replace(",", "")
+    moved = ", ".join(repr(float(value)) for value in shifted(old))
+    wrong = tmp_path / "wrong.usda"
+    wrong.write_text(text[:start] + moved + text[end:], encoding="utf-8")
+    (item,) = twin.compare(right, wrong).pairs[0].differences
+    (edit,) = item.edits
+    assert (edit.side, edit.line) == ("wrong.usda", text[:start].count("\n") + 1)
+    assert edit.what.endswith(f"closing>.physics:{place}")
+    assert numbers_of(edit.new) == pytest.approx(numbers_of(old))
 
 
 # -- every robot in every format ----------------------------------------------------------------------

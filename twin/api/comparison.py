@@ -162,9 +162,10 @@ def _side(
         return _table_side(path, label, only, table)
     if path.suffix.lower() in STAGE_SUFFIXES and path.is_file():
         side = replace(_robot_side(load(given), label, only), path=path)
+        reread = _reread_stage(path, label, only, mirrors)
         if side.looped:  # the stage has other names and another order than the compared tree
-            return side
-        return replace(side, reread=_reread_stage(path, label, only, mirrors))
+            return replace(side, reread_closed=reread)
+        return replace(side, reread=reread)
     if str(given) in names() or path.is_dir() or path.suffix.lower() in STAGE_SUFFIXES:
         return _robot_side(load(given), label, only)
     from twin.exchange.xacro import SUFFIX, XacroSettings, expand, is_xacro
@@ -179,9 +180,11 @@ def _side(
         places = expanded.places
         given_to_reader = settings
     side = _file_side(path, label, only, given_to_reader, table)
+    side = replace(side, text=text, places=places)
+    reread = _reread(path, label, only, table, mirrors, text)
     if side.looped:  # to close the loops again for each number would take minutes
-        return replace(side, text=text, places=places)
-    return replace(side, text=text, places=places, reread=_reread(path, label, only, table, mirrors, text))
+        return replace(side, reread_closed=reread)
+    return replace(side, reread=reread)
 
 
 def _file_side(

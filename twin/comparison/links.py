@@ -54,7 +54,7 @@ class JointPlace:
     turn: Array
 
 
-class _Links:
+class LinkMotions:
     """The motions of the links of the first side onto those of the second."""
 
     def __init__(self, problem: Problem) -> None:
@@ -203,7 +203,7 @@ def posed(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
     The bodies of the first side stay where its base is. The spin of a bar between two balls is not known: neither side
     then has the inertia of the bar.
     """
-    links = _Links(problem)
+    links = LinkMotions(problem)
     T = links.together()
     if not links.fit(T, links.blocks):
         return None
@@ -275,7 +275,7 @@ def _same(problem: Problem, place: JointPlace) -> bool:
 
 
 def _explanations(problem: Problem) -> list[tuple[JointPlace, ...]]:
-    links = _Links(problem)
+    links = LinkMotions(problem)
     start = links.together()
     singles: list[tuple[int, Where]] = []
     for i, kind in enumerate(problem.kinds):
@@ -313,7 +313,7 @@ def _at(joint: int, wheres: Sequence[Where]) -> list[tuple[int, Where]]:
     return found
 
 
-def _suspects(links: _Links, start: Array) -> list[int]:
+def _suspects(links: LinkMotions, start: Array) -> list[int]:
     """Return the joints, those first that fit least if as many places as possible fit."""
     T = start
     for _ in range(_REWEIGHTED):

@@ -13,6 +13,7 @@ from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
 from twin.comparison.items import ComparedItem, items, placed
 from twin.comparison.joined import joined
 from twin.comparison.links import JointPlace, differing_places, place_items, posed
+from twin.comparison.loop_edits import closing_edits, loop_edits
 from twin.comparison.matching import match
 from twin.comparison.mimic import MimicError, mimic_error
 from twin.comparison.mimic_statements import mimic_conventions, mimic_properties
@@ -217,23 +218,32 @@ def _frame_item(kind: str, text: str, T: Array) -> ComparedItem:
     return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))
 
 
-def _of_links(problem: Problem, explanations: Sequence[Sequence[JointPlace]]) -> SidePair:
-    """Return the comparison of robots with loops of which some joints have other places on their links."""
+def _of_links(
+    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[JointPlace]]
+) -> SidePair:
+    """Return the comparison of robots with loops of which some joints have other places on their links.
+
+    `sides` are the sides as they were read.
+    """
     found = tuple(place_items(problem, explanations[0]))
+    if len(found) == 1:
+        found = (found[0].with_edits(loop_edits(sides, problem, explanations)),)
     others = []
     for places in explanations[1 : 1 + _TIES]:
         others.append(tuple(item.text for item in place_items(problem, places)))
     return SidePair(problem.first, problem.second, "disagree", found, tuple(others), None, None, problem, None)
 
 
-def _opened(problem: Problem) -> tuple[ComparedItem, ...]:
+def _opened(sides: tuple[RobotSide, RobotSide], problem: Problem) -> tuple[ComparedItem, ...]:
     """Return a difference for each joint that closes its loop on one side, and leaves it open on the other.
+
+    `sides` are the sides as they were read.
 
     A loop that does not close at the drawn state closes nowhere near it: the line of its joint on one link says nothing
     about that on the other.
     """
     found = []
-    for axis, partner in zip(problem.axes, problem.second.axes, strict=True):
+    for i, (axis, partner) in enumerate(zip(problem.axes, problem.second.axes, strict=True)):
         distances = (axis.opened[0], partner.opened[0])
         angles = (axis.opened[1], partner.opened[1])
         shift = abs(distances[0] - distances[1])
@@ -245,7 +255,8 @@ def _opened(problem: Problem) -> tuple[ComparedItem, ...]:
             texts.append(f"{mm(distance)} and {deg(angle)} apart in {side.label}")
         text = f"joint '{partner.name}' does not close its loop: its places on its two links are {', '.join(texts)}"
         link = problem.second.groups[partner.child].bodies[-1]
-        found.append(ComparedItem("link", partner.name, text, link, shift, turn))
+        item = ComparedItem("link", partner.name, text, link, shift, turn)
+        found.append(item.with_edits(closing_edits(sides, problem, i)))
     return tuple(found)
 
 
@@ -261,6 +272,7 @@ def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance:
 
 def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
     """Compare the joint lines of two sides."""
+    as_read = (first, second)
     first, second = joined(first, second, tolerance), joined(second, first, tolerance)
     second = recut(second, first)
     try:
@@ -271,7 +283,7 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
             raise
         return _of_mimic(first, second, found_mimic, tolerance)
     problem = Problem(remembering(first), remembering(second), matching, tolerance)
-    opened = _opened(problem)
+    opened = _opened(as_read, problem)
     if opened:
         return SidePair(first, second, "disagree", opened, (), None, None, problem, None)
     found_solutions = conventions(problem)
@@ -282,7 +294,7 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
     if not found_solutions and first.looped:
         explanations = differing_places(problem)
         if explanations:
-            return _of_links(problem, explanations)
+            return _of_links(as_read, problem, explanations)
     if not found_solutions:
         found_solutions = deviations(problem)
     if not found_solutions:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from xml.parsers import expat
 
@@ -31,6 +31,9 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _MOST_READ = 150
 """Maximum number of numbers of one text that are tried for one item."""
 
+_MOST_ATTRIBUTES = 12
+"""Maximum number of attributes of one text that are tried where each reading closes loops."""
+
 _REMEMBERED = 2000
 """Maximum number of changed texts of one file whose sides are kept."""
 
@@ -46,7 +49,7 @@ _LEFT = 0.5
 
 _NO_PLACE = re.compile(
     r"inerti|mass|limit|lower|upper|range|velocity|effort|force|geom|mesh|visual|collision|color|rgba|damping|friction"
-    r"|mimic|polycoef|extent|points|density|stiffness",
+    r"|mimic|polycoef|extent|points|density|stiffness|solref|solimp",
     re.IGNORECASE,
 )
 """Elements and attributes that place no joint and no link."""
@@ -300,6 +303,83 @@ def edits_together(
         edit = NumberEdit(side.label, place, number.line, number.what, text, _text(value), confirmed=True)
         found.append(hindered(side, edit, number.file))
     return found
+
+
+def attribute_edits(
+    side: RobotSide, names: Collection[str], goal: EditGoal, file: Callable[[str], str]
+) -> list[NumberEdit]:
+    """Return the edits of all numbers of one attribute that reach a goal, for attributes that place a joint."""
+    data = text_of(side)
+    if data is None:
+        return []
+    attributes: dict[tuple[int, str], list[FileNumber]] = {}
+    for number in numbers(side, names, ""):
+        attributes.setdefault((number.line, number.what.rpartition("[")[0]), []).append(number)
+    found: list[NumberEdit] = []
+    before = goal.residual(side)
+    for (line, what), own in list(attributes.items())[:_MOST_ATTRIBUTES]:
+        values = _attribute_values(side, data, own, goal, before)
+        if values is None:
+            continue
+        old = " ".join(data[number.start : number.end].decode() for number in own)
+        new = " ".join(_text(value) for value in values)
+        place = file(own[0].file or str(side.path))
+        found.append(hindered(side, NumberEdit(side.label, place, line, what, old, new, confirmed=True), own[0].file))
+    return found
+
+
+def _attribute_values(
+    side: RobotSide, data: bytes, own: Sequence[FileNumber], goal: EditGoal, before: Array
+) -> list[float] | None:
+    """Return the values of the numbers of an attribute with which a goal is reached; None if there are none."""
+    values = np.array([float(data[number.start : number.end]) for number in own])
+    slopes = []
+    for k in range(len(own)):
+        step = _STEP * max(abs(float(values[k])), 0.1)
+        changed = _reread_with(side, data, own, values + step * (np.arange(len(own)) == k))
+        moved = None if changed is None else goal.residual(changed)
+        if moved is None or moved.shape != before.shape:
+            return None
+        slopes.append((moved - before) / step)
+    J = np.array(slopes).T
+    r = before
+    for _ in range(_ROUNDS):
+        change = -np.linalg.pinv(J, rcond=1e-6) @ r
+        if np.linalg.norm(r + J @ change) > _LEFT * np.linalg.norm(r):
+            return None
+        values = values + change
+        edited = _reread_with(side, data, own, values)
+        if edited is None:
+            return None
+        if goal.agrees(edited):
+            return _fewest_decimals(side, data, own, goal, values)
+        r = goal.residual(edited)
+        if r.shape != before.shape or not np.linalg.norm(r) < np.linalg.norm(before):
+            return None
+    return None
+
+
+def _fewest_decimals(
+    side: RobotSide, data: bytes, own: Sequence[FileNumber], goal: EditGoal, values: Array
+) -> list[float]:
+    """Return the values with as few decimals as are needed, within a twentieth of the inaccuracy."""
+    rounded = [_fewest_digits(float(value), 0.05 * goal.inaccuracy) for value in values]
+    edited = _reread_with(side, data, own, np.array(rounded))
+    if edited is not None and goal.agrees(edited):
+        return rounded
+    return values.tolist()
+
+
+def _reread_with(side: RobotSide, data: bytes, own: Sequence[FileNumber], values: Array) -> RobotSide | None:
+    """Return the side with other values of some numbers; None if the text can then not be read."""
+    assert side.reread is not None
+    changed = data
+    for number, value in sorted(zip(own, values.tolist(), strict=True), key=lambda entry: -entry[0].start):
+        changed = changed[: number.start] + _text(value).encode() + changed[number.end :]
+    try:
+        return side.reread(changed)
+    except TwinError:
+        return None
 
 
 def hindered(side: RobotSide, edit: NumberEdit, file: str) -> NumberEdit:

@@ -176,6 +176,7 @@ class RobotSide:
         efforts: {joint: maximum effort in N or N m}.
         mechanism: the mechanism, for pictures; None if the side is only equations or poses.
         reread: a function that reads a changed text of the file, or of `text`; it raises a TwinError if it cannot.
+        reread_closed: the same for a robot with loops, which are closed again: only few numbers can be tried.
             None for files without text.
         sampled: function that returns rows of poses, for measured poses and for equations; else None.
         tool_poses: function from q (k, order) to T_base_tool (k, 4, 4), for a robot with loops; NaN where they open.
@@ -198,6 +199,7 @@ class RobotSide:
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None
     reread: Callable[[bytes], RobotSide] | None = field(default=None, repr=False, compare=False)
+    reread_closed: Callable[[bytes], RobotSide] | None = field(default=None, repr=False, compare=False)
     sampled: Callable[[], PoseRows] | None = None
     tool_poses: Callable[[Array], Array] | None = None
 
@@ -403,20 +405,42 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     return {body: number[group] for body, group in group_of.items()}
 
 
-def _opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
-    """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
+def _opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return (shift (3,) in m, pose (4, 4)) of a joint's frame on the child in that on the parent.
+
+    The shift is that in the directions in which the joint does not let move.
+    """
     T_base_joint = poses[joint.parent] @ joint.T_parent_joint
     M = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
     shift = M[:3, 3].copy()
     for k in joint.free_axes:
         if k < 3:
             shift[k] = 0.0
+    return shift, M
+
+
+def _opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
+    """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
+    shift, M = _opening(joint, poses)
     angle = 0.0
     if 3 not in joint.free_axes:
         angle = float(np.arctan2(np.linalg.norm(M[:2, 2]), M[2, 2]))  # of the two axes z
         if 5 not in joint.free_axes:
             angle = float(spatial.rotation_angle(M[:3, :3]))
     return float(np.linalg.norm(shift)), angle
+
+
+def openings(mechanism: Mechanism) -> Array:
+    """Return (6 loops,) by how much each loop is open where it is drawn: a shift in m, and the tilt of its axes."""
+    poses, _ = drawn_poses(mechanism)
+    rows = [np.zeros(0)]
+    for joint in mechanism.loops:
+        shift, M = _opening(joint, poses)
+        tilt = np.zeros(3)
+        if 3 not in joint.free_axes:
+            tilt = M[:3, 2] - np.array([0.0, 0.0, 1.0])
+        rows += [shift, tilt]
+    return np.concatenate(rows)
 
 
 def _axis(

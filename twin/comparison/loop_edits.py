@@ -1,0 +1,114 @@
+"""The numbers of a file whose edit brings a joint of a loop to its place in the other side.
+
+The text is read again with each number, and its loops are closed again. That takes long, so only the numbers of the
+joints that are told are tried, attribute by attribute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin.comparison.edits import short
+from twin.comparison.fit import Problem
+from twin.comparison.items import NumberEdit
+from twin.comparison.joined import joined
+from twin.comparison.links import JointPlace, LinkMotions
+from twin.comparison.matching import match
+from twin.comparison.recut import recut
+from twin.comparison.rereading import EditGoal, attribute_edits
+from twin.comparison.side import RobotSide, openings, plain
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+
+_MOST = 4
+"""Maximum number of explanations whose joints are tried."""
+
+
+def loop_edits(
+    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[JointPlace]]
+) -> list[NumberEdit]:
+    """Return edits of one attribute of either side, each of which makes all links of both sides agree.
+
+    Args:
+        sides: the sides as they were read.
+        problem: the same with joints and loops as the other side writes them.
+        explanations: the places that differ; only explanations by one place are tried.
+    """
+    joints: list[int] = []
+    for places in explanations[:_MOST]:
+        if len(places) == 1 and places[0].joint not in joints:
+            joints.append(places[0].joint)
+    found: list[NumberEdit] = []
+    for edited in (0, 1):
+        closed = sides[edited].reread_closed
+        if closed is None:
+            continue
+        side = replace(sides[edited], reread=closed)
+        names: set[str] = set()
+        for joint in joints:
+            axis = (problem.axes, problem.second.axes)[edited][joint]
+            names |= {plain(axis.name), *axis.parts}
+        found += attribute_edits(side, names, _goal(sides, edited, problem.tolerance), short)
+    return found
+
+
+def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: int) -> list[NumberEdit]:
+    """Return edits of one attribute that close a loop which only one side leaves open, and make all links agree.
+
+    `sides` are the sides as they were read, and `joint` closes the loop.
+    """
+    axes = (problem.axes[joint], problem.second.axes[joint])
+    opened = [axis.opened[0] > problem.tolerance or axis.opened[1] > problem.angle_tolerance for axis in axes]
+    if sum(opened) != 1:
+        return []
+    edited = opened.index(True)
+    closed = sides[edited].reread_closed
+    if closed is None:
+        return []
+    links_agree = _goal(sides, edited, problem.tolerance).agrees
+
+    def residual(side: RobotSide) -> Array:
+        if side.mechanism is None:
+            return np.zeros(0)
+        return openings(side.mechanism)
+
+    def agrees(side: RobotSide) -> bool:
+        for axis in side.axes:
+            if axis.opened[0] > problem.tolerance or axis.opened[1] > problem.angle_tolerance:
+                return False
+        return links_agree(side)
+
+    goal = EditGoal(residual, agrees, lambda _: 0, problem.tolerance)
+    names = {plain(axes[edited].name), *axes[edited].parts}
+    return attribute_edits(replace(sides[edited], reread=closed), names, goal, short)
+
+
+def _goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> EditGoal:
+    """Return the goal that all links of both sides agree."""
+
+    def links_of(side: RobotSide) -> tuple[LinkMotions, Array]:
+        both = list(sides)
+        both[edited] = side
+        first = joined(both[0], both[1], tolerance)
+        second = recut(joined(both[1], both[0], tolerance), first)
+        links = LinkMotions(Problem(first, second, match(first, second), tolerance))
+        return links, links.together()
+
+    def residual(side: RobotSide) -> Array:
+        try:
+            links, T = links_of(side)
+        except TwinError:  # with this number, it is no robot of the same kind
+            return np.zeros(0)
+        return np.concatenate([links.block(T, i, where)[0] for i, where in links.blocks])
+
+    def agrees(side: RobotSide) -> bool:
+        try:
+            links, T = links_of(side)
+        except TwinError:
+            return False
+        return links.fit(T, links.blocks)
+
+    return EditGoal(residual, agrees, lambda _: 0, tolerance)
