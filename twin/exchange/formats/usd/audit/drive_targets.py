@@ -61,6 +61,8 @@ def check_drive_targets(
     if not physics.all_motors:  # no stage of this project: its targets may mean anything
         return
     targets = _targets(stage, meters)
+    if not targets:
+        return
     gravity = physics.gravity
     if gravity is None:  # the layers of a robot have no physics scene
         gravity = np.array(stage.GetDefaultPrim().GetAttribute("twin:gravity").Get() or _EARTH, float)
