@@ -349,7 +349,7 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
 
 
 def test_a_protocol_file_with_the_name_of_another_protocol_is_refused(tmp_path, capsys, monkeypatch):
-    for opens in ("viewing.show_page", "serving.serve_until_stopped"):
+    for opens in ("viewing._show_page", "serving.serve_until_stopped"):
         monkeypatch.setattr(f"twin.cli.{opens}", lambda *_: pytest.fail("a page opens"))
     own = twin.load("hibou").files.protocols()["cavity"]
     other = tmp_path / "other.toml"
