@@ -71,6 +71,7 @@ def test_a_seed_chooses_the_branch(arm):
     assert np.allclose(arm.forward([[0.5, -0.8]], seed=T), [T], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_the_mechanism_cannot_reach_is_refused(arm):
     far = by_hand(0.3, 0.4)
     far[0, 3] += 2.0
@@ -131,6 +132,7 @@ def test_a_missing_file_and_a_drawing_say_what_to_do(tmp_path):
         twin.load("sils", units="mm,deg")
 
 
+@pytest.mark.slow
 def test_variants_are_written_as_on_the_command_line():
     robot = twin.load("sils")
     T = robot.forward(robot.mechanism.posture("insertion"))
