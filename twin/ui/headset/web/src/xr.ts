@@ -43,8 +43,8 @@ export class Xr {
     const xr = navigator.xr;
     if (!xr)
       this.text = window.isSecureContext
-        ? 'This browser does not support WebXR. Use the mouse on this screen.'
-        : 'A headset requires https: start twin serve with --cert and --key. Use the mouse on this screen.';
+        ? 'This browser does not support WebXR. Use mouse or touch on this screen.'
+        : 'A headset requires https: start twin serve with --cert and --key. Use mouse or touch on this screen.';
     else {
       const has = (mode: XrMode) => xr.isSessionSupported(mode).catch(() => false);
       [this.ar, this.vr] = await Promise.all([has('immersive-ar'), has('immersive-vr')]);
@@ -52,7 +52,7 @@ export class Xr {
         ? 'AR is available: the robot is shown in your room.'
         : this.vr
           ? 'VR is available, AR is not: the robot is shown in an empty room.'
-          : 'No headset found. Use the mouse on this screen, or open this address in the browser of a headset.';
+          : 'No headset found. Use mouse or touch on this screen, or open this address in the browser of a headset.';
       xr.ondevicechange = () => void this.detect();
     }
     this.app.refresh();
