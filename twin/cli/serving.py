@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
-from twin.cli import machines
+from twin.cli import guided, machines
 from twin.cli import scene as scenes
 from twin.cli.address import PageAddress, free_port
 from twin.core import assets
@@ -41,9 +41,22 @@ def serve(args: argparse.Namespace) -> int:
             assets.require_writable_file(Path(file))
     if args.machine and scenes.find(args.robot) is None:
         raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
+    if args.guided is not None:
+        guided.guide(args, _part_server(args, port, context))
+        return 0
     name, make = _what(args)
     asyncio.run(serve_until_stopped(args, name, make, port, context))
     return 0
+
+
+def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | None) -> guided.ServePart:
+    """Return the function that serves a part of a guided run at a port."""
+
+    def serve_part(name: str, make: Callable[[], Served], examiner: guided.Examiner) -> None:
+        asyncio.run(serve_until_stopped(args, name, make, port, context, examiner.begin))
+        args.no_browser = True  # the page of the first part reloads itself
+
+    return serve_part
 
 
 def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
@@ -129,6 +142,9 @@ _CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
 _CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum", "trials")
 """Options for the console of a scene."""
 
+_PART = ("task", "session", "run", "haptics", "trials", "fulcrum", "record", "replay")
+"""Options that a guided run determines, or that it cannot have."""
+
 _OPTION = "{option}"
 """Placeholder for the option's name in the message of `_refuse`."""
 
@@ -155,10 +171,13 @@ def _require_compatible(args: argparse.Namespace) -> None:
     if args.mqtt is None:
         _refuse(args, ("mqtt_topic",), "--mqtt-topic requires --mqtt HOST")
     if args.trials is None:
-        for name in ("user", "group", "before", "after"):
-            _refuse(args, (name,), f"{_OPTION} requires --trials FILE")
+        named = ("user", "before", "after") if args.guided is not None else ("user", "group", "before", "after")
+        _refuse(args, named, f"{_OPTION} requires --trials FILE")
     elif args.task is None:
         raise TwinError("--trials requires --task NAME: a row of the table is an attempt at a task")
+    if args.guided is not None:
+        _refuse(args, _PART, f"{_OPTION} and --guided cannot be combined: the guided run determines it")
+        return
     if (args.participant is None) != (args.run is None):
         raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
     if args.participant is not None and args.haptics is not None:
@@ -168,9 +187,17 @@ def _require_compatible(args: argparse.Namespace) -> None:
 
 
 async def serve_until_stopped(
-    args: argparse.Namespace, name: str, make: Callable[[], Served], port: int, context: ssl.SSLContext | None
+    args: argparse.Namespace,
+    name: str,
+    make: Callable[[], Served],
+    port: int,
+    context: ssl.SSLContext | None,
+    begun: Callable[[asyncio.Event], object] | None = None,
 ) -> None:
-    """Serve the object that `make` returns, until Ctrl-C; `make` is called in the event loop."""
+    """Serve the object that `make` returns, until Ctrl-C or until `begun` has set the event that it receives.
+
+    `make` and `begun` are called in the event loop.
+    """
     from twin.ui.access.rules import AccessRules
     from twin.ui.headset import files
     from twin.ui.headset.recording import Replay, StreamRecording
@@ -180,6 +207,8 @@ async def serve_until_stopped(
     sys.setswitchinterval(5e-4)
     stopping = asyncio.Event()
     _on_ctrl_c(stopping)
+    if begun is not None:
+        begun(stopping)
     shown = make()
     live = shown.live
     source = live

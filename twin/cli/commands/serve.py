@@ -22,7 +22,8 @@ EXAMPLES = """\
   twin serve davinci --session hands.session    record the hands at a console, for twin session
   twin serve sher_phantom --task phantom        the SHER by one hand: pen, mouse, gamepad or controller
   twin serve sher_phantom --task phantom --trials study.csv --user 3 --after nasatlx
-  twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces"""
+  twin serve davinci --session p7-1.session --participant 7 --run 1    a study: one of two runs has forces
+  twin serve davinci --guided study/ --participant 7    the five phases of the study, in the participant's order"""
 
 
 def arguments(command: Command) -> None:
@@ -51,6 +52,8 @@ def arguments(command: Command) -> None:
     command.text("--before", "NAMES", text)
     text = "questionnaires after each attempt, separated by commas: ssq, ueq, nasatlx, simtlx, facevalidity"
     command.text("--after", "NAMES", text)
+    text = "the study of the console in five phases, with --participant; sessions and answers go to this folder"
+    command.text("--guided", "FOLDER", text)
     command.text("--user", "NAME", "name of the user in the table of --trials (default 1)")
     command.text("--group", "NAME", "group of the user in the table of --trials (default simulation)")
 

@@ -134,6 +134,7 @@ class Operation(LiveConsole):
             "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
             "pedal": "clutch" if table.teleoperation is None else "enable",
             "first_scale": table.scale,
+            "guided": self.guided,
             "questionnaires": self.questionnaires(),
             "marks": [[text, numbers(at)] for text, at in self.marks()],
             "tools": tools,

@@ -36,6 +36,7 @@ class Exercise:
         fulcrum: which end of the instruments the hands control at the start: the tips ("compensated") or the outer ends
             ("direct"); see `twin.simulation.controllers.pivot`.
         trials: table to which each attempt adds a row; None: no table.
+        guided: whether other content follows at the same address, so that the page reloads itself.
         forms: questionnaires of the page, whose answers go to the table of trials; None: no questionnaires.
     """
 
@@ -46,6 +47,7 @@ class Exercise:
     fulcrum: Fulcrum = "compensated"
     trials: TrialTable | None = None
     forms: QuestionnaireForms | None = None
+    guided: bool = False
 
 
 NO_TASK = Exercise()

@@ -83,6 +83,7 @@ class LiveConsole:
         shown: mechanism and equations of each displayed robot; contains `members` and the models of the machines.
         attempt: number of the present attempt, from 1.
         condition: condition of the experiment, which is stored in the session file.
+        guided: whether other content follows at the same address.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
@@ -105,6 +106,7 @@ class LiveConsole:
         self._make_report = exercise.report
         self._trials = exercise.trials
         self._forms = exercise.forms
+        self.guided = exercise.guided
         self._trial_problem = ""
         self._first_settings = console_scene.settings(scene, exercise.fulcrum, task)
         self.device = self._device_type(

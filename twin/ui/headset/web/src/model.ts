@@ -185,8 +185,9 @@ export class Model {
   }
 
   private check(): void {
-    if (this.scene && this.hash && this.hash !== this.scene.model_hash)
-      this.failure = 'The server now shows other content. Reload this page.';
+    if (!this.scene || !this.hash || this.hash === this.scene.model_hash) return;
+    if (this.scene.console?.guided) window.location.reload();
+    else this.failure = 'The server now shows other content. Reload this page.';
   }
 
   /** Show a message for some seconds. */

@@ -97,6 +97,8 @@ export interface ConsoleInfo {
   pedal: 'clutch' | 'enable';
   /** Numbers to show in the camera's picture, and their positions in m in the world frame. */
   marks: [text: string, at: Numbers][];
+  /** Whether other content follows at this address, in a guided run of a study. */
+  guided: boolean;
   /** Questionnaires that the page asks. */
   questionnaires: QuestionnaireInfo[];
   /** The motion scale at the start. */
