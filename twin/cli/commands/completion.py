@@ -9,9 +9,9 @@ import io
 from twin.cli.parser import Command
 
 EXAMPLES = """\
-  twin completion bash > ~/.local/share/bash-completion/completions/twin
-  twin completion zsh > ~/.zfunc/_twin           with fpath+=~/.zfunc before compinit in ~/.zshrc
-  twin completion fish > ~/.config/fish/completions/twin.fish"""
+  twin completion bash    into ~/.local/share/bash-completion/completions/twin, by > FILE
+  twin completion zsh     into ~/.zfunc/_twin, with fpath+=~/.zfunc before compinit in ~/.zshrc
+  twin completion fish    into ~/.config/fish/completions/twin.fish"""
 
 SHELLS = ("bash", "zsh", "fish")
 
