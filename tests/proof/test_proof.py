@@ -435,3 +435,15 @@ def test_a_margin_that_is_a_function_is_named():
     symbols = dict.fromkeys(formula.reach.values(), np.cos)
     with pytest.raises(TwinError, match="is a ufunc, not a number, vector or matrix"):
         flow.gather(formula, symbols, tuple(formula.reach.values()), "reach")
+
+
+@pytest.mark.slow
+def test_a_branch_that_full_turns_hide_is_met():
+    """Half of the candidates of the Ravens' inverse are wrong; with the roll near half a turn, the others suffice."""
+    robot = twin.load("raven_right")
+    (function,) = [f for f in proof_mutants.functions(robot.formula) if f.__name__ == "candidates"]
+    text = Path(function.__code__.co_filename).read_text(encoding="utf-8")
+    assert text.count("side * L_w * (R @ u)") == 1
+    with proof_mutants.with_text(function, text.replace("side * L_w * (R @ u)", "L_w * (R @ u)")):
+        proof = prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism)
+    assert {claim.name: claim.status for claim in proof.claims}["forward of inverse"] == "refuted"

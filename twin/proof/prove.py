@@ -28,6 +28,9 @@ FIRST_STATES = 64
 _TRIAL_STATES = 256
 """Number of states at which other values of a parameter are tried."""
 
+_EVEN_STATES = 2048
+"""Number of states that are spread evenly over the ranges of angles; the others have even tangents of half angles."""
+
 _ROOTED_FACTORS = (16, 128)
 """Numbers of states, as multiples, among which those with all roots are searched for claims with many roots."""
 
@@ -198,11 +201,21 @@ class _Course:
         self.progress("conditions", 0.95)
         report = examined_conditions(formula, self.variants, proof.drawn, proof.ranges, self.prover.seed)
         proof = self._with_found_states(proof, report)
+        proof = self._judged_near(proof, self._even_states(proof.ranges))
         self.progress("the signs of roots", 0.98)
         names = list(report.states)
         rare = [dict(zip(names, state, strict=True)) for state in zip(*report.states.values(), strict=True)]
         proof = replace(proof, claims=with_signs(proof.claims, rare))
         return _with_branches(proof, report)
+
+    def _even_states(self, ranges: Mapping[str, tuple[bool, float, float]]) -> dict[str, Array]:
+        """Return {random number: values (k,)} that are spread evenly over the ranges.
+
+        Tangents of half angles that are spread evenly, as the odds need them, belong to angles near half a turn if a
+        joint makes a full turn: branches elsewhere would hardly be met.
+        """
+        generator = np.random.default_rng([self.prover.seed, 2])
+        return {name: generator.uniform(low, high, _EVEN_STATES) for name, (_, low, high) in ranges.items()}
 
     def _attempt(
         self,
@@ -250,6 +263,10 @@ class _Course:
     def _with_found_states(self, proof: Proof, report: BranchReport) -> Proof:
         """Return the proof after its claims were judged at states with rare answers of conditions."""
         near = {name: np.tile(numbers, BESIDES) for name, numbers in report.states.items()}
+        return self._judged_near(proof, near)
+
+    def _judged_near(self, proof: Proof, near: Mapping[str, Array]) -> Proof:
+        """Return the proof after its claims were judged near given values (k,) of the random numbers."""
         count = len(next(iter(near.values())))
         if not count:
             return proof
