@@ -171,8 +171,9 @@ def test_drawn_errors_in_a_part_of_the_range_are_found(tmp_path):
     assert missed[0.01] <= 0.01 * all_of[0.01]
 
 
-ROBOTS = ("davinci_ecm", "davinci_psm", "davinci_psm_si", "hibou", "lapbot", "pa10", "sher")
-"""Robots with explicit inverse equations; those of SILS are solved, and must be linear in the joint values."""
+ROBOTS = [name for name in twin.names() if name != "sils" and not name.startswith("raven")]
+"""Robots in which errors are drawn. The equations of SILS are solved, and must be linear in the joint values; those of
+the Ravens choose one of eight solutions."""
 
 
 def with_error(formula, ends, rng):
