@@ -22,13 +22,15 @@ from hypothesis.extra import numpy as stn
 import twin
 from made.lanes import contrasting, nightly
 from twin import cli
-from twin.analysis import cluster, design, joint_samples, table
+from twin.analysis import cluster, design, joint_samples, sweep, table
 from twin.analysis import workspace as reach
 from twin.analysis.tolerance import ErrorPropagation, Spread
+from twin.api.imported_file import imported_file
 from twin.api.robot import Robot, RobotSource
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM, UM
+from twin.exchange.xacro import XacroSettings
 from twin.model.body import Body as MechanismBody
 from twin.model.body import Frame
 from twin.model.joint import Joint
@@ -516,6 +518,39 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
 def test_sweep_refuses(arguments, message, tmp_path, capsys):
     assert cli.main(["sweep", "sils", "--out", str(tmp_path / "o"), *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changed", "difference"),
+    [
+        (lambda: twin.load("sils", variants="printed"), "the variants of the equations"),
+        (lambda: twin.load("sils", parameters={"l_p": 0.13}), "the parameters l_p"),
+        (lambda: twin.load("sils").with_timing("toppra"), "the timing 'toppra'"),
+        (lambda: replace(twin.load("pa10"), inverse_by="points"), "the inverse by points"),
+        (lambda: Robot(RobotSource(None, Path("arm.usda"), "wrist"), None), "the option tool of twin.load"),
+        (lambda: _table(dh="modified", units="m,rad"), "the option dh of twin.load, the option units of twin.load"),
+        (lambda: _table(tool="wrist"), "the option tool of twin.load"),
+        (lambda: _table(xacro=XacroSettings({"prefix": "left_"})), "the option xacro of twin.load"),
+    ],
+)
+def test_a_sweep_refuses_a_robot_that_other_processes_cannot_load(changed, difference):
+    with pytest.raises(TwinError, match="Write it as a robot folder") as refused:
+        twin.sweep(changed(), "l_p=120..150mm")
+    assert f"in: {difference}. " in str(refused.value)
+
+
+def _table(tool=None, xacro=None, dh=None, units=None):
+    """Return a robot of a table whose content is not read: only its options are."""
+    table = Path(__file__).parents[1] / "data/dh/error_empty.csv"
+    described = imported_file(table, tool, xacro, dh, units)
+    return Robot(RobotSource(None, None, tool, described), None)
+
+
+def test_processes_load_the_folder_and_not_the_built_in_robot_of_its_name(tmp_path):
+    (tmp_path / "cad").mkdir()
+    (tmp_path / "cad/sils.toml").write_text("")
+    assert sweep._source(twin.load(tmp_path)) == str(tmp_path)
+    assert sweep._source(twin.load("sils")) == "sils"
 
 
 def test_parquet_without_pyarrow_says_how_to_get_it(monkeypatch):

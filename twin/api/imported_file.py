@@ -51,6 +51,21 @@ class ImportedFile:
         """Name of the file without any of its suffixes: ur for ur.urdf.xacro."""
         return self.path.name.split(".")[0]
 
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the options of `twin.load` that were given for this file: tool, xacro, dh, units."""
+        given: list[str] = []
+        if self.tool is not None:
+            given.append("tool")
+        if self.xacro is not None and self.xacro.given:
+            given.append("xacro")
+        if self.dh is not None:
+            if self.dh.convention is not None:
+                given.append("dh")
+            if self.dh.length is not None or self.dh.angle is not None:
+                given.append("units")
+        return tuple(given)
+
     @cached_property
     def imported(self) -> Imported:
         """Mechanism with closed loops, and the findings of the reader.

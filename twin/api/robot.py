@@ -77,6 +77,11 @@ class DescribedRobot(typing.Protocol):
         ...
 
     @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the options of `load` that were given for this file."""
+        ...
+
+    @property
     def opened(self) -> tuple[Mechanism, str]:
         """Mechanism with its tool, and a note on the assumed tool."""
         ...
@@ -120,6 +125,15 @@ class RobotSource:
         if self.described is not None:
             return f"the file {self.described.path.name}"
         return "a USD stage"
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the options of `load` that were given for the stage or file, and that change its mechanism."""
+        if self.described is not None:
+            return self.described.options
+        if self.tool is not None:
+            return ("tool",)
+        return ()
 
     @cached_property
     def cad(self) -> CadModel:
