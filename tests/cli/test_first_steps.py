@@ -119,6 +119,7 @@ def test_two_verdicts_and_what_changed(tmp_path, capsys):
     [
         ("{", "not JSON"),
         ("[]", "not a result of twin"),
+        (100_000 * "[", "nested too deeply"),
         ('{"schema": "twin/report/1", "verdict": "maybe", "findings": []}', "not a result of twin"),
         ('{"schema": "twin/report/1", "verdict": "agree", "findings": [1]}', "not a result of twin"),
         ('{"schema": "twin/plan/1", "verdict": "agree", "findings": []}', "give two of one kind"),
@@ -133,6 +134,67 @@ def test_what_is_no_result_is_refused(text, message, tmp_path):
         diff(good, bad)
     with pytest.raises(TwinError, match="does not exist"):
         diff(good, tmp_path / "gone.json")
+
+
+def difference(tmp_path, first, second):
+    """The difference of two results that are given as text."""
+    before = tmp_path / "first.json"
+    after = tmp_path / "second.json"
+    before.write_text(first)
+    after.write_text(second)
+    return diff(before, after)
+
+
+def test_a_finding_that_occurs_once_more_is_new_also_if_its_numbers_differ(tmp_path):
+    near = WRONG | {"when": "insert, t = 1.234 s", "message": "point s1 differs by 3 mm"}
+    later = WRONG | {"when": "insert, t = 1.235 s", "message": "point s1 differs by 3.1 mm"}
+    other = near | {"where": "s2"}
+    moved = difference(tmp_path, result([near]), result([later]))
+    assert (moved.appeared, moved.gone) == ((), ())
+    again = difference(tmp_path, result([near]), result([later, near]))
+    assert (again.appeared, again.gone) == ((later,), ())
+    assert difference(tmp_path, result([near, near]), result([near])).gone == (near,)
+    assert difference(tmp_path, result([near]), result([other])).appeared == (other,), "the digit is part of a name"
+
+
+@pytest.mark.parametrize("lost", ["NaN", "null", "Infinity", "1" + 400 * "0"])
+def test_a_residual_that_is_no_longer_finite_is_worse(lost, tmp_path):
+    for before in (1e-10, 1e-3):
+        after = result(residuals=[("s1", 0.125)]).replace("0.125", lost)
+        worse = difference(tmp_path, result(residuals=[("s1", before)]), after)
+        assert worse.verdict == "disagree"
+        assert worse.findings[0].code == "diff.residual"
+        assert "is not finite" in worse.findings[0].message
+        assert difference(tmp_path, after, after).residuals == ()
+
+
+def test_of_rows_with_one_name_the_largest_counts(tmp_path):
+    one = result(residuals=[("s1", 3e-3), ("s1", 1e-10)])
+    assert difference(tmp_path, one, result(residuals=[("s1", 1e-10), ("s1", 3e-3)])).residuals == ()
+    (row,) = difference(tmp_path, one, result(residuals=[("s1", 1e-10)])).residuals
+    assert (row.before, row.after) == (3e-3, 1e-10)
+
+
+def test_robots_are_not_compared_with_each_other_and_other_protocols_are_named(tmp_path):
+    def of(robot, protocol):
+        return result().replace('"verdict"', f'"robot": "{robot}", "protocol": "{protocol}", "verdict"')
+
+    with pytest.raises(TwinError, match=r"is of the robot 'sils', and .* of 'sher'"):
+        difference(tmp_path, of("sils", "table2"), of("sher", "phantom"))
+    said = difference(tmp_path, of("sils", "table2"), of("sils", "lowered"))
+    assert said.verdict == "agree"
+    assert [finding.code for finding in said.findings] == ["diff.protocol"]
+
+
+def test_a_folder_with_a_certificate_is_compared_by_its_result(tmp_path):
+    folder = tmp_path / "prove"
+    folder.mkdir()
+    (folder / "prove.json").write_text(result().replace("twin/report/1", "twin/prove/1"))
+    (folder / "certificate.json").write_text('{"schema": "twin/certificate/1", "claims": []}')
+    assert diff(folder, folder).verdicts == ("agree", "agree")
+    (folder / "report.json").write_text(result())
+    with pytest.raises(TwinError, match="2 results are in the folder"):
+        diff(folder, folder)
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
 from twin.core.errors import TwinError
-from twin.core.findings import Finding, Verdict, disagreement
+from twin.core.findings import Finding, Verdict, disagreement, warning
 from twin.core.foreign.text import load_json
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Line, Part, Result, TextTable
@@ -28,7 +32,7 @@ class ChangedResidual:
 
     Attributes:
         name: pair, quantity and name of the row.
-        before, after: largest deviation in `unit`; None if the row is missing, or the value is not finite.
+        before, after: largest deviation in `unit`; None if the row is missing, NaN if the value is not finite.
         unit: unit of the deviation.
     """
 
@@ -36,6 +40,13 @@ class ChangedResidual:
     before: float | None
     after: float | None
     unit: str
+
+    @property
+    def lost(self) -> bool:
+        """Whether the deviation was a number and is no longer finite."""
+        if self.before is None or self.after is None:
+            return False
+        return not math.isnan(self.before) and math.isnan(self.after)
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,7 @@ class ResultDifference(Result):
         verdicts: their verdicts.
         appeared, gone: findings that only the second result has, or only the first.
         residuals: rows of the residual matrix that differ by more than a factor `_FACTOR`, largest ratio first.
+        protocols: names of the protocols of both results; "" if a result has none.
     """
 
     files: tuple[str, str]
@@ -54,12 +66,16 @@ class ResultDifference(Result):
     appeared: tuple[JsonMapping, ...]
     gone: tuple[JsonMapping, ...]
     residuals: tuple[ChangedResidual, ...]
+    protocols: tuple[str, str] = ("", "")
 
     kind = "diff"
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """One finding if the verdicts differ, and one for each finding that appeared."""
+        """One finding for different verdicts, for each new finding, and for each residual that is no longer finite.
+
+        A warning says that the results are of two protocols.
+        """
         found = []
         before, after = self.verdicts
         if before != after:
@@ -67,6 +83,14 @@ class ResultDifference(Result):
         for finding in self.appeared:
             where = str(finding.get("where", ""))
             found.append(disagreement("diff.finding", where, f"new finding: {finding.get('message', '')}"))
+        for row in self.residuals:
+            if row.lost:
+                was = _shown(row.before, row.unit)
+                found.append(disagreement("diff.residual", row.name, f"{row.name}: it was {was} and is not finite"))
+        if self.protocols[0] != self.protocols[1]:
+            first, second = self.protocols
+            text = f"the first result is of protocol '{first}', the second of '{second}'"
+            found.append(warning("diff.protocol", self.files[1], text))
         return tuple(found)
 
     def content(self) -> JsonMapping:
@@ -85,6 +109,9 @@ class ResultDifference(Result):
         for file, verdict in zip(self.files, self.verdicts, strict=True):
             yield Line(f"  {verdict.upper()}: {file}", _COLORS[verdict])
         yield ""
+        for finding in self.findings:
+            if finding.code == "diff.protocol":
+                yield finding
         for title, findings in (("only in the second", self.appeared), ("only in the first", self.gone)):
             if findings:
                 yield f"  findings {title}"
@@ -104,6 +131,8 @@ class ResultDifference(Result):
 def _shown(value: float | None, unit: str) -> str:
     if value is None:
         return "-"
+    if math.isnan(value):
+        return "not finite"
     return f"{value:.3g} {unit}".rstrip()
 
 
@@ -115,7 +144,7 @@ def diff(first: str | Path, second: str | Path) -> ResultDifference:
         second: path of the newer JSON or folder.
 
     Raises:
-        TwinError: a file is not a result of twin, or the two are of different kinds.
+        TwinError: a file is not a result of twin, or the two are of different kinds, robots or scenes.
 
     Example:
         >>> from pathlib import Path
@@ -129,30 +158,41 @@ def diff(first: str | Path, second: str | Path) -> ResultDifference:
     b = _read(Path(second))
     if a["schema"] != b["schema"]:
         raise TwinError(f"{first} is a result {a['schema']}, and {second} is one {b['schema']}: give two of one kind")
-    before = {_key(finding): finding for finding in a["findings"]}
-    after = {_key(finding): finding for finding in b["findings"]}
-    appeared = tuple(finding for key, finding in after.items() if key not in before)
-    gone = tuple(finding for key, finding in before.items() if key not in after)
+    for subject in ("robot", "scene"):
+        one, other = _name(a, subject), _name(b, subject)
+        if one and other and one != other:
+            raise TwinError(
+                f"{first} is of the {subject} '{one}', and {second} of '{other}': give two of one {subject}"
+            )
+    gone, appeared = _unmatched(a["findings"], b["findings"])
     residuals = _changed(a.get("residuals"), b.get("residuals"))
-    return ResultDifference((str(first), str(second)), (a["verdict"], b["verdict"]), appeared, gone, residuals)
+    protocols = (_name(a, "protocol"), _name(b, "protocol"))
+    verdicts = (a["verdict"], b["verdict"])
+    return ResultDifference((str(first), str(second)), verdicts, appeared, gone, residuals, protocols)
+
+
+def _name(data: JsonMapping, key: str) -> str:
+    """Return the name that a result has under a key; "" if there is none."""
+    value = data.get(key)
+    return value if isinstance(value, str) else ""
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the data of one result.
+    """Return the data of one result, of which `path` is the file or the folder.
 
     Raises:
-        TwinError: the file does not exist, or is not a result of twin.
+        TwinError: the file does not exist or cannot be read, or is not a result of twin.
     """
-    if path.is_dir():
-        found = sorted(path.glob("*.json"))
-        if len(found) != 1:
-            names = ", ".join(file.name for file in found) or "none"
-            raise TwinError(f"{path}: the folder has not one JSON file, but {names}: give the path of a file")
-        path = found[0]
-    if not path.is_file():
-        raise TwinError(f"{path}: the file does not exist; a report's folder contains report.json")
     try:
+        if path.is_dir():
+            return _of_folder(path)
+        if not path.is_file():
+            raise TwinError(f"{path}: the file does not exist; a report's folder contains report.json")
         data = load_json(path)
+    except OSError as error:
+        raise TwinError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except RecursionError as error:
+        raise TwinError(f"{path}: the file is not a result of twin: its lists are nested too deeply") from error
     except ValueError as error:
         raise TwinError(f"{path}: the file is not JSON: {error}") from error
     is_result = isinstance(data, dict) and str(data.get("schema", "")).startswith("twin/")
@@ -161,13 +201,73 @@ def _read(path: Path) -> dict[str, Any]:
     return data
 
 
+def _of_folder(folder: Path) -> dict[str, Any]:
+    """Return the data of the result in a folder; other files, such as a certificate, may be beside it.
+
+    Raises:
+        TwinError: there is no result, or more than one.
+    """
+    files = sorted(folder.glob("*.json"))
+    if len(files) == 1:
+        return _read(files[0])
+    found: dict[str, dict[str, Any]] = {}
+    for file in files:
+        with contextlib.suppress(TwinError):  # not a result
+            found[file.stem] = _read(file)
+    # a command writes its result into the file <kind>.json, with the schema twin/<kind>/1
+    named = [data for stem, data in found.items() if str(data["schema"]).startswith(f"twin/{stem}/")]
+    results = named or list(found.values())
+    if len(results) == 1:
+        return results[0]
+    names = ", ".join(file.name for file in files) or "no JSON file"
+    raise TwinError(f"{folder}: {len(results)} results are in the folder ({names}): give the path of a file")
+
+
 def _are_objects(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(item, dict) for item in value)
 
 
-def _key(finding: JsonMapping) -> tuple[str, ...]:
-    """Return what identifies a finding; its numbers may differ."""
-    return tuple(str(finding.get(name, "")) for name in ("code", "severity", "where", "when"))
+_Identity = Callable[[JsonMapping], tuple[str, ...]]
+
+
+def _unmatched(
+    first: Sequence[JsonMapping], second: Sequence[JsonMapping]
+) -> tuple[tuple[JsonMapping, ...], tuple[JsonMapping, ...]]:
+    """Return the findings that only the first list has, and those that only the second has.
+
+    Each finding has at most one partner, so that a finding that occurs twice instead of once is found. Findings with
+    the same words are partners first, then those that differ in numbers only.
+    """
+    for identity in (_words, _words_without_numbers):
+        first, second = _rest(first, second, identity), _rest(second, first, identity)
+    return tuple(first), tuple(second)
+
+
+def _rest(findings: Sequence[JsonMapping], others: Sequence[JsonMapping], identity: _Identity) -> list[JsonMapping]:
+    """Return the findings without a partner in `others`."""
+    partners = Counter(identity(other) for other in others)
+    rest: list[JsonMapping] = []
+    for finding in findings:
+        key = identity(finding)
+        if partners[key] > 0:
+            partners[key] -= 1
+        else:
+            rest.append(finding)
+    return rest
+
+
+_NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
+"""A number that stands alone: t = 1.23 s has one, the names s1 and bar1:r12-s1 have none."""
+
+
+def _words(finding: JsonMapping) -> tuple[str, ...]:
+    return tuple(str(finding.get(name, "")) for name in ("code", "severity", "where", "when", "message"))
+
+
+def _words_without_numbers(finding: JsonMapping) -> tuple[str, ...]:
+    """Return what identifies a finding: its place and time may move a little."""
+    code, severity, where, when, _ = _words(finding)
+    return code, severity, _NUMBER.sub("#", where), _NUMBER.sub("#", when)
 
 
 def _changed(before: object, after: object) -> tuple[ChangedResidual, ...]:
@@ -178,35 +278,56 @@ def _changed(before: object, after: object) -> tuple[ChangedResidual, ...]:
     for name in dict.fromkeys((*first, *second)):
         a, unit = first.get(name, (None, ""))
         b, other_unit = second.get(name, (None, ""))
-        if a is None and b is None:
-            continue
-        ratio = float("inf")
-        if a is not None and b is not None:
-            smaller, larger = sorted((a, b))
-            if larger == 0:
-                continue
-            if smaller > 0:
-                ratio = larger / smaller
+        ratio = _ratio(a, b)
         if ratio > _FACTOR:
             changed.append((ratio, ChangedResidual(name, a, b, unit or other_unit)))
     changed.sort(key=lambda pair: -pair[0])
     return tuple(row for _, row in changed)
 
 
-def _rows(residuals: object) -> dict[str, tuple[float | None, str]]:
-    """Return {name of a row: (largest deviation or None, unit)} of the residuals of a report that are judged."""
-    rows: dict[str, tuple[float | None, str]] = {}
+def _ratio(a: float | None, b: float | None) -> float:
+    """Return the larger of two deviations divided by the smaller; infinity if only one is there, or only one finite."""
+    if a is None or b is None:
+        return math.inf
+    if math.isnan(a) or math.isnan(b):
+        return 1.0 if math.isnan(a) and math.isnan(b) else math.inf
+    smaller, larger = sorted((a, b))
+    if larger == smaller:
+        return 1.0
+    if smaller <= 0:
+        return math.inf
+    return larger / smaller
+
+
+def _rows(residuals: object) -> dict[str, tuple[float, str]]:
+    """Return {name of a row: (largest deviation, unit)} of the residuals of a report that are judged.
+
+    The deviation is NaN if it is not finite. Of rows with the same name the largest deviation is returned.
+    """
+    rows: dict[str, tuple[float, str]] = {}
     if not isinstance(residuals, Sequence) or not _are_objects(residuals):
         return rows
     for row in residuals:
-        tolerance = row.get("tolerance")
-        worst = row.get("worst")
-        if not isinstance(tolerance, int | float) or isinstance(worst, bool):
+        if row.get("tolerance") is None:  # measured, but not judged
             continue
-        value = float(worst) if isinstance(worst, int | float) else None
+        tolerance = _number(row["tolerance"])
+        value = _number(row.get("worst"))
         # rounding far below the tolerance is the same: two runs differ in it
-        if value is not None and value < 0.01 * tolerance:
+        if value < 0.01 * tolerance:
             value = 0.0
         name = f"{row.get('pair', '')} {row.get('quantity', '')} {row.get('name', '')} [{row.get('unit', '')}]"
-        rows[name] = (value, str(row.get("unit", "")))
+        before, _ = rows.get(name, (0.0, ""))
+        if not math.isnan(before) and (math.isnan(value) or value >= before):
+            rows[name] = (value, str(row.get("unit", "")))
     return rows
+
+
+def _number(value: object) -> float:
+    """Return a number of JSON; NaN for what is none, and for what is not finite or too large."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return math.nan
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of more than 308 digits
+        return math.nan
+    return number if math.isfinite(number) else math.nan

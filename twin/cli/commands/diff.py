@@ -18,7 +18,10 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print both verdicts and what differs; the exit code is 1 if the verdicts differ or a finding is new."""
+    """Print both verdicts and what differs.
+
+    The exit code is 1 if the verdicts differ, a finding is new, or a residual is no longer finite.
+    """
     from twin.api.difference import diff
     from twin.cli import show
 
