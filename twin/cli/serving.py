@@ -69,6 +69,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     if file is None:
         text = f"{_OPTION} requires a scene with a console, such as davinci; {args.robot} is a robot"
         _refuse(args, _CONSOLE, text)
+        if args.protocols:
+            raise TwinError(f"--protocols applies to a scene with a console; {args.robot} is a robot: omit --protocols")
         robot = api.load(args.robot)
         protocols_of(robot, args.protocol)
         return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans)
@@ -139,7 +141,7 @@ def _names(text: str | None) -> list[str]:
 
 
 _CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
-_CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum", "trials")
+_CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum", "trials", "machine")
 """Options for the console of a scene."""
 
 _PART = ("task", "session", "run", "haptics", "trials", "fulcrum", "record", "replay")
@@ -175,7 +177,12 @@ def _require_compatible(args: argparse.Namespace) -> None:
         _refuse(args, named, f"{_OPTION} requires --trials FILE")
     elif args.task is None:
         raise TwinError("--trials requires --task NAME: a row of the table is an attempt at a task")
+    for option, value in (("user", args.user), ("group", args.group), ("before", args.before), ("after", args.after)):
+        if value is not None and not value.strip():
+            raise TwinError(f"--{option} is empty: give a name, or omit --{option}")
     if args.guided is not None:
+        if args.protocols:
+            raise TwinError("--protocols and --guided cannot be combined: a guided run is at the console")
         _refuse(args, _PART, f"{_OPTION} and --guided cannot be combined: the guided run determines it")
         return
     if (args.participant is None) != (args.run is None):

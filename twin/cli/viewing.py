@@ -148,6 +148,11 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         if value is not None:
             raise TwinError(f"{option} is for the live console of a scene; omit --html and name a scene with a console")
     file = assets.scene_file(args.robot)
+    if args.protocols:
+        reason = "a recording always plays the protocols"
+        if file is None:
+            reason = f"it applies to a scene with a console, and {args.robot} is a robot, which plays its protocol"
+        raise TwinError(f"omit --protocols: {reason}")
     if args.watch and (file is not None or args.html is not None):
         raise TwinError("--watch rebuilds a robot in the live page: name a robot, not a scene, and omit --html")
     if file is not None:

@@ -83,6 +83,9 @@ def _copy(args: argparse.Namespace) -> int:
 
     if args.source or args.file:
         raise TwinError("--example copies a robot and reads no file: omit the file, or --example")
+    for name in ("closures", "root", "arg", "packages", "dh", "units"):
+        if getattr(args, name):
+            raise TwinError(f"--{name} is for a file to read, and --example copies a robot: omit one of them")
     target = Path(args.out or args.name)
     files = [str(path) for path in copy_example(args.example, target, args.force)]
     if args.json:
