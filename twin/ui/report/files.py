@@ -17,6 +17,20 @@ FORMATS = ("html", "json", "png")
 """Formats that `write_report` can write."""
 
 
+def _picture(robot: Callable[[], RobotPicture | None] | None) -> tuple[RobotPicture | None, str]:
+    """Return (picture of the robot, why there is none); the verdict is written also if the picture cannot be drawn."""
+    if robot is None:
+        return None, ""
+    try:
+        picture = robot()
+        if picture is not None:
+            # the page uses both; they are drawn here, so that an error is one of the picture
+            _ = picture.data, picture.png
+    except Exception as error:  # meshes of a user can be anything
+        return None, f"{type(error).__name__}: {error}"
+    return picture, ""
+
+
 def write_report(
     report: Report,
     folder: Path,
@@ -53,10 +67,8 @@ def write_report(
         figures = plots.figures(report)
     # bytes, because text would get other line ends on Windows
     if "html" in formats:
-        picture = None
-        if robot is not None:
-            picture = robot()
-        page = render_html(report, figures, picture)
+        picture, missing = _picture(robot)
+        page = render_html(report, figures, picture, missing)
         path = folder / "report.html"
         path.write_bytes(page.encode())
         written["html"] = path

@@ -61,11 +61,17 @@ CAPTIONS = {
 _ORIGINS = ("ASSUMED", "DERIVED", "CITED", "PUBLISHED")
 
 
-def render_html(report: Report, figures: Mapping[str, Figure] | None = None, robot: RobotPicture | None = None) -> str:
+def render_html(
+    report: Report,
+    figures: Mapping[str, Figure] | None = None,
+    robot: RobotPicture | None = None,
+    robot_missing: str = "",
+) -> str:
     """Return the report as a self-contained HTML page; the same report always gives the same bytes.
 
     `figures` are the plots by name, as `twin.ui.report.plots.figures` returns them; None: this function draws them.
-    `robot` is the picture of the robot at the top; None: no picture.
+    `robot` is the picture of the robot at the top; None: no picture. `robot_missing` is the error because of which it
+    could not be drawn; "": no error.
     """
     from markupsafe import Markup
 
@@ -116,6 +122,7 @@ def render_html(report: Report, figures: Mapping[str, Figure] | None = None, rob
         unjudged="; ".join(not_judged(report)),
         robot=robot,
         robot_data=robot_data,
+        robot_missing=robot_missing,
         hovers=any(picture["axes"] for picture in pictures.values()),
     )
 

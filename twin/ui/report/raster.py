@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from twin.core.spatial import Array
@@ -14,6 +16,12 @@ _FINE = 2
 
 _DENSITY = 2.0
 """Mean number of points of a triangle for each fine pixel that it covers."""
+
+_MOST_POINTS = 3e7
+"""Maximum number of points of a picture; a picture that needs more has fewer fine pixels."""
+
+_AT_A_TIME = 4_000_000
+"""Number of points that are computed together."""
 
 AHEAD = np.array([-1.0, 1.35, -0.55])
 """Viewing direction in the base frame, z up; the script of the page starts with the same one."""
@@ -43,17 +51,67 @@ def shaded(vertices: Array, triangles: np.ndarray, colors: np.ndarray, mark: Arr
     scale = 0.94 * min(width / max(extent[0], 1e-9), height / max(extent[1], 1e-9))
     offset = 0.5 * (np.array([width, height]) - scale * extent) - scale * low
     places = scale * flat + offset
-    depth = vertices @ ahead
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
     brightness = 0.45 + 0.55 * np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT))) / np.maximum(lengths, 1e-30)
     lit = np.clip(colors * brightness[:, None], 0, 255).astype(np.uint8)
 
+    # many large triangles one behind the other: a coarser picture, of which each pixel is still that of the nearest
+    points = _DENSITY * float(np.sum(_areas(places, triangles)))
+    coarse = min(1.0, np.sqrt(_MOST_POINTS / max(points, 1.0)))
+    columns, rows = max(1, round(coarse * width)), max(1, round(coarse * height))
+    small = _drawn(places * [columns / width, rows / height], vertices @ ahead, triangles, lit, (columns, rows))
+    of_row = np.arange(height) * rows // height
+    of_column = np.arange(width) * columns // width
+    picture = small[of_row[:, None], of_column]
+    if mark is not None:
+        at = scale * np.array([mark @ right, -(mark @ up)]) + offset
+        y, x = np.mgrid[0:height, 0:width]
+        distance = np.hypot(x - at[0], y - at[1])
+        picture[(distance > 15 * _FINE) & (distance < 18 * _FINE)] = _MARK
+    mean = picture.reshape(HEIGHT, _FINE, WIDTH, _FINE, 3).mean(axis=(1, 3))
+    return mean.astype(np.uint8)
+
+
+def _areas(places: Array, triangles: np.ndarray) -> Array:
+    """Return the area (m,) in square pixels of each triangle; `places` (n, 2) are the vertices in pixels."""
     pa, pb, pc = (places[triangles[:, k]] for k in range(3))
     u, v = pb - pa, pc - pa
-    area = 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-    counts = np.ceil(_DENSITY * area).astype(np.int64) + 1
+    return 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+
+def _drawn(places: Array, depth: Array, triangles: np.ndarray, lit: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Return a picture (height, width, 3) uint8 of triangles on white.
+
+    Args:
+        places: (n, 2) vertices in pixels: column, row.
+        depth: (n,) distance of each vertex along the viewing direction.
+        triangles: (m, 3).
+        lit: (m, 3) uint8 colour of each triangle.
+        size: (width, height) in pixels.
+    """
+    width, height = size
+    counts = np.ceil(_DENSITY * _areas(places, triangles)).astype(np.int64) + 1
+    pixels = np.full((height * width, 3), _PAPER, np.uint8)
+    nearest = np.full(height * width, np.inf)
+    # as many triangles at a time as have `_AT_A_TIME` points, because each point takes about 100 bytes
+    part = np.cumsum(counts) // _AT_A_TIME
+    for begin, end in pairwise([*np.unique(part, return_index=True)[1], len(triangles)]):
+        of_point, spots, z = _points(places, depth, triangles[begin:end], counts[begin:end])
+        x = np.clip(spots[:, 0].astype(np.int64), 0, width - 1)
+        y = np.clip(spots[:, 1].astype(np.int64), 0, height - 1)
+        pixel = y * width + x
+        seen = np.flatnonzero(z < nearest[pixel])
+        # far ones first, so that the nearest point of a pixel is written last
+        order = seen[np.argsort(-z[seen], kind="stable")]
+        pixels[pixel[order]] = lit[begin + of_point[order]]
+        nearest[pixel[order]] = z[order]
+    return pixels.reshape(height, width, 3)
+
+
+def _points(places: Array, depth: Array, triangles: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, Array, Array]:
+    """Return (triangle (k,), place (k, 2) in pixels, depth (k,)) of points on triangles, `counts` (m,) on each one."""
     of_point = np.repeat(np.arange(len(triangles)), counts)
     number = np.arange(len(of_point)) - np.repeat(np.cumsum(counts) - counts, counts)
     # an additive recurrence with the plastic number covers each triangle evenly
@@ -62,21 +120,7 @@ def shaded(vertices: Array, triangles: np.ndarray, colors: np.ndarray, mark: Arr
     outside = s + t > 1.0
     s = np.where(outside, 1.0 - s, s)
     t = np.where(outside, 1.0 - t, t)
-    spots = pa[of_point] + s[:, None] * u[of_point] + t[:, None] * v[of_point]
-    x = np.clip(spots[:, 0].astype(np.int64), 0, width - 1)
-    y = np.clip(spots[:, 1].astype(np.int64), 0, height - 1)
-    corners = depth[triangles]
-    z = corners[of_point, 0]
-    z = z + s * (corners[of_point, 1] - corners[of_point, 0]) + t * (corners[of_point, 2] - corners[of_point, 0])
-    pixels = np.full((height * width, 3), _PAPER, np.uint8)
-    # far ones first, so that the nearest point of a pixel is written last
-    order = np.argsort(-z, kind="stable")
-    pixels[(y * width + x)[order]] = lit[of_point[order]]
-    picture = pixels.reshape(height, width, 3)
-    if mark is not None:
-        at = scale * np.array([mark @ right, -(mark @ up)]) + offset
-        rows, columns = np.mgrid[0:height, 0:width]
-        distance = np.hypot(columns - at[0], rows - at[1])
-        picture[(distance > 15 * _FINE) & (distance < 18 * _FINE)] = _MARK
-    mean = picture.reshape(HEIGHT, _FINE, WIDTH, _FINE, 3).mean(axis=(1, 3))
-    return mean.astype(np.uint8)
+    pa, pb, pc = (places[triangles[:, k]] for k in range(3))
+    spots = pa[of_point] + s[:, None] * (pb - pa)[of_point] + t[:, None] * (pc - pa)[of_point]
+    za, zb, zc = (depth[triangles[:, k]] for k in range(3))
+    return of_point, spots, za[of_point] + s * (zb - za)[of_point] + t * (zc - za)[of_point]

@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
@@ -58,7 +59,7 @@ class RobotPicture:
     moment: str
     line: str
 
-    @property
+    @cached_property
     def data(self) -> str:
         """The picture for the script of the page, as JSON that is safe within an HTML element."""
         low = self.vertices.min(axis=0)
@@ -75,7 +76,7 @@ class RobotPicture:
         }
         return json.dumps(content).replace("<", "\\u003c")
 
-    @property
+    @cached_property
     def png(self) -> str:
         """The picture from the standard direction as base64 of a PNG file; "" without the package Pillow."""
         try:
@@ -205,7 +206,10 @@ def _place(mechanism: Mechanism, assembly: Assembly, names: tuple[str, ...]) -> 
             where = (assembly.link_poses[link] @ frame.T_body_frame)[:3, 3]
         elif name in bodies:
             link = name
-            corners = np.concatenate([mesh.vertices for mesh in bodies[name].meshes] or [np.zeros((1, 3))])
+            corners = np.zeros((1, 3))
+            filled = [mesh.vertices for mesh in bodies[name].meshes if len(mesh.vertices)]
+            if filled:
+                corners = np.concatenate(filled)
             middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
             where = (assembly.link_poses[link] @ np.append(middle, 1.0))[:3]
         if where is None:
@@ -232,6 +236,8 @@ def _triangles(
         T = assembly.link_poses[body.name]
         for mesh in body.meshes:
             points, faces = mesh.vertices, np.asarray(mesh.triangles)
+            if not len(faces):
+                continue
             if count > MOST_TRIANGLES:
                 points, faces = _coarser(points, faces, MOST_TRIANGLES / count)
             vertices.append(points @ T[:3, :3].T + T[:3, 3])
