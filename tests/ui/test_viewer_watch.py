@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 import twin
 from twin.core.errors import TwinError
 from twin.core.units import MM
+from twin.ui.session import file_watch
 from twin.ui.session.desk import Desk
 from twin.ui.session.file_watch import RobotFileWatch
 from twin.ui.viewer.front import ShownRobot
@@ -76,6 +78,56 @@ def test_a_change_rebuilds_the_robot_in_its_posture_and_a_broken_file_leaves_it(
     assert front.hand.desk is kept
     assert front.panels.why
     assert front.hand.desk.move_tool(T).good  # the last good robot still moves
+
+
+def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before(watched):
+    front, folder, _ = watched
+    a = front.hand
+    trajectories = folder / "trajectories"
+    name = next(iter(front.panels._protocols[a.name]))
+    shutil.move(trajectories / f"{name}.toml", trajectories / "renamed.toml")
+    a.protocol = name
+    a.playback = SimpleNamespace(t=[0.0])
+    front.scenery._labels(True)
+    front.scenery._frames(True)
+    loaded = []
+    front.load = lambda a, protocol: loaded.append(protocol)
+
+    note = front.replace(a, a.desk)
+    assert "renamed" in front.panels._protocol.options
+    assert name not in front.panels._protocol.options
+    assert a.playback is None
+    assert front.panels._run.disabled
+    assert f"protocol {name} has gone" in note
+    assert loaded == [None]
+    nodes = front.nodes[a.name]
+    assert len(nodes._extras["labels"]) > 0
+    assert all(handle.show_axes for handle in nodes.bodies.values())
+    assert "axes" not in nodes._extras
+
+
+def test_code_that_ends_the_program_is_an_error_and_no_earlier_build_is_shown(watched, monkeypatch):
+    front, folder, _ = watched
+    watch = RobotFileWatch(front.hand.desk.robot, str(folder))
+    watch._load(("hexapod.toml",))
+    assert watch._result is not None
+    assert watch._result.desk is not None
+
+    def ends(robot):
+        raise SystemExit(3)
+
+    monkeypatch.setattr(file_watch, "Desk", ends)
+    edit(folder / "formula.py", "import", "# changed\nimport")
+    results = []
+
+    def found():
+        watch._looked = -file_watch.POLL
+        results.append(watch.poll(0.0))
+        return results[-1] is not None
+
+    until(front, found, "the result")
+    assert results[-1].desk is None
+    assert "ends the program by SystemExit(3)" in results[-1].error
 
 
 @pytest.mark.slow

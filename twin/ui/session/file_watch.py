@@ -11,6 +11,7 @@ from pathlib import Path
 from twin import api
 from twin.api import Robot
 from twin.core.errors import TwinError
+from twin.core.program_end import ending
 from twin.ui.session.desk import Desk
 
 POLL = 0.2
@@ -68,7 +69,9 @@ class RobotFileWatch:
             if self._thread.is_alive():
                 return None
             self._thread = None
-            return self._result
+            result = self._result
+            self._result = None
+            return result
         if now - self._looked < POLL:
             return None
         self._looked = now
@@ -79,6 +82,7 @@ class RobotFileWatch:
             return None
         names = tuple(sorted({path.name for path in _different(self._used, stamps)}))
         self._used = stamps
+        self._result = None
         self._thread = threading.Thread(target=self._load, args=(names,), daemon=True, name="load the changed robot")
         self._thread.start()
         return None
@@ -98,6 +102,10 @@ class RobotFileWatch:
             error = str(reason)
         except Exception as reason:  # the formula is code of a user, which can raise anything
             error = f"{type(reason).__name__}: {reason}"
+        except (
+            BaseException
+        ) as reason:  # SystemExit or KeyboardInterrupt of that code; Ctrl-C reaches no thread but one
+            error = str(ending(reason))
         self._result = Reloaded(desk, error, names, time.perf_counter() - begin)
 
     def _stamps(self) -> Stamps:

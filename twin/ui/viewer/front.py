@@ -6,11 +6,13 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 import viser
 
+from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
@@ -70,6 +72,7 @@ class SceneryInterface(Protocol):
     def panel(self) -> None: ...  # noqa: D102
     def trail(self, visible: bool) -> None: ...  # noqa: D102
     def forget(self, robot: str) -> None: ...  # noqa: D102
+    def redraw(self, robot: str) -> None: ...  # noqa: D102
     def follow(self) -> None: ...  # noqa: D102
     def update(self) -> None: ...  # noqa: D102
     def protocol_changed(self) -> None: ...  # noqa: D102
@@ -295,12 +298,18 @@ class Front(ViewerPage):
             except TwinError as error:
                 note += f"; the changes of its equations are gone: {error}"
         a.desk = desk
+        # its joint values are those of the build before
+        a.playback = None
+        if a.protocol and _is_gone(desk.robot, a.protocol):
+            note += f"; its protocol {a.protocol} has gone, so the default one is planned"
+            a.protocol = None
         self.scenery.forget(a.name)
         with self.server.atomic():
             self.nodes[a.name].remove()
             nodes = RobotNodes(self.server, f"/{a.name}", desk.mechanism, desk.assembly.link_poses)
             nodes.place(a.T_world_base, a.scale)
         self.nodes[a.name] = nodes
+        self.scenery.redraw(a.name)
         self._grab_links_of(a)
         self.rebuilt(a)
         if a is self.hand:
@@ -308,6 +317,8 @@ class Front(ViewerPage):
         self._staying.add(a.name)
         if desk.robot.files is not None and desk.robot.files.protocols():
             self.load(a, a.protocol)
+        else:
+            self.clock.playing = False
         return note
 
     def _draw_ghost(self) -> None:
@@ -468,3 +479,15 @@ class Front(ViewerPage):
                 self.ask("settle", a.desk.let_go)
 
         return lead
+
+
+def _is_gone(robot: Robot, protocol: str) -> bool:
+    """Return whether the file of a protocol no longer exists; `protocol` is as for `Robot.protocol`."""
+    if Path(protocol).suffix == ".toml":
+        return not Path(protocol).exists()
+    if robot.files is None:
+        return False
+    try:
+        return not robot.files.protocol(protocol).exists()
+    except TwinError:
+        return True

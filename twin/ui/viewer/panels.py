@@ -10,7 +10,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from twin.core.errors import AssemblyError
+from twin.core.errors import AssemblyError, TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.session.instruments import RobotReading
@@ -76,7 +76,9 @@ class Panels:
 
     def _play(self) -> None:
         gui, front = self.gui, self.front
-        self._protocols = {a.name: protocols_of(a.desk.robot, a.protocol or None) for a in front.actors}
+        self._protocols: dict[str, dict[str, str]] = {}
+        for a in front.actors:
+            self._protocols[a.name] = protocols_of(a.desk.robot, a.protocol or None)
         self._protocol = gui.add_dropdown("protocol", ["none"])
         self._list_protocols()
         self._state = gui.add_markdown("_not planned yet_")
@@ -197,12 +199,33 @@ class Panels:
     # -- move -----------------------------------------------------------------------------------------
 
     def rebuild(self) -> None:
-        """Rebuild the panels for another active robot."""
+        """Rebuild the panels for another active robot, or for another build of the active robot."""
+        a = self.front.hand
+        try:
+            self._protocols[a.name] = protocols_of(a.desk.robot, a.protocol or None)
+        except TwinError:
+            # a protocol that is being edited may be malformed; the error is shown when it is planned
+            self._protocols[a.name] = protocols_of(a.desk.robot, None)
         self._list_protocols()
         self._move()
         self.design.rebuild()
-        if self.front.hand.playback is not None:
-            self.ready(self.front.hand)
+        if a.playback is not None:
+            self.ready(a)
+        else:
+            self._unready()
+
+    def _unready(self) -> None:
+        """Show that the active robot has no planned protocol."""
+        self._run.disabled = True
+        self._state.content = "_not planned yet_"
+        self._phases.content = ""
+        self._legend.content = ""
+        if self._plot is not None:
+            self._plot.remove()
+            self._plot = None
+        if self._time is not None and all(b.playback is None for b in self.front.actors):
+            self._time.remove()
+            self._time = None
 
     def _move(self) -> None:
         gui = self.gui

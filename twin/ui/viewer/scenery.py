@@ -57,6 +57,8 @@ class Scenery:
         self._through_lens = False
         self._trail: dict[str, list[viser.SceneNodeHandle]] = {}
         self._trail_shown = True
+        # which of the displays "labels", "frames" and "axes" are switched on
+        self._extras: set[str] = set()
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._balls: dict[str, viser.IcosphereHandle] = {}
         self._cut: tuple[int, float] | None = None
@@ -81,12 +83,24 @@ class Scenery:
             self._trail[a.name] = [line]
 
     def forget(self, robot: str) -> None:
-        """Forget path, trocars and shafts of a robot whose scene nodes are removed; theirs are removed with them."""
+        """Forget path, trocars, shafts, patient and section of a robot; they are removed with its scene nodes."""
         self._trail.pop(robot, None)
+        self._patients.pop(robot, None)
+        self._cut_drawn = None
         for key in list(self._lines):
             if key == robot or key.startswith(f"{robot}/"):
                 del self._lines[key]
                 del self._balls[key]
+
+    def redraw(self, robot: str) -> None:
+        """Show names, frames and joint axes, if they are switched on, at the new scene nodes of a robot."""
+        nodes = self.front.nodes[robot]
+        if "labels" in self._extras:
+            nodes.labels(True)
+        if "frames" in self._extras:
+            nodes.frames(True)
+        if "axes" in self._extras:
+            nodes.axes(True)
 
     def follow(self) -> None:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
@@ -186,15 +200,24 @@ class Scenery:
             turn.on_click(lambda e: self._busy(lambda p: view_export.turntable(e.client, front.title, p)))
             page.on_click(lambda e: front.ask("page", lambda: self._page(e.client)))
 
+    def _note(self, extra: str, visible: bool) -> None:
+        if visible:
+            self._extras.add(extra)
+        else:
+            self._extras.discard(extra)
+
     def _labels(self, visible: bool) -> None:
+        self._note("labels", visible)
         for nodes in self.front.nodes.values():
             nodes.labels(visible)
 
     def _frames(self, visible: bool) -> None:
+        self._note("frames", visible)
         for nodes in self.front.nodes.values():
             nodes.frames(visible)
 
     def _axes(self, visible: bool) -> None:
+        self._note("axes", visible)
         for nodes in self.front.nodes.values():
             nodes.axes(visible)
 
