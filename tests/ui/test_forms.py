@@ -112,6 +112,13 @@ def test_the_page_asks_before_and_after_and_the_table_has_the_scores_by_hand(bro
             page.until("!document.querySelector('[data-id=form]').hidden", "the questionnaire before")
             for k in range(16):
                 page(f"{CHOOSE}('item-{k}', '{k % 4}')")
+            page(
+                "window.keys = []; for (const k of ['keydown', 'keyup']) addEventListener(k, () => window.keys.push(k))"
+            )
+            page.page.focus("[data-id=form] input")
+            page.page.keyboard.press("KeyI")
+            # a key that was pressed before the form had the focus is released by this
+            assert page("window.keys") == ["keyup"]
             page(DONE)
             page.until("document.querySelector('[data-id=form]').hidden", "no questionnaire")
             page("twin.app.ask('task', {do: 'end'})")

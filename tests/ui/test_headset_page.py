@@ -119,8 +119,17 @@ def test_keys_undo_a_drag_play_and_show_themselves(desk, robot):
     desk.until("twin.app.model.state.playing", "it plays")
     desk.page.keyboard.press("Space")
     desk.until("!twin.app.model.state.playing", "it stops")
+    asked = "(() => { const { app } = twin; const { ask } = app; window.asked = [];"
+    desk(f"{asked} app.ask = (what, more) => {{ window.asked.push(what); ask.call(app, what, more); }}; }})()")
+    for _ in range(4):  # held down: the second and further ones repeat
+        desk.page.keyboard.down("Space")
+    desk.page.keyboard.up("Space")
+    assert desk("window.asked") == ["play"]
+    desk.page.keyboard.press("Space")
     desk.page.keyboard.press("?")
     assert "Ctrl-Z" in desk.page.locator("dialog.keys").inner_text()
+    desk.page.keyboard.press("Control+z")
+    assert desk("window.asked") == ["play", "play"]
     desk.page.keyboard.press("Escape")
     assert not desk.page.locator("dialog.keys").is_visible()
     assert "Nearest limit: q" in desk.page.locator(".headline").inner_text()

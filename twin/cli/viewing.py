@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import signal
 import threading
 import time
@@ -98,7 +99,8 @@ def _show_page(
     try:
         address = PageAddress(args.host, port, False, title, _ADVICE)
         rules = AccessRules(args.host, port, False, address.say)
-        server = serve(f"twin · {title}", args.host, port, rules)
+        command = shlex.join(("twin", "view", str(args.robot)))
+        server = serve(f"twin · {title}", args.host, port, rules, command)
         if not rules.needs_token:
             address.say("")
             if not args.no_browser:  # the browser starts while the CAD is read

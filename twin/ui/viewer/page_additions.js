@@ -88,23 +88,26 @@
     for (const button of document.querySelectorAll('button'))
       if (pattern.test(button.textContent.trim()) && !button.disabled) {
         button.click();
-        return true;
+        return;
       }
-    return false;
   };
   window.addEventListener('keydown', (e) => {
     const typing = e.target instanceof HTMLElement && (e.target.isContentEditable || /^(INPUT|TEXTAREA|SELECT)$/.test(e.target.tagName));
     if (typing || e.altKey) return;
     const command = e.ctrlKey || e.metaKey;
-    let done = false;
-    if (command && !e.shiftKey && e.key.toLowerCase() === 'z') done = press(/^↶ Undo/);
-    else if (command) return;
-    else if (e.key === '?') {
-      if (keys.open) keys.close();
-      else keys.showModal();
-      done = true;
-    } else if (e.code === 'Space' && !(e.target instanceof HTMLButtonElement) && !keys.open) done = press(/^(▶ Play|❚❚ Pause)$/);
-    if (done) e.preventDefault();
+    const undo = command && !e.shiftKey && e.key.toLowerCase() === 'z';
+    if (command && !undo) return;
+    // the list of the keys covers the robot: only its own key acts then
+    if (keys.open && e.key !== '?') return;
+    const play = e.code === 'Space' && !(e.target instanceof HTMLButtonElement);
+    if (!undo && !play && e.key !== '?') return;
+    e.preventDefault();
+    if (undo) press(/^↶ Undo/);
+    // a key that is held down repeats, which would switch there and back
+    else if (e.repeat) return;
+    else if (play) press(/^(▶ Play|❚❚ Pause)$/);
+    else if (keys.open) keys.close();
+    else keys.showModal();
   });
 
   // -- the server has gone ------------------------------------------------------------------------------
@@ -119,6 +122,8 @@
   again.onclick = () => location.reload();
   gone.append(text, again);
   document.body.append(gone);
+  // the server writes the command line into the page
+  const command = window.twinCommand || 'the command that opened this page';
   let missed = 0;
   async function look() {
     if (document.hidden || !location.protocol.startsWith('http')) return;
@@ -128,8 +133,7 @@
     } catch {
       missed++;
     }
-    const robot = document.title.split('·').pop()?.trim() ?? '';
-    text.textContent = `The server does not answer. If it has ended, run "twin view ${robot}" again, then reload this page.`;
+    text.textContent = `The server does not answer. If it has ended, run ${command} again, then reload this page.`;
     gone.hidden = missed < 2;
   }
   setInterval(look, 2500);

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import json
 import threading
 import time
 from collections.abc import Awaitable, Callable, Iterator
@@ -127,13 +128,25 @@ class PageConnection(Connection):
         super().connection_lost(exc)
 
 
-def _with_additions(page: bytes) -> bytes:
-    """Return viser's page with the script `page_additions.js` at its end."""
+def with_additions(page: bytes, command: str) -> bytes:
+    """Return viser's page with the script `page_additions.js` at its end.
+
+    `command` is the command line that opened the page, for the notice that the server has ended; "": not known.
+    """
     script = Path(__file__).with_name("page_additions.js").read_bytes()
+    # a file name may contain "</script>"
+    text = json.dumps(command).replace("<", "\\u003c")
     head, end, tail = page.rpartition(b"</body>")
     if not end:
         return page
-    return head + b"<script>" + script + b"</script>\n" + end + tail
+    return (
+        head
+        + f"<script>window.twinCommand = {text};</script>\n<script>".encode()
+        + script
+        + b"</script>\n"
+        + end
+        + tail
+    )
 
 
 class ViewerAccess:
@@ -145,12 +158,13 @@ class ViewerAccess:
         opened: whether viser's socket was opened by `listen` and is thus protected.
     """
 
-    def __init__(self, rules: AccessRules) -> None:
+    def __init__(self, rules: AccessRules, command: str) -> None:
         self.rules = rules
         self.message_filter = MessageFilter()
         self.opened = False
         page = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        self._files = {"/": File(_with_additions(page.read_bytes()), "text/html; charset=utf-8", policy=POLICY)}
+        content = with_additions(page.read_bytes(), command)
+        self._files = {"/": File(content, "text/html; charset=utf-8", policy=POLICY)}
 
     def listen(
         self,
@@ -197,7 +211,7 @@ class ViewerAccess:
         return None
 
 
-def serve(title: str, host: str, port: int, rules: AccessRules | None = None) -> viser.ViserServer:
+def serve(title: str, host: str, port: int, rules: AccessRules | None = None, command: str = "") -> viser.ViserServer:
     """Start a server and return it.
 
     Args:
@@ -206,13 +220,14 @@ def serve(title: str, host: str, port: int, rules: AccessRules | None = None) ->
         port: port to listen on; 0: any free port.
         rules: access rules. None: a request is accepted if its Host header names `host` or this machine, and if the
             request comes from the server's own page or from a program that is not a browser.
+        command: command line that opens the page again, which the page shows when the server has ended; "": not known.
 
     Raises:
         TwinError: this version of viser opens its socket differently.
     """
     if rules is None:
         rules = AccessRules(host, port, False, lambda token: None)
-    access = ViewerAccess(rules)
+    access = ViewerAccess(rules, command)
     with contextlib.redirect_stdout(io.StringIO()), _opening(access):  # viser prints its address
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     if not access.opened:

@@ -49,13 +49,19 @@ export class DeskKeys {
   private press(e: KeyboardEvent): void {
     if (this.app.console || e.target instanceof HTMLSelectElement) return;
     const command = e.ctrlKey || e.metaKey;
-    if (command && !e.shiftKey && !e.altKey && e.key.toLowerCase() === 'z') this.app.ask('undo', {});
-    else if (command || e.altKey) return;
-    else if (e.key === '?') this.toggle();
+    const undo = command && !e.shiftKey && !e.altKey && e.key.toLowerCase() === 'z';
+    if ((command || e.altKey) && !undo) return;
+    // the list of the keys covers the robot: only its own key acts then
+    if (this.list.open && e.key !== '?') return;
     // on a button, Space presses the button
-    else if (e.code === 'Space' && !(e.target instanceof HTMLButtonElement) && !this.list.open) this.play();
-    else return;
+    const play = e.code === 'Space' && !(e.target instanceof HTMLButtonElement);
+    if (!undo && !play && e.key !== '?') return;
     e.preventDefault();
+    if (undo) this.app.ask('undo', {});
+    // a key that is held down repeats, which would switch there and back
+    else if (e.repeat) return;
+    else if (play) this.play();
+    else this.toggle();
   }
 
   private play(): void {

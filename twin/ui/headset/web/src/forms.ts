@@ -32,8 +32,8 @@ export class Forms {
       e.preventDefault();
       this.send();
     };
-    // Keys of a form move no hand.
-    for (const event of ['keydown', 'keyup'] as const) this.card.addEventListener(event, (e) => e.stopPropagation());
+    // Keys of a form move no hand. The release of a key passes: it may have been pressed before the form had the focus.
+    this.card.addEventListener('keydown', (e) => e.stopPropagation());
     parent.append(this.card);
   }
 

@@ -1,0 +1,56 @@
+"""What twin adds to the page of viser, without a robot: keys, and the notice when the server has gone."""
+
+from __future__ import annotations
+
+import pytest
+
+from twin.ui.viewer.server import with_additions
+
+pytestmark = pytest.mark.browser
+
+PAGE = b"<!doctype html><title>twin</title><body><div id='root'></div><button>\xe2\x96\xb6 Play</button></body>"
+COMMAND = "twin view 'robots/my </script><b>robot'"
+QUICK = """
+const every = window.setInterval.bind(window);
+window.setInterval = (act, ms) => every(act, 20);
+window.pressed = 0;
+addEventListener('DOMContentLoaded', () => {
+  const button = document.querySelector('button');
+  button.addEventListener('click', () => window.pressed++);
+});
+"""
+
+
+@pytest.fixture
+def page(browser):
+    page = browser.new_page()
+    gone = []
+
+    def answer(route):
+        if route.request.method == "HEAD" and gone:
+            route.abort()
+        else:
+            route.fulfill(body=with_additions(PAGE, COMMAND), content_type="text/html; charset=utf-8")
+
+    page.route("http://twin.test/**", answer)
+    page.add_init_script(QUICK)
+    page.goto("http://twin.test/")
+    yield page, gone
+    page.close()
+
+
+def test_a_held_key_acts_once_and_a_server_that_is_gone_is_told_with_the_command(page):
+    page, gone = page
+    for _ in range(4):  # the second and further ones repeat
+        page.keyboard.down("Space")
+    page.keyboard.up("Space")
+    assert page.evaluate("window.pressed") == 1
+    for _ in range(3):
+        page.keyboard.down("?")
+    assert page.locator(".twin-keys").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.locator(".twin-gone").is_visible()
+    gone.append(True)
+    page.wait_for_selector(".twin-gone:not([hidden])")
+    assert f"run {COMMAND} again" in page.locator(".twin-gone").inner_text()
+    assert page.locator("b").count() == 0
