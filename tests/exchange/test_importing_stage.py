@@ -216,7 +216,7 @@ def test_a_stage_without_a_tool_is_shown_exported_and_told(tmp_path, capsys):
     assert cli.main(["info", str(source), "--tool", "krank"]) == 2
     assert "there is no frame or body 'krank'. Did you mean 'crank'?" in capsys.readouterr().err
     assert cli.main(["info", "sils", "--tool", "tool"]) == 2
-    assert "the tool is set in the robot's description" in capsys.readouterr().err
+    assert "its tool is set in its description" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("shift", "turn"), [(0.05, 0.0), (0.0, 0.1), (12.0, 3.0)])

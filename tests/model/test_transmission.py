@@ -326,7 +326,7 @@ def test_it_is_validated_and_its_margins_are_told(robot, trajectory):
 
 
 def test_info_shows_motors_and_what_they_move(robot, capsys):
-    assert cli.main(["info", str(robot.files.description.parents[1])]) == 0
+    assert cli.main(["info", str(robot.files.description.parents[1]), "--all"]) == 0
     shown = capsys.readouterr().out
     assert "transmission cables (rad, m): q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2; q3 = 0.01 m1" in shown
     assert re.search(r"m1 +angle +-3437.75 .. 4583.66 deg +572.958 deg/s +0.2 N m +1e-05 kg m2", shown)

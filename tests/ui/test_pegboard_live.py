@@ -252,7 +252,7 @@ def test_a_task_without_a_goal_is_named(theatre, tmp_path):
     line = file.read_text(encoding="utf-8").splitlines().index('title = "nothing to do"') + 1
     assert str(caught.value) == (
         f'{file}:{line}: task.idle.title = "nothing to do": a task needs a goal: `target` or `transfer` with at least '
-        "one entry, `guide`, `align` or `procedure`; this task has none of them"
+        "one entry, `holes`, `guide`, `align` or `procedure`; this task has none of them"
     )
 
 
