@@ -87,7 +87,7 @@ class MeasuringReferee(Protocol):
     @property
     def complete(self) -> bool: ...  # noqa: D102
 
-    def measures(self) -> dict[str, float | None]:
+    def trial_measures(self) -> dict[str, float | None]:
         """Return {name with unit: value} of the attempt so far; None: no value, because the task is not done."""
         ...
 

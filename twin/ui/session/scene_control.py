@@ -295,7 +295,7 @@ class LiveConsole:
             return
         self._trial_problem = ""
         try:
-            self._trials.add(self.referee.measures())
+            self._trials.add(self.referee.trial_measures())
             if self._forms is not None:
                 self._forms.finish()
         except TwinError as error:

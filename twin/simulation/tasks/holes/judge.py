@@ -150,7 +150,7 @@ class HoleReferee(Block):
         """Whether all holes are touched."""
         return self.judge.complete
 
-    def measures(self) -> dict[str, float | None]:
+    def trial_measures(self) -> dict[str, float | None]:
         """Return {name with unit: value} so far; time, presses and path are None unless all holes are touched."""
         values: dict[str, float | None] = dict(self.judge.measures())
         if not self.complete:
