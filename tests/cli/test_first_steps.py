@@ -7,13 +7,16 @@ import os
 import shutil
 import socket
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from twin.api.difference import diff
 from twin.cli import browser, main
 from twin.cli.commands import GROUPS, HELP, doctor
+from twin.cli.commands.open import REPORT
 from twin.core.errors import TwinError
+from twin.ui.report.page import render as page_of
 
 
 def result(findings=(), verdict="agree", residuals=()):
@@ -78,6 +81,19 @@ def test_doctor_asks_chromium_what_draws(said, found, tmp_path, monkeypatch):
     assert doctor._webgl(True)[0] == found
 
 
+REPORT_HEAD = '<!doctype html>\n<head><meta name="generator" content="twin">\n'
+
+
+def test_every_report_has_the_line_by_which_it_is_found(tmp_path):
+    (tmp_path / "a.json").write_text(result())
+    page = page_of(diff(tmp_path / "a.json", tmp_path / "a.json"), "diff")
+    templates = Path(page_of.__code__.co_filename).parent
+    report = (templates / "report.html.j2").read_text(encoding="utf-8")
+    head = report[report.index("<!doctype") :]
+    for text in (page, head):
+        assert REPORT.decode() in text[:500]
+
+
 def test_open_takes_the_last_report(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["open"]) == 2
@@ -85,8 +101,14 @@ def test_open_takes_the_last_report(tmp_path, monkeypatch, capsys):
     for k, name in enumerate(("old", "new")):
         page = tmp_path / "twin-out" / name / "report.html"
         page.parent.mkdir(parents=True)
-        page.write_text(name)
+        page.write_text(REPORT_HEAD)
         os.utime(page, (k + 1, k + 1))
+    (tmp_path / "twin-out/site").mkdir()
+    (tmp_path / "twin-out/site/index.html").write_text("<html>a page of the documentation</html>")
+    unfinished = tmp_path / "twin-out/new/.twin-0123abcd.tmp/new/report.html"
+    unfinished.parent.mkdir(parents=True)
+    unfinished.write_text(REPORT_HEAD)
+    (tmp_path / "twin-out/gone.html").symlink_to(tmp_path / "twin-out/removed.html")
     opened = []
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(browser.webbrowser, "open", lambda address: opened.append(address) or True)

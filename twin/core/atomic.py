@@ -28,7 +28,9 @@ from twin.core.errors import OutputError
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """System error numbers for a full disk, an exceeded quota, and a file that is too large."""
 
-_PREFIX = ".twin-"
+UNFINISHED = ".twin-"
+"""Start of the names of folders with files that are not yet complete."""
+
 _SUFFIX = ".tmp"
 _OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
 """Names of the folders that this module creates, in a target folder or in the folder for temporary files."""
@@ -142,7 +144,7 @@ class Scratch(tempfile.TemporaryDirectory):
 
     def __init__(self) -> None:
         def make() -> str:
-            super(Scratch, self).__init__(_SUFFIX, _PREFIX)
+            super(Scratch, self).__init__(_SUFFIX, UNFINISHED)
             return self.name
 
         _, self._lock = _claim(make)
@@ -206,7 +208,7 @@ def _discard(own: Path) -> None:
 def _made(base: Path) -> str:
     """Create a temporary folder with a random name in `base`; it is registered before, as the process may be killed."""
     while True:
-        own = base / f"{_PREFIX}{os.urandom(4).hex()}{_SUFFIX}"
+        own = base / f"{UNFINISHED}{os.urandom(4).hex()}{_SUFFIX}"
         unfinished.register(own)
         try:
             own.mkdir(mode=0o700)
