@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import pty
+import select
 import shutil
+import signal
 import socket
 import subprocess
 from pathlib import Path
@@ -241,3 +244,32 @@ def test_other_shells_get_every_command(shell, capsys):
     for command in HELP:
         assert command in said
     assert "--to" in said or "-l to" in said
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
+def test_zsh_completes_at_the_first_tab(capsys, tmp_path):
+    assert main(["completion", "zsh"]) == 0
+    (tmp_path / "_twin").write_text(capsys.readouterr().out)
+    (tmp_path / ".zshrc").write_text(f"fpath+={tmp_path}\nautoload -Uz compinit\ncompinit -u -D\nPS1=ready\n")
+    process, terminal = pty.fork()
+    if process == 0:
+        os.environ.update(ZDOTDIR=str(tmp_path), TERM="dumb")
+        os.execvp("zsh", ["zsh", "-i"])
+    try:
+        _until(terminal, b"ready")
+        os.write(terminal, b"twin vali\t")
+        _until(terminal, b"twin validate")
+    finally:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+        os.close(terminal)
+
+
+def _until(terminal, text):
+    """Read from a terminal until a text has come."""
+    seen = b""
+    while text not in seen:
+        ready, _, _ = select.select([terminal], [], [], 60.0)
+        assert ready, seen
+        seen += os.read(terminal, 65536)

@@ -36,6 +36,14 @@ complete -o filenames -F _twin twin
 """
 
 
+_ZSH_END = """\
+# Autoloaded at the first TAB, this file is the body of _twin, which has only defined functions until here.
+if [[ ${funcstack[1]} == _twin ]]; then
+    _bash_complete -o filenames -F _twin
+fi
+"""
+
+
 def arguments(command: Command) -> None:
     """Add the arguments of `twin completion`."""
     command.add_argument("shell", choices=SHELLS, help="the shell")
@@ -54,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         script = _bash(list(HELP), options, known)
         if args.shell == "zsh":
-            script = f"#compdef twin\nautoload -U +X bashcompinit && bashcompinit\n{script}"
+            script = f"#compdef twin\nautoload -U +X bashcompinit && bashcompinit\n{script}{_ZSH_END}"
     if args.json:
         print(show.as_json(show.record("completion", {"shell": args.shell, "script": script})))
     else:
