@@ -87,6 +87,16 @@ def test_doctor_asks_chromium_what_draws(said, found, tmp_path, monkeypatch):
 REPORT_HEAD = '<!doctype html>\n<head><meta name="generator" content="twin">\n'
 
 
+def test_doctor_takes_no_script_that_has_not_run_for_an_answer(tmp_path, monkeypatch):
+    program = tmp_path / "chromium"
+    program.write_text('#!/bin/sh\nfor page; do :; done\necho "$page"\n')  # the page as it was given
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    found, reason = doctor._webgl(True)
+    assert found == "untested"
+    assert "chromium did not answer" in reason
+
+
 def test_every_report_has_the_line_by_which_it_is_found(tmp_path):
     (tmp_path / "a.json").write_text(result())
     page = page_of(diff(tmp_path / "a.json", tmp_path / "a.json"), "diff")

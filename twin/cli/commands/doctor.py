@@ -30,9 +30,12 @@ _WEBGL_PAGE = """data:text/html,<body><script>
 const gl = document.createElement('canvas').getContext('webgl2');
 const info = gl && gl.getExtension('WEBGL_debug_renderer_info');
 const name = gl && gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
-document.body.textContent = 'WEBGL[' + (name || '') + ']';
+document.body.textContent = 'WEB' + 'GL[' + (name || '') + ']';
 </script></body>"""
-"""Page whose text is WEBGL[name of what draws], with nothing in the brackets if there is no WebGL 2."""
+"""Page whose text is WEBGL[name of what draws], with nothing in the brackets if there is no WebGL 2.
+
+The script joins the word from two parts: if it does not run, its own text in the page is no answer.
+"""
 
 
 def arguments(command: Command) -> None:
