@@ -5,14 +5,17 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdPhysics
 
 import twin
 from made.lanes import robots
 from twin.core import assets
+from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FileMass, FilePhysics, JointLine
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.usd.audit import read_usd
+from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets
 
 STAGES = assets.data_folder() / "usd"
 
@@ -21,7 +24,7 @@ def told(file: Path) -> list[str]:
     """Return the joints whose drive targets are reported."""
     ledger = Ledger(file.name)
     read_usd(file, ledger)
-    found = [finding.where for finding in ledger.found if finding.code == "usd.drive_target"]
+    found = [finding.where for finding in ledger.found if finding.code.startswith("usd.drive_target")]
     return [where.rpartition(": ")[2] for where in found]
 
 
@@ -81,3 +84,73 @@ def test_the_audit_names_the_target_with_and_without_the_mechanism(sher: Path, r
     found = twin.audit(spoilt(sher, "q4", TargetPosition=0.1), robot).findings
     told = [f.where for f in found if f.code == "usd.drive_target" and f.severity == "disagreement"]
     assert told == ["sher.usda: q4"]
+
+
+GRAVITY = np.array([0.0, 0.0, -10.0])
+
+STIFFNESS = 100.0
+
+
+def sliding(name: str, parent: str, child: str, *, driven: bool = True) -> FileJoint:
+    """Return a vertical slide whose drive, if there is one, has the stiffness STIFFNESS in N/m."""
+    line = JointLine("slide", np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    drive = FileDrive(driven=driven, stiffness=STIFFNESS if driven else None)
+    return FileJoint((name,), parent, child, np.eye(4), (line,), drive)
+
+
+def notes(joints: list[FileJoint], held: frozenset[str], target: float) -> list[tuple[str, str]]:
+    """Return (severity, message) of the findings on links "a", of 1 kg, and "b", of 2 kg, on the link "base"."""
+    stage = Usd.Stage.CreateInMemory()
+    for joint in joints:
+        if joint.motions and joint.drive.driven:
+            prim = UsdPhysics.PrismaticJoint.Define(stage, f"/{joint.names[0]}").GetPrim()
+            UsdPhysics.DriveAPI.Apply(prim, "linear").CreateTargetPositionAttr(target)
+    used = {joint.child for joint in joints}
+    masses = {"a": FileMass(1.0, np.zeros(3)), "b": FileMass(2.0, np.zeros(3))}
+    physics = FilePhysics(("base", *sorted(used)), masses, joints=joints, held=held, gravity=GRAVITY, all_motors=True)
+    ledger = Ledger("made.usda")
+    check_drive_targets(stage, dict.fromkeys(physics.links, np.eye(4)), physics, 1.0, ledger, moving=False)
+    return [(finding.severity, finding.message) for finding in ledger.found]
+
+
+BASE = frozenset({"base"})
+
+
+def test_a_slide_is_held_by_a_target_ahead_of_its_place() -> None:
+    joints = [sliding("j", "base", "a")]
+    assert notes(joints, BASE, 10.0 / STIFFNESS) == []
+    ((severity, text),) = notes(joints, BASE, 0.0)
+    assert severity == "disagreement"
+    assert "'j' has the target 0 m; 0.1 m holds" in text
+
+
+@pytest.mark.parametrize(
+    ("joints", "held", "reason"),
+    [
+        ([sliding("j", "base", "a")], frozenset(), "no joint holds a link of the robot in the world"),
+        (
+            [sliding("j", "base", "a"), sliding("k", "base", "a")],
+            BASE,
+            "2 drives ('j', 'k') act on 1 independent motion",
+        ),
+        ([sliding("j", "base", "a"), sliding("k", "a", "b", driven=False)], BASE, "% of its power remains"),
+        ([sliding("j", "base", "a")], frozenset({"base", "a"}), "1 drive ('j') acts on 0 independent motions"),
+        ([sliding("j", "lost", "a")], BASE, "the poses of its bodies and frames give no coordinate"),
+    ],
+)
+def test_targets_that_are_not_checked_are_noted_with_the_reason(
+    joints: list[FileJoint], held: frozenset[str], reason: str
+) -> None:
+    ((severity, text),) = notes(joints, held, 7.0)
+    assert severity == "info"
+    assert text.startswith("target")
+    assert " not checked: " in text
+    assert reason in text
+
+
+def test_a_robot_of_which_nothing_can_move_is_read() -> None:
+    fixed = FileJoint(("f",), "base", "a", np.eye(4))
+    slide = sliding("j", "base", "b", driven=False)
+    assert notes([fixed], frozenset({"base", "a"}), 0.0) == []
+    reason = notes([fixed, slide, sliding("k", "base", "b")], frozenset({"base", "a", "b"}), 0.0)
+    assert [severity for severity, _ in reason] == ["info"]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from pxr import Usd, UsdPhysics
 
+from twin.core import format
 from twin.exchange.audit import poses
 from twin.exchange.audit.mechanism_data import WORLD, FileJoint, FilePhysics, JointLine
 from twin.exchange.audit.poses import Array
@@ -37,6 +38,10 @@ _EARTH = (0.0, 0.0, -9.81)
 _SINGLE = ("revolute", "prismatic")
 
 
+class _UndeterminedError(Exception):
+    """The stage does not determine the efforts of its drives; the message is the reason."""
+
+
 @dataclass(frozen=True)
 class _Target:
     """Targets of the drive of a joint: position in m or rad, velocity in m/s or rad/s; None if not stated."""
@@ -48,7 +53,7 @@ class _Target:
 def check_drive_targets(
     stage: Usd.Stage, rest: Mapping[str, Array], physics: FilePhysics, meters: float, ledger: Ledger, *, moving: bool
 ) -> None:
-    """Report drives whose targets do not hold the robot in its authored pose, or move it.
+    """Report drives whose targets do not hold the robot in its authored pose, or move it, and targets not checked.
 
     Args:
         stage: the stage.
@@ -66,7 +71,12 @@ def check_drive_targets(
     gravity = physics.gravity
     if gravity is None:  # the layers of a robot have no physics scene
         gravity = np.array(stage.GetDefaultPrim().GetAttribute("twin:gravity").Get() or _EARTH, float)
-    efforts = None if moving else _efforts(rest, physics, gravity)
+    efforts: dict[str, float] | None = None
+    if not moving:
+        try:
+            efforts = _efforts(rest, physics, gravity)
+        except _UndeterminedError as reason:
+            _not_checked("targets of the drives", f"{reason}", "", ledger)
     for joint in physics.joints:
         name = joint.names[0]
         target = targets.get(name)
@@ -77,8 +87,19 @@ def check_drive_targets(
             text = f"the drive of joint '{name}' has a target velocity of {target.velocity:g} {unit}; expected 0."
             ledger.wrong("usd.drive_target", text, name, suggestion="export the stage again")
         q = _coordinate(joint, rest)
-        if q is not None and efforts is not None:
-            _check_position(joint, q, target.position, efforts.get(name, 0.0), ledger)
+        if efforts is None:
+            continue
+        if q is None:
+            reason = "the poses of its bodies and frames give no coordinate"
+            _not_checked(f"target of the drive of joint '{name}'", reason, name, ledger)
+            continue
+        _check_position(joint, q, target.position, efforts.get(name, 0.0), ledger)
+
+
+def _not_checked(what: str, reason: str, where: str, ledger: Ledger) -> None:
+    """Report that positions of targets are not checked."""
+    advice = "simulate the stage, and see whether it keeps its pose"
+    ledger.add("usd.drive_target_unchecked", "info", f"{what} not checked: {reason}.", where, suggestion=advice)
 
 
 def _check_position(joint: FileJoint, q: float, target: float | None, effort: float, ledger: Ledger) -> None:
@@ -158,13 +179,16 @@ def _placed(link: str, rest: Mapping[str, Array]) -> Array | None:
 # -- statics ------------------------------------------------------------------------------------------
 
 
-def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) -> dict[str, float] | None:
-    """Return {driven joint: effort in N or N m} that holds the robot at the authored pose; None if it is not unique.
+def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) -> dict[str, float]:
+    """Return {driven joint: effort in N or N m} that holds the robot at the authored pose.
 
     `gravity` (3,) is in m/s2, in the world with z up.
+
+    Raises:
+        _UndeterminedError: no link is held, or no or several sets of efforts hold the robot.
     """
     if not physics.held:
-        return None
+        raise _UndeterminedError("no joint holds a link of the robot in the world")
     links = [link for link in physics.links if link not in physics.held]
     columns = {link: 6 * k for k, link in enumerate(links)}
     joints = [joint for joint in physics.joints if joint.parent in rest or joint.child in rest]
@@ -188,12 +212,18 @@ def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) ->
     driven = [joint.names[0] for joint in joints if joint.drive.driven and joint.kind in _SINGLE]
     by_drives = allowed[[rates[name] for name in driven]].T
     by_weight = allowed.T @ power
-    if np.linalg.matrix_rank(by_drives, tol=_ZERO) < len(driven):
-        return None
+    independent = int(np.linalg.matrix_rank(by_drives, tol=_ZERO))
+    if independent < len(driven):
+        names = ", ".join(f"'{name}'" for name in driven)
+        drives = f"1 drive ({names}) acts" if len(driven) == 1 else f"{len(driven)} drives ({names}) act"
+        reason = f"{drives} on {format.count(independent, 'independent motion')}"
+        raise _UndeterminedError(f"{reason}, so that several sets of efforts hold the same weight")
     efforts = -np.linalg.lstsq(by_drives, by_weight, rcond=None)[0]
-    left = np.linalg.norm(by_drives @ efforts + by_weight)
-    if left > _BALANCED * max(float(np.linalg.norm(by_weight)), 1e-12):
-        return None  # what no drive holds would fall
+    left = float(np.linalg.norm(by_drives @ efforts + by_weight))
+    weight = float(np.linalg.norm(by_weight))
+    if left > _BALANCED * max(weight, 1e-12):  # what no drive holds would fall
+        part = f"{100 * left / max(weight, 1e-12):.3g} %"
+        raise _UndeterminedError(f"no efforts of the drives balance the weight; {part} of its power remains")
     return dict(zip(driven, efforts.tolist(), strict=True))
 
 
@@ -227,7 +257,7 @@ def _allowed(
             if name in rates:
                 row[0, rates[name]] = ratio
         rows.append(row)
-    if not rows:
+    if not rows or count == 0:  # nothing is tied, or nothing can move
         return np.eye(count)
     _, sizes, Vt = np.linalg.svd(np.concatenate(rows))
     rank = int(np.sum(sizes > _ZERO * sizes[0]))
