@@ -67,3 +67,18 @@ def test_what_cannot_be_written_is_named():
         method("F", ca.Function("f", [x], [x]), [("a", 0), ("a", 1)], [("a", 0)])
     with pytest.raises(ValueError, match="not a CasADi function of scalars"):
         method("F", ca.Function("f", [ca.MX.sym("m")], [ca.MX(1)]), [("a", 0)], [("a", 0)])
+
+
+def test_sparse_arguments_and_results_are_refused():
+    """CasADi numbers only their nonzeros: the second number of a diagonal matrix would be written off the diagonal."""
+    x = ca.SX.sym("x")
+    result = ca.SX.eye(2) * x
+    places = [("b", i) for i in range(4)]
+    with pytest.raises(ValueError, match="result 'o0' is sparse, with 2 of 4 numbers; make it dense"):
+        method("F", ca.Function("f", [x], [result]), [("a", 0)], places)
+    arrays = {"a": [3.0], "b": [math.nan] * 4}
+    run(method("F", ca.Function("f", [x], [ca.densify(result)]), [("a", 0)], places), arrays)
+    assert arrays["b"] == [3.0, 0.0, 0.0, 3.0]
+    diagonal = ca.SX.sym("d", ca.Sparsity.diag(2))
+    with pytest.raises(ValueError, match="argument 'i0' is sparse, with 2 of 4 numbers; make it dense"):
+        method("F", ca.Function("f", [diagonal], [diagonal[1, 1]]), places, [("a", 0)])

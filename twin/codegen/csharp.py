@@ -151,10 +151,12 @@ def method(name: str, function: ca.Function, inputs: Sequence[Place], outputs: S
         outputs: for each number of all results, in order, the array entry that is written.
 
     Raises:
-        ValueError: the function is not an SX function, an operation is not supported, or a count is wrong.
+        ValueError: the function is not an SX function, an argument or result is sparse, an operation is not supported,
+            or a count is wrong.
     """
     if not function.is_a("SXFunction"):
         raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
+    _require_dense(function)
     first_input = _starts([function.numel_in(i) for i in range(function.n_in())])
     first_output = _starts([function.numel_out(i) for i in range(function.n_out())])
     for what, places, count in (("inputs", inputs, first_input[-1]), ("outputs", outputs, first_output[-1])):
@@ -191,6 +193,18 @@ def method(name: str, function: ca.Function, inputs: Sequence[Place], outputs: S
         text = splitter.operand(-1)
         splitter.methods[-1].append(f"{array}[{index}] = {text};")
     return _members(name, splitter)
+
+
+def _require_dense(function: ca.Function) -> None:
+    """Raise ValueError if an argument or result is sparse: CasADi counts its nonzeros, places count all numbers."""
+    tables = [("argument", function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    tables += [("result", function.name_out(i), function.sparsity_out(i)) for i in range(function.n_out())]
+    for what, name, sparsity in tables:
+        if not sparsity.is_dense():
+            raise ValueError(
+                f"function '{function.name()}': {what} '{name}' is sparse, with {sparsity.nnz()} of {sparsity.numel()} "
+                "numbers; make it dense with casadi.densify"
+            )
 
 
 def _starts(counts: Sequence[int]) -> list[int]:
