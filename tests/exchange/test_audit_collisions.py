@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from twin.core.findings import Finding
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.urdf.audit import Urdf
 
@@ -23,7 +24,13 @@ def shape(link: str, use: str, **changed: str) -> str:
 
 
 def told(folder: Path, collisions: dict[str, str]) -> list[tuple[str, str]]:
-    """Return (code, place) of the findings on a robot whose links collide by their meshes, or as in `collisions`."""
+    """Return (code, place) of the faults of a robot whose links collide by their meshes, or as in `collisions`."""
+    found = [f for f in audited(folder, collisions) if f.code in ("urdf.collision", "urdf.mesh")]
+    return [(f.code, f.where.rpartition(": ")[2]) for f in found]
+
+
+def audited(folder: Path, collisions: dict[str, str]) -> list[Finding]:
+    """Write the robot of `told` and return all findings on it."""
     (folder / "meshes").mkdir(exist_ok=True)
     lines = ['<robot name="made">']
     for k, link in enumerate(LINKS):
@@ -37,7 +44,7 @@ def told(folder: Path, collisions: dict[str, str]) -> list[tuple[str, str]]:
     file.write_text("\n".join([*lines, "</robot>"]), encoding="utf-8")
     ledger = Ledger(file.name)
     Urdf(file, ledger)
-    return [(f.code, f.where.rpartition(": ")[2]) for f in ledger.found if f.code in ("urdf.collision", "urdf.mesh")]
+    return ledger.found
 
 
 @pytest.mark.parametrize(
@@ -84,3 +91,13 @@ def test_simpler_collisions_of_another_author_are_no_fault(tmp_path: Path) -> No
     ledger = Ledger("made.urdf")
     Urdf(tmp_path / "made.urdf", ledger)
     assert not [f for f in ledger.found if f.code == "urdf.collision"]
+
+
+def test_differences_that_are_not_judged_are_counted(tmp_path: Path) -> None:
+    hull = {link: shape(link, "collision", file="meshes/base.obj") for link in LINKS}
+    (note,) = [f for f in audited(tmp_path, hull) if f.code == "urdf.collision_unjudged"]
+    assert note.severity == "info"
+    assert note.message.startswith("3 differences between collision and visual meshes not judged: with only 1 equal")
+    assert "'arm_collision' differs from 'arm_visual': file 'meshes/base.obj'" in note.message
+    assert not [f for f in audited(tmp_path, {}) if f.code == "urdf.collision_unjudged"]
+    assert not [f for f in audited(tmp_path, {"arm": ""}) if f.code == "urdf.collision_unjudged"]

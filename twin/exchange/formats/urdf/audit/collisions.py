@@ -2,18 +2,19 @@
 
 An export shows and collides each link by the same meshes: `arm_visual` and `arm_collision` are both meshes/arm.obj.
 Files of others often collide by simpler meshes, or do not collide at all. So only visual meshes with such a name and
-file are compared, and what differs is only reported if most of them are equal.
+file are compared, and what differs is only a fault if most of them are equal; otherwise its number is a note.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from twin.core import format
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 
@@ -62,6 +63,8 @@ def check_collisions(
 ) -> None:
     """Report collision meshes that do not exist, or are others than the visual meshes of the same names.
 
+    If at most half of the compared meshes are equal, the differences are only counted.
+
     Args:
         root: the element <robot>.
         ledger: receives the findings.
@@ -98,9 +101,23 @@ def check_collisions(
                 text = f"link '{owner}' has the collision mesh '{name}{_COLLISION}', but no '{name}{_VISUAL}'."
                 faults.append((owner, text))
     if equal <= len(faults):
+        if faults:
+            _not_judged(equal, faults, ledger)
         return
     for owner, text in faults:
         ledger.wrong("urdf.collision", text, owner, suggestion="export the file again")
+
+
+def _not_judged(equal: int, faults: Sequence[tuple[str, str]], ledger: Ledger) -> None:
+    """Report how many differences, given as (link, text), may be the choice of an author."""
+    differences = format.count(len(faults), "difference")
+    pairs = format.count(equal, "equal pair")
+    text = (
+        f"{differences} between collision and visual meshes not judged: with only {pairs}, the collision meshes may be "
+        f"others by choice. The first: {faults[0][1]}"
+    )
+    advice = "if the file is an export whose collisions were changed, export it again"
+    ledger.add("urdf.collision_unjudged", "info", text, faults[0][0], suggestion=advice)
 
 
 def _meshes(
