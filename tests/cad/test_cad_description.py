@@ -35,7 +35,7 @@ def test_error_files_say_what_is_wrong_and_where(path):
 
 
 def test_there_is_a_file_for_each_kind_of_mistake():
-    assert len(FILES) == 33
+    assert len(FILES) == 35
 
 
 def test_the_file_without_a_mistake_is_read():

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twin.cad.build import read_mechanism
 from twin.cad.description import load
 from twin.core import spatial
 from twin.exchange.read import read
@@ -85,6 +86,19 @@ def test_soft_limits_end_at_the_hard_ones(tmp_path, soft, kept):
     said = [f.message for f in found.findings if f.code == "import.soft_limits"]
     assert len(said) == (kept != soft)
     assert all(m.endswith("are left out." if kept is None else "are clipped to the limits.") for m in said)
+
+
+def test_soft_limits_of_an_endless_joint_make_a_folder_that_is_read(tmp_path):
+    text = (DATA / "good.urdf").read_text()
+    safety = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="0.5" k_velocity="1"/></joint>'
+    text = text.replace("</joint>", safety, 1).replace('type="revolute"', 'type="continuous"', 1)
+    (tmp_path / "arm.urdf").write_text(text)
+    found = read(tmp_path / "arm.urdf")
+    assert "q1" in found.unlimited
+    description = write_folder(found, "arm", tmp_path / "arm", tmp_path / "arm.urdf")[0]
+    joint = read_mechanism(description).mechanism.joint("q1")
+    assert joint.limits is None
+    assert joint.soft_limits == pytest.approx((-0.5, 0.5))
 
 
 def test_missing_mesh_is_a_warning_that_names_it(tmp_path):

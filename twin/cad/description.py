@@ -144,7 +144,8 @@ class MaterialTable(Sourced):
 class LimitSpec(Sourced):
     """Limits shared by the named joints, in mm, mm/s, mm/s2, mm/s3 (prismatic) or deg, deg/s, deg/s2, deg/s3.
 
-    `limits = "none"` states that the joints turn or slide without end; an entry without limits says nothing about them.
+    `limits = "none"` states that the joints turn or slide without end, so that there are no soft limits either; an entry
+    without limits says nothing about them.
     """
 
     joints: list[Identifier]
@@ -170,7 +171,7 @@ class LimitSpec(Sourced):
 
     @model_validator(mode="after")
     def _none_or_some(self) -> LimitSpec:
-        for key in ("limits_mm", "limits_deg"):
+        for key in ("limits_mm", "limits_deg", "soft_limits_mm", "soft_limits_deg"):
             if self.limits == "none" and getattr(self, key) is not None:
                 raise at(key, f'{key} is given beside limits = "none". Omit one of the two')
         return self

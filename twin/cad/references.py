@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from twin.cad.actuators import actuators, transmissions
-from twin.cad.description import Description, FrameSpec
+from twin.cad.description import Description, DriveSpec, FrameSpec, LimitSpec
 from twin.core.errors import unknown
 from twin.model.transmission import faults
 from twin.schema import Keys, error_at
@@ -86,8 +86,11 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
             for joint in entry.joints:
                 if joint not in types:
                     yield (kind, i, "joints"), unknown("joint", joint, types)
+                elif first.get(joint) == i:
+                    yield (kind, i, "joints"), f"joint '{joint}' is named twice in this entry; keep only one"
                 elif joint in first:
-                    yield (kind, i, "joints"), f"joint '{joint}' has another [[{kind}]] entry; keep only one"
+                    text = f"joint '{joint}' has another [[{kind}]] entry{_contradiction(entries[first[joint]], entry)}"
+                    yield (kind, i, "joints"), f"{text}; keep only one"
                 first[joint] = i
     for i, limit in enumerate(d.limit):
         keys = [key for key in type(limit).model_fields if getattr(limit, key) is not None]
@@ -113,6 +116,20 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                 yield ("gap", i, key), unknown("joint", joint, types)
             elif types[joint] != "prismatic":
                 yield ("gap", i, key), f"joint '{joint}' is {types[joint]}; a gap requires prismatic joints"
+
+
+def _contradiction(first: LimitSpec | DriveSpec, second: LimitSpec | DriveSpec) -> str:
+    """Return, as the end of a sentence, the entries of which one gives limits and the other says there are none."""
+    ends: dict[bool, str] = {}
+    for entry in (first, second):
+        for key, value in entry.model_dump(exclude_none=True).items():
+            if key == "limits":
+                ends[False] = 'limits = "none"'
+            elif key in ("limits_mm", "limits_deg", "soft_limits_mm", "soft_limits_deg"):
+                ends.setdefault(True, f"{key} = [{value[0]:g}, {value[1]:g}]")
+    if len(ends) < 2:
+        return ""
+    return f", and {ends[False]} contradicts {ends[True]}"
 
 
 def _wrong_unit(joint: str, kind: str, key: str) -> str:

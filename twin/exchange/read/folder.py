@@ -229,9 +229,11 @@ def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
 
 def _limit(joint: Joint, cited: Mapping[str, str], *, unlimited: bool) -> list[str]:
     unit, scale = display_unit(joint.is_angle)
+    # A description refuses soft limits beside "none"; they are kept, for they are numbers of the file.
+    none = unlimited and joint.limits is None and joint.soft_limits is None
     # Without a limit, `and` leaves None, and the key is not written.
     values = {
-        "limits": "none" if unlimited and joint.limits is None else None,
+        "limits": "none" if none else None,
         f"limits_{unit}": joint.limits and np.divide(joint.limits, scale),
         f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
         f"max_speed_{unit}_s": joint.max_speed and joint.max_speed / scale,
