@@ -144,8 +144,8 @@ class MaterialTable(Sourced):
 class LimitSpec(Sourced):
     """Limits shared by the named joints, in mm, mm/s, mm/s2, mm/s3 (prismatic) or deg, deg/s, deg/s2, deg/s3.
 
-    `limits = "none"` states that the joints turn or slide without end, so that there are no soft limits either; an entry
-    without limits says nothing about them.
+    `limits = "none"` states that the joints turn or slide without end, so that there are no soft limits either; an
+    entry without limits says nothing about them.
     """
 
     joints: list[Identifier]
