@@ -157,6 +157,7 @@ def test_two_verdicts_and_what_changed(tmp_path, capsys):
         (100_000 * "[", "nested too deeply"),
         ('{"schema": "twin/report/1", "verdict": "maybe", "findings": []}', "not a result of twin"),
         ('{"schema": "twin/report/1", "verdict": "agree", "findings": [1]}', "not a result of twin"),
+        ('{"schema": "twin/report/1", "verdict": "agree", "findings": [{"where": [[]]}]}', "not a result of twin"),
         ('{"schema": "twin/plan/1", "verdict": "agree", "findings": []}', "give two of one kind"),
     ],
 )

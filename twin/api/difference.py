@@ -196,7 +196,7 @@ def _read(path: Path) -> dict[str, Any]:
     except ValueError as error:
         raise TwinError(f"{path}: the file is not JSON: {error}") from error
     is_result = isinstance(data, dict) and str(data.get("schema", "")).startswith("twin/")
-    if not is_result or data.get("verdict") not in get_args(Verdict) or not _are_objects(data.get("findings")):
+    if not is_result or data.get("verdict") not in get_args(Verdict) or not _are_findings(data.get("findings")):
         raise TwinError(f"{path}: the file is not a result of twin, with schema, verdict and findings")
     return data
 
@@ -225,6 +225,14 @@ def _of_folder(folder: Path) -> dict[str, Any]:
 
 def _are_objects(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(item, dict) for item in value)
+
+
+def _are_findings(value: object) -> bool:
+    """Return whether a value is a list of objects without lists and objects in them, as `Finding.as_dict` makes."""
+    if not isinstance(value, list) or not _are_objects(value):
+        return False
+    items = [item for finding in value for item in finding.values()]
+    return not any(isinstance(item, list | dict) for item in items)
 
 
 _Identity = Callable[[JsonMapping], tuple[str, ...]]
@@ -316,10 +324,16 @@ def _rows(residuals: object) -> dict[str, tuple[float, str]]:
         if value < 0.01 * tolerance:
             value = 0.0
         name = f"{row.get('pair', '')} {row.get('quantity', '')} {row.get('name', '')} [{row.get('unit', '')}]"
-        before, _ = rows.get(name, (0.0, ""))
-        if not math.isnan(before) and (math.isnan(value) or value >= before):
+        if name not in rows or _is_worse(value, rows[name][0]):
             rows[name] = (value, str(row.get("unit", "")))
     return rows
+
+
+def _is_worse(value: float, other: float) -> bool:
+    """Return whether a deviation is worse than another; one that is not finite is the worst."""
+    if math.isnan(other):
+        return False
+    return math.isnan(value) or value > other
 
 
 def _number(value: object) -> float:
