@@ -8,7 +8,8 @@ from twin.ui.viewer.server import with_additions
 
 pytestmark = pytest.mark.browser
 
-PAGE = b"<!doctype html><title>twin</title><body><div id='root'></div><button>\xe2\x96\xb6 Play</button></body>"
+PAGE = """<!doctype html><meta name=viewport content=width=device-width><title>twin</title>
+<body><div id='root'></div><button>▶ Play</button></body>""".encode()
 COMMAND = "twin view 'robots/my </script><b>robot'"
 QUICK = """
 const every = window.setInterval.bind(window);
@@ -54,3 +55,12 @@ def test_a_held_key_acts_once_and_a_server_that_is_gone_is_told_with_the_command
     page.wait_for_selector(".twin-gone:not([hidden])")
     assert f"run {COMMAND} again" in page.locator(".twin-gone").inner_text()
     assert page.locator("b").count() == 0
+
+
+def test_a_slider_is_high_enough_for_a_finger(browser):
+    slider = b'<div class="mantine-Slider-root"><div class="mantine-Slider-trackContainer">-</div></div>'
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page = context.new_page()
+    page.set_content(with_additions(PAGE.replace(b"<button>", slider + b"<button>"), COMMAND).decode())
+    assert page.locator(".mantine-Slider-trackContainer").bounding_box()["height"] >= 40
+    context.close()

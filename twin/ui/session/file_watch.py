@@ -102,9 +102,8 @@ class RobotFileWatch:
             error = str(reason)
         except Exception as reason:  # the formula is code of a user, which can raise anything
             error = f"{type(reason).__name__}: {reason}"
-        except (
-            BaseException
-        ) as reason:  # SystemExit or KeyboardInterrupt of that code; Ctrl-C reaches no thread but one
+        # SystemExit or KeyboardInterrupt of that code: Ctrl-C itself raises nothing in this thread
+        except BaseException as reason:
             error = str(ending(reason))
         self._result = Reloaded(desk, error, names, time.perf_counter() - begin)
 

@@ -13,7 +13,7 @@
     .twin-gone[hidden] { display: none; }
     .twin-help { position: fixed; z-index: 900; left: 50%; bottom: 14px; transform: translateX(-50%); font: 15px/1.4 system-ui, sans-serif; color: #17212e; background: #ffffffe8; border: 1px solid #b9c4d0; border-radius: 20px; padding: 2px 4px 2px 14px; white-space: nowrap; }
     .twin-help button { font: inherit; font-weight: 650; min-width: 40px; min-height: 40px; border: 0; background: none; cursor: pointer; color: #17212e; }
-    @media (pointer: coarse) { button, input:not([type="checkbox"]), select { min-height: 40px !important; } }
+    @media (pointer: coarse) { button, input:not([type="checkbox"]), select { min-height: 40px !important; } .mantine-Slider-root, .mantine-Slider-trackContainer { min-height: 40px !important; } }
     @media print { .twin-help { display: none; } }`;
   document.head.append(style);
   const head = document.createElement('header');

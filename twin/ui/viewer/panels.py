@@ -217,7 +217,8 @@ class Panels:
     def _unready(self) -> None:
         """Show that the active robot has no planned protocol."""
         self._run.disabled = True
-        self._state.content = "_not planned yet_"
+        if not self.front.planning:
+            self._state.content = "_not planned yet_"
         self._phases.content = ""
         self._legend.content = ""
         if self._plot is not None:

@@ -220,7 +220,7 @@ def serve(title: str, host: str, port: int, rules: AccessRules | None = None, co
         port: port to listen on; 0: any free port.
         rules: access rules. None: a request is accepted if its Host header names `host` or this machine, and if the
             request comes from the server's own page or from a program that is not a browser.
-        command: command line that opens the page again, which the page shows when the server has ended; "": not known.
+        command: command that opens the page again, which the page shows when the server has ended; "": not known.
 
     Raises:
         TwinError: this version of viser opens its socket differently.
