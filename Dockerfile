@@ -11,7 +11,7 @@ FROM python:3.12-slim-bookworm AS built
 RUN apt-get update && apt-get install --no-install-recommends -y binutils && rm -rf /var/lib/apt/lists/*
 COPY . /twin
 RUN python -m venv /opt/twin && /opt/twin/bin/pip install --no-cache-dir --no-compile /twin && \
-    python /twin/packaging/trim.py /opt/twin
+    python /twin/docs/packaging/trim.py /opt/twin
 
 FROM python:3.12-slim-bookworm
 COPY --from=built /opt/twin /opt/twin

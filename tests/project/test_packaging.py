@@ -24,8 +24,8 @@ NAMES_IN_CONDA = {
 
 
 def module(name):
-    """A program of the folder packaging/ as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / f"packaging/{name}.py")
+    """A program of the folder docs/packaging/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/packaging/{name}.py")
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     return made
@@ -71,7 +71,7 @@ def test_versions_and_names_agree():
 
 
 def test_the_recipe_of_conda_needs_what_the_package_needs():
-    recipe = (ROOT / "packaging/conda/meta.yaml").read_text(encoding="utf-8")
+    recipe = (ROOT / "docs/packaging/conda/meta.yaml").read_text(encoding="utf-8")
     assert f'set version = "{PROJECT["version"]}"' in recipe
     run = recipe[recipe.index("  run:") : recipe.index("test:")]
     for line in PROJECT["dependencies"]:
@@ -94,7 +94,7 @@ def test_an_environment_is_trimmed_and_nothing_else(tmp_path):
         file.write_text(name)
     for name in ("libcasadi.so.3", "libcasadi.so"):
         (packages / "casadi" / name).write_text("one library")
-    program = [sys.executable, ROOT / "packaging/trim.py", tmp_path / "env"]
+    program = [sys.executable, ROOT / "docs/packaging/trim.py", tmp_path / "env"]
     done = subprocess.run(program, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     left = sorted(str(p.relative_to(packages)) for p in packages.rglob("*") if p.is_file())

@@ -1,6 +1,6 @@
 """Make an environment with twin smaller: remove what Python programs do not need of the packages that twin uses.
 
-    python packaging/trim.py ENVIRONMENT        for an image; a later `pip install` can bring the files back
+    python docs/packaging/trim.py ENVIRONMENT        for an image; a later `pip install` can bring the files back
 
 Removed are headers of C++ (those of Boost are 185 MB), static libraries, solvers of CasADi that twin does not call,
 tests of packages, compiled Python, and symbols of libraries (if the program `strip` is there). Libraries that are there
