@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 
 import twin
 from twin.api.act import robots_at
 from twin.api.session import members_of, operate_console
-from twin.core import spatial
-from twin.core.errors import TwinError
+from twin.core import atomic, spatial
+from twin.core.errors import OutputError, TwinError
 from twin.model.scene import load_scene
 from twin.simulation import console_scene, rate_console
 from twin.simulation.devices.given import GivenHands, HandState
@@ -240,6 +242,34 @@ def test_trials_are_rows_which_study_averages_by_user(tmp_path):
 def test_names_that_would_break_the_table_are_refused(user, group, tmp_path):
     with pytest.raises(TwinError, match="without commas"):
         TrialTable(tmp_path / "a.csv", user, group)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("user,group,trial,a,a\n1,x,1,2,3\n", "two columns are named 'a'; rename one"),
+        ("user,group,trial,a\n1,x,1," + 140000 * "9" + "\n", "is no table: field larger than field limit"),
+        ("user,group,trial,a\n1,x,1\n", "t.csv:2: 3 cells; the header has 4"),
+    ],
+    ids=["two columns", "large cell", "few cells"],
+)
+def test_a_table_that_cannot_be_kept_is_refused(tmp_path, text, said):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(TwinError, match=said):
+        TrialTable(tmp_path / "t.csv", "1", "x")
+
+
+def test_blank_lines_are_skipped_and_a_failed_write_takes_no_number(tmp_path, monkeypatch):
+    file = tmp_path / "t.csv"
+    file.write_text("user,group,trial,a\n1,x,1,2\n\n")
+    table = TrialTable(file, "1", "x")
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "write_text", Mock(side_effect=OutputError("the disk is full")))
+        with pytest.raises(OutputError):
+            table.add({"a": 3.0})
+    assert table.trial == 1
+    table.add({"a": 3.0})
+    assert file.read_text() == "user,group,trial,a\n1,x,1,2\n1,x,2,3\n"
 
 
 def test_a_console_with_teleoperation_has_one_hand_one_robot_and_a_camera_on_the_base(scene, setup, tmp_path):

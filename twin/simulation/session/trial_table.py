@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from twin.core import atomic
@@ -21,6 +21,7 @@ class TrialTable:
         path: the file.
         user, group: name of the user, and of the group (the environment or condition) of these trials.
         trial: number of the newest trial of this user in this group; 0 before the first.
+        other_groups: the other groups in which this user has trials.
     """
 
     def __init__(self, path: Path, user: str, group: str) -> None:
@@ -37,9 +38,12 @@ class TrialTable:
         self.group = group.strip()
         self._next: dict[str, float | None] = {}
         self.trial = 0
+        self.other_groups: set[str] = set()
         for row in self._read()[1]:
             if self._is_own(row):
                 self.trial = max(self.trial, _whole(row[TRIAL], path))
+            elif row[USER] == self.user:
+                self.other_groups.add(row[GROUP])
 
     def add(self, measures: Mapping[str, float | None]) -> None:
         """Add a trial with {name with unit: value}; None: an empty cell.
@@ -48,32 +52,46 @@ class TrialTable:
             OutputError: the file cannot be written.
         """
         head, rows = self._read()
-        self.trial += 1
-        row = {USER: self.user, GROUP: self.group, TRIAL: str(self.trial)}
+        trial = self.trial + 1
+        row = {USER: self.user, GROUP: self.group, TRIAL: str(trial)}
         self._fill(head, row, measures)
         self._fill(head, row, self._next)
         rows.append(row)
         self._write(head, rows)
+        self.trial = trial  # an error above leaves the number to the next attempt
         self._next = {}
 
     def add_to_next(self, values: Mapping[str, float | None]) -> None:
         """Keep {column: number} for the row of the next trial."""
         self._next |= values
 
-    def answer(self, answers: Mapping[str, float | None]) -> None:
-        """Add answers {column: number} to the newest trial.
+    def answer(self, answers: Mapping[str, float | None], trial: int | None = None) -> None:
+        """Add answers {column: number} to a trial; None: to the newest one.
 
         Raises:
-            TwinError: there is no trial yet.
+            TwinError: there is no such trial.
             OutputError: the file cannot be written.
         """
+        number = self.trial if trial is None else trial
         head, rows = self._read()
         for row in reversed(rows):
-            if self._is_own(row) and row[TRIAL] == str(self.trial):
+            if self._is_own(row) and _whole(row[TRIAL], self.path) == number:
                 self._fill(head, row, answers)
                 self._write(head, rows)
                 return
-        raise TwinError(f"{self.path}: {self.user} has no trial in group '{self.group}' yet; finish a trial first")
+        if number == 0:
+            raise TwinError(f"{self.path}: {self.user} has no trial in group '{self.group}' yet; finish a trial first")
+        raise TwinError(
+            f"{self.path}: the row of trial {number} of {self.user} in group '{self.group}' is missing; put it back"
+        )
+
+    def has_values(self, columns: Collection[str]) -> bool:
+        """Return whether the newest trial has a value in one of these columns."""
+        for row in self._read()[1]:
+            is_newest = self._is_own(row) and _whole(row[TRIAL], self.path) == self.trial
+            if is_newest and any(row.get(name) for name in columns):
+                return True
+        return False
 
     def _is_own(self, row: Mapping[str, str]) -> bool:
         return row[USER] == self.user and row[GROUP] == self.group
@@ -93,13 +111,21 @@ class TrialTable:
             text = self.path.read_text(encoding="utf-8-sig")
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{self.path}: cannot be read: {error}") from error
-        lines = list(csv.reader(text.splitlines()))
+        try:
+            lines = list(csv.reader(text.splitlines()))
+        except csv.Error as error:
+            raise TwinError(f"{self.path}: is no table: {error}; mend the file, or give a new one") from error
         head = lines[0] if lines else []
         missing = [name for name in _NAMED if name not in head]
         if missing:
             raise TwinError(f"{self.path}:1: the header lacks {', '.join(missing)}: give a new file")
+        for name in head:
+            if head.count(name) > 1:
+                raise TwinError(f"{self.path}:1: two columns are named '{name}'; rename one of them")
         rows = []
         for number, cells in enumerate(lines[1:], 2):
+            if not cells:  # a blank line of an editor
+                continue
             if len(cells) != len(head):
                 raise TwinError(f"{self.path}:{number}: {len(cells)} cells; the header has {len(head)}")
             rows.append(dict(zip(head, cells, strict=True)))
