@@ -104,13 +104,15 @@ class Key(Table):
             raise TwinError(f"{self.name} has {len(self.weight_columns)} weights; {len(weights)} are given")
         most = len(self.item) - 1
         for column, weight in zip(self.weight_columns, weights, strict=True):
-            if weight != int(weight) or not 0 <= weight <= most:
+            if not math.isfinite(weight) or weight != int(weight) or not 0 <= weight <= most:
                 raise TwinError(f"{column} is {weight:g}; give an integer, 0 to {most}")
         if sum(weights) != self.weighted.comparisons:
             raise TwinError(f"the weights have the sum {sum(weights):g}; it must be {self.weighted.comparisons}")
 
     def allows(self, value: float) -> bool:
         """Return whether a number is an allowed answer."""
+        if not math.isfinite(value):
+            return False
         return value == int(value) and self.low <= value <= self.high and (value - self.low) % self.step == 0
 
     def numbers(self) -> str:
@@ -248,7 +250,8 @@ def _check_answers(path: Path, key: Key, columns: Mapping[str, Sequence[float]],
     for k, line in enumerate(lines):
         weights = [columns[name][k] for name in key.weight_columns]
         for name, weight in zip(key.weight_columns, weights, strict=True):
-            if not math.isnan(weight) and not (weight == int(weight) and 0 <= weight <= most):
+            allowed = math.isfinite(weight) and weight == int(weight) and 0 <= weight <= most
+            if not math.isnan(weight) and not allowed:
                 raise DescriptionError(f"{path}:{line}: {name} is {weight:g}; give an integer, 0 to {most}")
         total = sum(weights)
         if not math.isnan(total) and total != key.weighted.comparisons:
