@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import math
+
 import pytest
 
+import twin
 from made import headset_page as headset
 from made.console_page import console
+from twin.cli import scene as scenes
 from twin.core.errors import TwinError
 from twin.simulation.session.trial_table import TrialTable
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.operation import Operation
+from twin.ui.session.exercise import Exercise
 from twin.ui.session.forms import QuestionnaireForms
 from twin.validation.ranks import compare
 
@@ -25,13 +33,13 @@ def cells(path):
 def test_answers_before_go_to_the_next_trial_and_answers_after_to_the_last(forms, tmp_path):
     table = forms._trials
     assert forms.state() == {"when": "before", "name": "ssq", "left": 1}
-    forms.answer("ssq", [1] * 16, None)
+    forms.answer("before", "ssq", [1] * 16, None)
     assert forms.state() is None
     table.add({"time_s": 40.0})
     forms.finish()
     assert forms.state() == {"when": "after", "name": "nasatlx", "left": 2}
-    forms.answer("nasatlx", [80, 20, 60, 40, 50, 30], [5, 0, 4, 1, 3, 2])
-    forms.answer("facevalidity", [5, 4, 3, 4, None, None, None, None], None)
+    forms.answer("after", "nasatlx", [80, 20, 60, 40, 50, 30], [5, 0, 4, 1, 3, 2])
+    forms.answer("after", "facevalidity", [5, 4, 3, 4, None, None, None, None], None)
     table.add({"time_s": 42.0})
     (first, second) = cells(tmp_path / "t.csv")
     assert (first["before_ssq_16"], first["nasatlx_1"], first["nasatlx_w6"]) == ("1", "80", "2")
@@ -50,7 +58,8 @@ def test_answers_before_go_to_the_next_trial_and_answers_after_to_the_last(forms
 @pytest.mark.parametrize(
     ("name", "answers", "weights", "said"),
     [
-        ("nasatlx", [50] * 6, None, "'ssq' is asked now, not 'nasatlx'"),
+        ("nasatlx", [50] * 6, None, "'ssq' before the task is asked now, not 'nasatlx' before"),
+        ("ssq", [math.inf] * 16, None, "ssq_1 is inf; give an integer, 0 to 3"),
         ("ssq", [0] * 15, None, "16 items; 15 answers"),
         ("ssq", [4] * 16, None, "ssq_1 is 4; give an integer, 0 to 3"),
         ("ssq", [0.5] * 16, None, "ssq_1 is 0.5; give an integer"),
@@ -59,22 +68,65 @@ def test_answers_before_go_to_the_next_trial_and_answers_after_to_the_last(forms
 )
 def test_answers_that_are_not_allowed_are_refused_and_asked_again(forms, name, answers, weights, said):
     with pytest.raises(TwinError, match=said):
-        forms.answer(name, answers, weights)
+        forms.answer("before", name, answers, weights)
     assert forms.state() == {"when": "before", "name": "ssq", "left": 1}
 
 
 def test_weights_are_those_of_all_comparisons(forms):
-    forms.answer("ssq", [0] * 16, None)
+    forms.answer("before", "ssq", [0] * 16, None)
     with pytest.raises(TwinError, match="no questionnaire is asked now"):
-        forms.answer("nasatlx", [0] * 6, None)
+        forms.answer("after", "nasatlx", [0] * 6, None)
     forms._trials.add({"time_s": 1.0})
     forms.finish()
     with pytest.raises(TwinError, match="have the sum 14; it must be 15"):
-        forms.answer("nasatlx", [0] * 6, [5, 4, 3, 2, 0, 0])
+        forms.answer("after", "nasatlx", [0] * 6, [5, 4, 3, 2, 0, 0])
     with pytest.raises(TwinError, match="nasatlx_w1 is 6; give an integer, 0 to 5"):
-        forms.answer("nasatlx", [0] * 6, [6, 4, 3, 2, 0, 0])
+        forms.answer("after", "nasatlx", [0] * 6, [6, 4, 3, 2, 0, 0])
+    with pytest.raises(TwinError, match="nasatlx_w1 is nan; give an integer, 0 to 5"):
+        forms.answer("after", "nasatlx", [0] * 6, [math.nan, 4, 3, 2, 0, 0])
     forms.restart()
     assert forms.state() is None
+
+
+def test_a_late_answer_before_goes_to_the_first_trial_and_a_second_click_to_no_form(tmp_path):
+    forms = QuestionnaireForms(TrialTable(tmp_path / "t.csv", "1", "simulation"), ["ssq"], ["ssq"])
+    table = forms._trials
+    table.add({"time_s": 40.0})  # the attempt is ended before the questionnaire is answered
+    forms.finish()
+    forms.restart()
+    forms.answer("before", "ssq", [1] * 16, None)
+    table.add({"time_s": 42.0})
+    forms.finish()
+    with pytest.raises(TwinError, match="'ssq' after the task is asked now, not 'ssq' before the task"):
+        forms.answer("before", "ssq", [1] * 16, None)
+    forms.answer("after", "ssq", [2] * 16, None)
+    (first, second) = cells(tmp_path / "t.csv")
+    assert (first["before_ssq_1"], first["ssq_1"]) == ("1", "")
+    assert (second["before_ssq_1"], second["ssq_1"]) == ("", "2")
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    return scenes.load(twin.load_scene("sher_phantom"))
+
+
+def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
+    table = TrialTable(tmp_path / "t.csv", "1", "simulation")
+    forms = QuestionnaireForms(table, ["ssq"], [])
+    console = Operation(loaded, Exercise(forms=forms))
+    try:
+        hand = {"pose": [0, 0, 0, 0, 0, 0, 1], "grip": 0.0}
+        hands = {"type": "hands", "number": 1, "right": hand, "left": hand, "clutch": False, "camera": False}
+        with pytest.raises(wire.RefusedError, match="questionnaire is due"):
+            console.ask("c1", wire.parse(json.dumps(hands)))
+        form = {"type": "form", "when": "before", "name": "ssq", "answers": [1] * 16}
+        console.ask("c1", wire.parse(json.dumps(form)))
+        console.ask("c1", wire.parse(json.dumps(hands)))
+        assert console.owner == "c1"
+        with pytest.raises(wire.RefusedError, match="no questionnaire is asked now"):
+            console.ask("c2", wire.parse(json.dumps(form)))
+    finally:
+        console.close()
 
 
 def test_an_unknown_questionnaire_is_named_with_those_that_there_are(tmp_path):

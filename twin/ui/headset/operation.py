@@ -48,6 +48,9 @@ REPORT = "/report-{}.html"
 _PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 """Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""
 
+QUESTIONNAIRE = "a questionnaire, which is due on the page,"
+"""Name of the holder of the hands, in messages to other devices, while a questionnaire is due."""
+
 DEVIATIONS = RATE / 20
 """Number of ticks between two documents `deviations`."""
 
@@ -312,7 +315,9 @@ class Operation(LiveConsole):
         """Use hand states of ROS clients in the next steps of the World; `by_packets`: whether UDP has sent some."""
         ros = self.owner == ROS
         hands.holder = None
-        if by_packets:
+        if self.asks:
+            hands.holder = QUESTIONNAIRE
+        elif by_packets:
             hands.holder = UDP
         elif not ros and not self.silent:
             hands.holder = self.owner
@@ -326,6 +331,8 @@ class Operation(LiveConsole):
         t = self.world.t
         udp = self.owner == UDP
         packets.socket.holder = None if udp or self.silent else self.owner
+        if self.asks:
+            packets.socket.holder = QUESTIONNAIRE
         accepted = packets.socket.pump(t, parts) > 0
         if accepted:
             self.own(UDP)
@@ -388,7 +395,7 @@ class Operation(LiveConsole):
             case wire.TaskMessage():
                 self.end(client)
             case wire.FormMessage():
-                self.answer(message.name, message.answers, message.weights)
+                self.answer(client, message.when, message.name, message.answers, message.weights)
             case wire.HapticsMessage():
                 self.feel(client, message.on)
             case wire.FulcrumMessage():

@@ -355,6 +355,7 @@ class FormMessage(_Message):
     """Answer the questionnaire that a console asks now; null: no answer to this item, or no comparisons of pairs."""
 
     type: Literal["form"]
+    when: Literal["before", "after"]
     name: Annotated[str, Field(max_length=40)]
     answers: Annotated[list[float | None], Field(max_length=100)]
     weights: Annotated[list[float] | None, Field(max_length=100)] = None

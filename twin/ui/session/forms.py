@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from twin.core.errors import TwinError, unknown
@@ -13,15 +13,30 @@ from twin.validation.questionnaires import BEFORE, Key, keys
 When = Literal["before", "after"]
 
 
+def unanswered(trials: TrialTable, when: When, names: Sequence[str]) -> list[str]:
+    """Return those of the questionnaires that have no answer in the newest row of the user.
+
+    A questionnaire of which all items were left open has no answer.
+    """
+    prefix = BEFORE if when == "before" else ""
+    columns = {key.name: [prefix + column for column in key.columns] for key in keys()}
+    return [name for name in names if not trials.has_values(columns[name])]
+
+
 class QuestionnaireForms:
-    """The questionnaires of a study; answers go to the row of the newest trial, those of "before" to the next row.
+    """The questionnaires of a study; answers go to the row of the newest trial, those of "before" to the first one.
+
+    The first trial is the next one of the table when the questionnaires are prepared: answers of "before" wait for its
+    row, and late answers still go to it.
 
     Attributes:
         due: the forms to answer now, in order, as (when, key).
     """
 
-    def __init__(self, trials: TrialTable, before: Sequence[str], after: Sequence[str]) -> None:
+    def __init__(self, trials: TrialTable, before: Sequence[str], after: Sequence[str], one_row: bool = False) -> None:
         """Prepare the questionnaires with these names.
+
+        `one_row`: all answers go to one row, which the first answer writes if the user has none yet.
 
         Raises:
             TwinError: there is no such questionnaire.
@@ -31,6 +46,8 @@ class QuestionnaireForms:
             if name not in known:
                 raise TwinError(unknown("questionnaire", name, known))
         self._trials = trials
+        self._one_row = one_row
+        self._first = trials.trial + 1
         self._after = [known[name] for name in after]
         self._asked = {name: known[name] for name in (*before, *after)}
         self.due: list[tuple[When, Key]] = []
@@ -50,7 +67,7 @@ class QuestionnaireForms:
                 kept.append((when, key))
         self.due = kept
 
-    def answer(self, name: str, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
+    def answer(self, when: When, name: str, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
         """Store the answers of the form that is due; None: an item without an answer.
 
         Raises:
@@ -59,19 +76,32 @@ class QuestionnaireForms:
         """
         if not self.due:
             raise TwinError(f"no questionnaire is asked now; '{name}' comes before or after an attempt at the task")
-        when, key = self.due[0]
-        if key.name != name:
-            raise TwinError(f"the questionnaire '{key.name}' is asked now, not '{name}'")
+        asked, key = self.due[0]
+        if (asked, key.name) != (when, name):
+            raise TwinError(
+                f"the questionnaire '{key.name}' {asked} the task is asked now, not '{name}' {when} the task"
+            )
         key.check(answers, weights)
         prefix = BEFORE if when == "before" else ""
         cells = {prefix + column: value for column, value in zip(key.columns, answers, strict=True)}
         if weights is not None:
             cells |= {prefix + column: value for column, value in zip(key.weight_columns, weights, strict=True)}
-        if when == "before":
-            self._trials.add_to_next(cells)
-        else:
-            self._trials.answer(cells)
+        self._store(when, cells)
         self.due.pop(0)
+
+    def _store(self, when: When, cells: Mapping[str, float | None]) -> None:
+        trials = self._trials
+        if self._one_row:
+            if trials.trial == 0:
+                trials.add(cells)
+            else:
+                trials.answer(cells)
+        elif when == "after":
+            trials.answer(cells)
+        elif trials.trial < self._first:
+            trials.add_to_next(cells)
+        else:  # the first attempt was ended before this form was answered
+            trials.answer(cells, self._first)
 
     def about(self) -> list[JsonObject]:
         """Return the questionnaires for the page: title, items, ends and steps of the scale, comparisons of pairs."""

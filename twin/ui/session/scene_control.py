@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -45,6 +45,9 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.organs import WorldFeed
 from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
+
+if TYPE_CHECKING:
+    from twin.ui.session.forms import When
 
 _BUDGET = 0.012
 """Real time in s after which a call of `advance` stops stepping the World."""
@@ -207,16 +210,25 @@ class LiveConsole:
             return None
         return play_of(self.task).referee(self._setup, self.task, SAMPLE)
 
-    def answer(self, name: str, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
+    def answer(
+        self, client: str, when: When, name: str, answers: Sequence[float | None], weights: Sequence[float] | None
+    ) -> None:
         """Store the answers to the questionnaire that is asked now; see `QuestionnaireForms.answer`.
 
         Raises:
+            HeldError: another client controls the hands.
             TwinError: this questionnaire is not asked now, an answer is not allowed, or the table cannot be written.
         """
         if self._forms is None:
             raise TwinError("this console asks no questionnaires: start the program with --before or --after")
-        self._forms.answer(name, answers, weights)
+        self.require_free(client)
+        self._forms.answer(when, name, answers, weights)
         self.reading = self._read()
+
+    @property
+    def asks(self) -> bool:
+        """Whether a questionnaire is to be answered now; until then, no hand moves a robot."""
+        return self._forms is not None and bool(self._forms.due)
 
     def questionnaires(self) -> list[JsonObject]:
         """Return the questionnaires of this console for the page."""
@@ -415,10 +427,12 @@ class LiveConsole:
         """Accept the states of both hands from a client.
 
         Raises:
-            HeldError: another client controls the hands, or the task has ended.
+            HeldError: another client controls the hands, the task has ended, or a questionnaire is due.
         """
         if self._over:
             raise HeldError(f"{self._over} Restart the task to move the instruments.")
+        if self.asks:
+            raise HeldError("A questionnaire is due: answer it on the page, then the hands move the instruments.")
         self.own(client)
         for state in (right, left):
             self.device.give(state)

@@ -120,10 +120,11 @@ export class App {
 
   // -- requests of the controls -------------------------------------------------------------------------
 
-  ask(type: string, fields: object): void {
-    void this.line.ask(type, this.model.robot.fields(type, fields)).then((answer) => {
-      if (!answer.ok) this.model.say(answer.message);
-    });
+  /** Send a request, and show why it is refused; the promise resolves to whether it was accepted. */
+  async ask(type: string, fields: object): Promise<boolean> {
+    const answer = await this.line.ask(type, this.model.robot.fields(type, fields));
+    if (!answer.ok) this.model.say(answer.message);
+    return answer.ok;
   }
 
   seek(t: number): void {

@@ -16,6 +16,8 @@ const BUTTONS = 7;
 export class Forms {
   private readonly card = make('form', 'card form');
   private shown = '';
+  /** Whether the questionnaire that is shown is asked before or after the task; '': none is shown. */
+  private when = '';
   /** Answers by item; null: none yet. */
   private answers: (number | null)[] = [];
   /** The chosen item of each pair of items; null: none yet. */
@@ -53,6 +55,7 @@ export class Forms {
   }
 
   private build(key: QuestionnaireInfo, when: string, left: number): void {
+    this.when = when;
     this.answers = key.items.map(() => null);
     this.pairs = [];
     if (key.pairs)
@@ -113,8 +116,9 @@ export class Forms {
 
   /** Send the answers; items may stay open, pairs are compared all or none. */
   private send(): void {
-    const { key } = this;
-    if (!key) return;
+    const { key, when } = this;
+    const done = this.card.querySelector<HTMLButtonElement>('[data-id=form-done]');
+    if (!key || !when || !done || done.disabled) return;
     const wrong = this.card.querySelector('.wrong') as HTMLElement;
     const chosen = this.pairs.filter((p) => p.chosen !== null).length;
     if (chosen > 0 && chosen < this.pairs.length) {
@@ -123,6 +127,9 @@ export class Forms {
     }
     wrong.textContent = '';
     const weights = chosen ? key.items.map((_, i) => this.pairs.filter((p) => p.chosen === i).length) : null;
-    this.app.ask('form', { name: key.name, answers: this.answers, weights });
+    done.disabled = true; // until the answer: a second click answers no second form
+    void this.app.ask('form', { when, name: key.name, answers: this.answers, weights }).then((ok) => {
+      if (!ok) done.disabled = false;
+    });
   }
 }
