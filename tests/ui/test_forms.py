@@ -117,7 +117,7 @@ def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
     try:
         hand = {"pose": [0, 0, 0, 0, 0, 0, 1], "grip": 0.0}
         hands = {"type": "hands", "number": 1, "right": hand, "left": hand, "clutch": False, "camera": False}
-        with pytest.raises(wire.RefusedError, match="questionnaire is due"):
+        with pytest.raises(wire.RefusedError, match="Answer the questionnaire on the page first"):
             console.ask("c1", wire.parse(json.dumps(hands)))
         form = {"type": "form", "when": "before", "name": "ssq", "answers": [1] * 16}
         console.ask("c1", wire.parse(json.dumps(form)))
@@ -149,6 +149,17 @@ SLIDE = """
   slider.dispatchEvent(new Event('input'));
 })
 """
+COUNT = """
+{
+  const ask = twin.app.ask.bind(twin.app);
+  window.sent = 0;
+  twin.app.ask = (...of) => {
+    window.sent += 1;
+    return ask(...of);
+  };
+}
+"""
+"""Script that counts the requests of the page."""
 DONE = "document.querySelector('[data-id=form-done]').click()"
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import io
+import json
 import os
 import socket
 import subprocess
 import sys
 from collections import Counter
+from types import SimpleNamespace
+from urllib import error, request
 
 import pytest
 from playwright import sync_api as playwright
@@ -14,6 +19,7 @@ from playwright import sync_api as playwright
 import twin
 from made import headset_page as headset
 from made.console_page import console
+from twin.cli import guided, parser, serving
 from twin.core.errors import TwinError
 from twin.simulation.session.file import read_session
 from twin.simulation.session.guided import PHASES, guided_parts
@@ -43,6 +49,193 @@ def test_a_scene_without_the_tasks_and_a_wrong_participant_are_refused():
         guided_parts(twin.load_scene("vsrs"), 1)
     with pytest.raises(TwinError, match="participant 0"):
         guided_parts(twin.load_scene("davinci"), 0)
+
+
+class Run:
+    """A guided run of participant 7, in which `act(part, forms)` replaces each served part; its return continues."""
+
+    def __init__(self, monkeypatch, folder):
+        self.folder = folder
+        self.forms = None
+        self.headings = []
+        monkeypatch.setattr(guided.scenes, "load", lambda scene: None)
+        monkeypatch.setattr(guided, "_served", self.served)
+        monkeypatch.setattr(guided.Examiner, "require_input", lambda examiner: None)
+        monkeypatch.setattr(guided.sys, "stdin", io.StringIO())
+
+    def served(self, args, loaded, part, folder, forms):
+        self.headings.append(part.heading.removeprefix("phase ")[0])
+        return part, forms
+
+    def go(self, act, *options):
+        self.headings = []
+
+        def serve_part(name, made, examiner):
+            examiner.continued = bool(act(*made))
+
+        args = ["serve", "davinci", "--guided", str(self.folder), "--participant", "7", *options]
+        guided.guide(parser.parser().parse_args(args), serve_part)
+        return "".join(self.headings)
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path):
+    return Run(monkeypatch, tmp_path)
+
+
+def answered(forms):
+    """Answer all questionnaires that are due by the lowest answer."""
+    while forms is not None and forms.due:
+        when, key = forms.due[0]
+        forms.answer(when, key.name, [key.low] * len(key.item), None)
+    return True
+
+
+def row_of(folder):
+    head, row = [line.split(",") for line in (folder / guided.TABLE).read_text().splitlines()]
+    return dict(zip(head, row, strict=True))
+
+
+def test_answers_are_in_the_table_at_once_and_an_ended_run_is_continued(run, tmp_path, capsys):
+    def act(part, forms):
+        answered(forms)
+        if part.task is not None:
+            (tmp_path / f"7-{part.name}.session").touch()
+        return part.name != "pegboard-1"
+
+    assert run.go(act) == "123"
+    assert row_of(tmp_path)["before_ssq_16"] == "0"
+    assert "7-pegboard-1.session is kept: to repeat this part, move the file" in capsys.readouterr().out
+    with pytest.raises(TwinError, match="participant 7 is in group 'all': add --group all"):
+        run.go(act, "--group", "other")
+    assert run.go(act) == "345"
+    assert "is continued without:\n    phase 1 of 5" in capsys.readouterr().out
+    row = row_of(tmp_path)
+    assert (row["user"], row["trial"], row["before_ssq_16"], row["facevalidity_8"]) == ("7", "1", "0", "1")
+    with pytest.raises(TwinError, match="participant 7 has taken part already"):
+        run.go(act)
+
+
+def test_a_participant_without_the_last_answers_is_not_locked_out(run, tmp_path):
+    def act(part, forms):
+        if part.phase < 5:
+            (tmp_path / f"7-{part.name}.session").touch()
+        elif forms.due[0][1].name == "ssq":
+            when, key = forms.due[0]
+            forms.answer(when, key.name, [3] * len(key.item), None)
+            return False
+        return answered(forms)
+
+    assert run.go(act) == "123345"
+    assert "ueq_1" not in row_of(tmp_path)
+    assert run.go(act) == "5"  # only what is not answered
+    assert (row_of(tmp_path)["ssq_1"], row_of(tmp_path)["ueq_26"]) == ("3", "1")
+
+
+def test_the_end_of_a_run_without_the_last_answers_is_not_called_complete(run, tmp_path, capsys):
+    assert run.go(lambda part, forms: True) == "123345"
+    said = capsys.readouterr().out
+    assert "questionnaires are not answered: the same command asks them again" in said
+    assert "complete" not in said
+
+
+def test_an_interrupted_session_is_named_before_the_run(run, tmp_path):
+    (tmp_path / "7-pegboard-2.session.part").touch()
+    with pytest.raises(TwinError, match=r"7-pegboard-2\.session\.part is left .* move it to another folder"):
+        run.go(lambda part, forms: True)
+    assert not run.headings
+
+
+def test_enter_warns_once_while_questionnaires_are_due_and_the_end_of_the_input_is_said(monkeypatch, capsys):
+    source, sink = os.pipe()
+
+    async def part(examiner):
+        stopping = asyncio.Event()
+        examiner.begin(stopping)
+        os.write(sink, b"\n\n")
+        await asyncio.wait_for(stopping.wait(), 10)
+
+    with os.fdopen(source) as lines:
+        monkeypatch.setattr(guided.sys, "stdin", lines)
+        examiner = guided.Examiner()
+        examiner.require_input()
+        examiner.due = lambda: 3
+        asyncio.run(part(examiner))
+        assert examiner.continued
+        assert capsys.readouterr().out.count("3 questionnaires are not answered yet; press Enter again") == 1
+        os.close(sink)
+        examiner._reader.join(10)
+        with pytest.raises(TwinError, match="the input of this command has ended: use a terminal"):
+            examiner.require_input()
+
+
+def test_all_parts_have_the_same_access_rules(monkeypatch):
+    seen = []
+
+    async def served(args, name, make, port, context, begun, access):
+        seen.append(access[1])
+
+    monkeypatch.setattr(serving, "serve_until_stopped", served)
+    args = parser.parser().parse_args(["serve", "davinci", "--host", "0.0.0.0"])
+    serve_part = serving._part_server(args, 1, None)
+    for _ in range(2):
+        serve_part("davinci", lambda: None, SimpleNamespace(begin=None))
+    assert seen[0].needs_token
+    assert seen[0] is seen[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--machine", "raven=127.0.0.1:1:2"], "--machine and --guided cannot be combined"),
+        (["--protocols"], "--protocols and --guided cannot be combined"),
+        (["insert"], "--guided plays no protocol: omit 'insert'"),
+    ],
+)
+def test_options_that_a_guided_run_would_ignore_are_refused(options, said):
+    args = parser.parser().parse_args(["serve", "davinci", *options, "--guided", "x", "--participant", "7"])
+    with pytest.raises(TwinError, match=said):
+        serving._require_compatible(args)
+
+
+@pytest.mark.slow
+def test_a_client_that_one_part_has_admitted_is_admitted_in_the_next_one(tmp_path):
+    port = headset.free_port()
+    command = [sys.executable, "-m", "twin", "serve", "davinci", "--no-browser", "--port", str(port)]
+    command += ["--host", "0.0.0.0", "--guided", str(tmp_path / "study"), "--participant", "7"]
+    env = os.environ | {"PYTHONPATH": str(headset.ROOT)}
+    process = subprocess.Popen(command, env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    opener = request.build_opener(request.HTTPCookieProcessor())
+    url = f"http://127.0.0.1:{port}/"
+
+    def title():
+        try:
+            return json.load(opener.open(f"{url}scene.json", timeout=10))["title"]
+        except (error.URLError, ConnectionError):  # between two parts, nothing listens for a moment
+            return ""
+
+    try:
+        said = ""
+        while "?token=" not in said:
+            said = process.stdout.readline()
+        token = said.strip().partition("?token=")[2]
+
+        def admitted():
+            try:
+                return opener.open(f"{url}?token={token}", timeout=10).status == 200
+            except (error.URLError, ConnectionError):
+                return False
+
+        headset.until(admitted, "the page")
+        assert title().startswith("phase 1 of 5")
+        process.stdin.write("\n\n")
+        process.stdin.flush()
+        headset.until(lambda: title().startswith("phase 2 of 5"), "the next part, without another token")
+    finally:
+        process.kill()
+        process.wait()
+        process.stdin.close()
+        process.stdout.close()
 
 
 @pytest.mark.slow
@@ -87,7 +280,7 @@ def test_a_participant_goes_through_all_phases_on_one_page(browser, tmp_path):
                 process.stdin.flush()
 
             reads(1)
-            page("twin.app.ask('form', {name: 'ssq', answers: Array(16).fill(1), weights: null})")
+            page("twin.app.ask('form', {when: 'before', name: 'ssq', answers: Array(16).fill(1), weights: null})")
             page.until("twin.app.model.console.form === null", "no questionnaire")
             go_on()
             reads(2)
@@ -104,7 +297,8 @@ def test_a_participant_goes_through_all_phases_on_one_page(browser, tmp_path):
             reads(5)
             for name, count, value in (("ssq", 16, 2), ("ueq", 26, 4), ("simtlx", 9, 50), ("facevalidity", 8, 4)):
                 waits(name, f"console?.form?.name === '{name}'")
-                page(f"twin.app.ask('form', {{name: '{name}', answers: Array({count}).fill({value}), weights: null}})")
+                answers = f"answers: Array({count}).fill({value}), weights: null"
+                page(f"twin.app.ask('form', {{when: 'after', name: '{name}', {answers}}})")
             page.until("twin.app.model.console.form === null", "the end")
             go_on()
             process.wait(30)

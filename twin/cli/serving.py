@@ -23,10 +23,14 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.ui.access.rules import AccessRules
     from twin.ui.headset.operation import Operation
     from twin.ui.headset.ros.bridge import RosBridge
     from twin.ui.headset.served import Served
     from twin.ui.session.loaded_scene import LoadedScene
+
+Access = tuple[PageAddress, "AccessRules"]
+"""Address of a page, and the rules that decide which clients receive it."""
 
 _ADVICE = "a headset allows AR only over https (--cert and --key) or by a USB cable; see twin serve --help"
 
@@ -49,11 +53,26 @@ def serve(args: argparse.Namespace) -> int:
     return 0
 
 
+def _access(args: argparse.Namespace, name: str, port: int, context: ssl.SSLContext | None) -> Access:
+    """Return the address of a page, and access rules that print it for each new token."""
+    from twin.ui.access.rules import AccessRules
+
+    is_https = context is not None
+    address = PageAddress(args.host, port, is_https, name, "" if is_https else _ADVICE)
+    return address, AccessRules(args.host, port, is_https, address.say)
+
+
 def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | None) -> guided.ServePart:
-    """Return the function that serves a part of a guided run at a port."""
+    """Return the function that serves a part of a guided run at a port.
+
+    All parts have the same access rules: a client that one part has admitted keeps its session in the next one.
+    """
+    accesses: list[Access] = []
 
     def serve_part(name: str, make: Callable[[], Served], examiner: guided.Examiner) -> None:
-        asyncio.run(serve_until_stopped(args, name, make, port, context, examiner.begin))
+        if not accesses:  # the first part
+            accesses.append(_access(args, name, port, context))
+        asyncio.run(serve_until_stopped(args, name, make, port, context, examiner.begin, accesses[0]))
         args.no_browser = True  # the page of the first part reloads itself
 
     return serve_part
@@ -184,6 +203,12 @@ def _require_compatible(args: argparse.Namespace) -> None:
         if args.protocols:
             raise TwinError("--protocols and --guided cannot be combined: a guided run is at the console")
         _refuse(args, _PART, f"{_OPTION} and --guided cannot be combined: the guided run determines it")
+        if args.machine:
+            raise TwinError("--machine and --guided cannot be combined: the study of the console has no machines")
+        if args.protocols:
+            raise TwinError("--protocols and --guided cannot be combined: hands move the robots of a guided run")
+        if args.protocol is not None:
+            raise TwinError(f"--guided plays no protocol: omit '{args.protocol}'")
         return
     if (args.participant is None) != (args.run is None):
         raise TwinError("--participant and --run must be given together, such as --participant 7 --run 1")
@@ -200,12 +225,12 @@ async def serve_until_stopped(
     port: int,
     context: ssl.SSLContext | None,
     begun: Callable[[asyncio.Event], object] | None = None,
+    access: Access | None = None,
 ) -> None:
     """Serve the object that `make` returns, until Ctrl-C or until `begun` has set the event that it receives.
 
-    `make` and `begun` are called in the event loop.
+    `make` and `begun` are called in the event loop. `access`: that of an earlier server; None: a new one.
     """
-    from twin.ui.access.rules import AccessRules
     from twin.ui.headset import files
     from twin.ui.headset.recording import Replay, StreamRecording
     from twin.ui.headset.server import StreamServer
@@ -230,10 +255,7 @@ async def serve_until_stopped(
             )
         web = Path(str(resources.files("twin.ui.headset"))) / "web" / "dist"
         own = ChainMap(files.page_files(web, shown.preload) | shown.files, shown.late)
-        is_https = context is not None
-        advice = "" if is_https else _ADVICE
-        address = PageAddress(args.host, port, is_https, name, advice)
-        rules = AccessRules(args.host, port, is_https, address.say)
+        address, rules = access or _access(args, name, port, context)
         server = StreamServer(source, shown.hello, own, rules, recording)
         server.stopping = stopping
         await server.start(args.host, port, context)

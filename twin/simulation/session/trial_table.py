@@ -114,7 +114,7 @@ class TrialTable:
         try:
             lines = list(csv.reader(text.splitlines()))
         except csv.Error as error:
-            raise TwinError(f"{self.path}: is no table: {error}; mend the file, or give a new one") from error
+            raise TwinError(f"{self.path}: is no table: {error}; correct the file, or give a new one") from error
         head = lines[0] if lines else []
         missing = [name for name in _NAMED if name not in head]
         if missing:

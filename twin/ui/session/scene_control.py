@@ -432,7 +432,7 @@ class LiveConsole:
         if self._over:
             raise HeldError(f"{self._over} Restart the task to move the instruments.")
         if self.asks:
-            raise HeldError("A questionnaire is due: answer it on the page, then the hands move the instruments.")
+            raise HeldError("Answer the questionnaire on the page first; then the hands move the instruments.")
         self.own(client)
         for state in (right, left):
             self.device.give(state)
