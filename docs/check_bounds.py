@@ -52,20 +52,22 @@ def check_content(data):
     """Raise an error if the certificate is not as it was written."""
     if data["schema"] != SCHEMA:
         raise ValueError(f"schema {data['schema']!r} is not {SCHEMA}")
-    content = {key: value for key, value in data.items() if key != "sha256"}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    text = json.dumps({k: v for k, v in data.items() if k != "sha256"}, sort_keys=True, separators=(",", ":"))
     if hashlib.sha256(text.encode("ascii")).hexdigest() != data["sha256"]:
         raise ValueError("its content does not have the SHA-256 that it states")
 
 
 def check(data):
     """Return upper bounds of the distance of the tool's origins in m, and of the angle of its orientations in rad."""
-    variables = data["variables"]
+    variables, sides, poses = data["variables"], data["sides"], []
     known = {variable["name"]: symbol(variable, place) for place, variable in enumerate(variables)}
-    poses = []
-    for side in data["sides"]:
+    if len(known) != len(variables) or len(sides) != 2:
+        raise ValueError("two variables have one name, or there are not two sides")
+    for side in sides:
         if "rows" in side:
             values = evaluated(side["rows"], known)
+            if known.keys() & side["joints"].keys():
+                raise ValueError("a side gives a value to a joint that is a variable")
             known = {**known, **{name: values[i] for name, i in side["joints"].items()}}
             poses.append([[as_sum(values[i]) for i in row] for row in side["pose"]])
         else:
@@ -87,7 +89,7 @@ def symbol(variable, place):
         raise ValueError(f"the range of {variable['name']} is {low} to {high}")
     middle, spread = 0.5 * (low + high), 0.5 * (high - low)
     radius = (abs(middle) + abs(spread)) * UNIT
-    return Sum({0: (complex(middle), radius), BASE**place: (complex(spread), radius)})
+    return Sum({0: (complex(middle), radius), BASE**place: (complex(spread), radius)}, 1)
 
 
 class Angle(NamedTuple):
@@ -107,31 +109,39 @@ class Angle(NamedTuple):
     def times(self, factor):
         """Return a whole multiple."""
         multiples = {place: factor * multiple for place, multiple in self.multiples.items()}
-        phase = factor * self.phase
-        return Angle(multiples, phase, abs(factor) * self.radius + abs(phase) * UNIT)
+        return Angle(multiples, factor * self.phase, abs(factor) * (self.radius + abs(self.phase) * UNIT))
 
     def wave(self, sine):
         """Return its cosine or its sine: (e^(ix) + e^(-ix)) / 2, or the same at x less a quarter of a turn."""
+        degree = max(map(abs, self.multiples.values()), default=0)
+        if degree > 15:
+            raise ValueError(f"{degree} times a joint angle")
         half = 0.5 * cmath.exp(1j * self.phase) * (-1j if sine else 1)
         radius = 0.5 * self.radius + 4 * UNIT
         key = sum(BASE**place * multiple for place, multiple in self.multiples.items())
-        return Sum({key: (half, radius)}) + Sum({-key: (half.conjugate(), radius)})
+        return Sum({key: (half, radius)}, degree) + Sum({-key: (half.conjugate(), radius)}, degree)
 
 
 class Sum(dict):
-    """Terms {exponents of all variables, as digits: (coefficient, a bound of its error)}."""
+    """Terms {exponents of all variables, as digits: (coefficient, a bound of its error)}, up to a degree."""
+
+    def __init__(self, terms=(), degree=0):
+        super().__init__(terms)
+        self.degree = degree
+        if degree > 1000:  # at BASE / 2, it would be taken for the exponent of the next variable
+            raise ValueError(f"a variable to the power of {degree}")
 
     def __neg__(self):
-        return Sum({key: (-centre, radius) for key, (centre, radius) in self.items()})
+        return Sum({key: (-centre, radius) for key, (centre, radius) in self.items()}, self.degree)
 
     def __add__(self, other):
-        terms = Sum(self)
+        terms = Sum(self, max(self.degree, other.degree))
         for key, (centre, radius) in other.items():
             terms.put(key, centre, radius)
         return terms
 
     def __mul__(self, other):
-        terms = Sum()
+        terms = Sum(degree=self.degree + other.degree)
         for key, (a, ra) in self.items():
             for other_key, (b, rb) in other.items():
                 radius = (abs(a) * rb + ra * (abs(b) + rb)) * (1 + UNIT) + UNIT * abs(a) * abs(b)
@@ -141,8 +151,7 @@ class Sum(dict):
     def put(self, key, centre, radius):
         """Add a term."""
         before, spread = self.get(key, (0j, 0.0))
-        rounding = UNIT * (abs(before) + abs(centre))
-        self[key] = before + centre, (spread + radius) * (1 + UNIT) + rounding
+        self[key] = before + centre, (spread + radius) * (1 + UNIT) + UNIT * (abs(before) + abs(centre))
 
 
 def number(value, radius=0.0):
@@ -152,9 +161,7 @@ def number(value, radius=0.0):
 
 def as_sum(value):
     """Return a constant angle as a number; a sum as it is."""
-    if isinstance(value, Angle):
-        return number(*constant(value, "an angle is used as a number"))
-    return value
+    return number(*constant(value, "an angle is used as a number")) if isinstance(value, Angle) else value
 
 
 def as_angle(value):
@@ -244,8 +251,7 @@ def frame(numbers, inverse):
     defect = max(abs(math.fsum(R[k][i] * R[k][j] for k in range(3)) - (i == j)) for i in range(3) for j in range(3))
     if not defect <= 1e-12:
         raise ValueError(f"a frame is no rotation: {defect:.1e}")
-    exact = all(entry in (-1, 0, 1) for row in R for entry in row)
-    radius = 0.0 if exact else 3 * (defect + 8 * UNIT)
+    radius = 0.0 if all(entry in (-1, 0, 1) for row in R for entry in row) else 3 * (defect + 8 * UNIT)
     turn = [[number(entry, radius) for entry in row] for row in R]
     p = [number(row[3]) for row in numbers]
     if not inverse:
@@ -264,12 +270,9 @@ def root_of_squares(entries):
 
 
 def exponents(key, places):
-    """Return the exponents of some variables; a negative digit borrows from the next one."""
-    digits = []
-    for _ in range(max(places, default=-1) + 1):
-        digits.append((key + BASE // 2) % BASE - BASE // 2)
-        key = (key - digits[-1]) // BASE
-    return tuple(digits[place] for place in places)
+    """Return the exponents of some variables; with half of the base more, no digit is negative."""
+    more = sum(BASE // 2 * BASE**place for place in range(max(places, default=-1) + 1))
+    return tuple((key + more) // BASE**place % BASE - BASE // 2 for place in places)
 
 
 def length_bound(vector, lengths):

@@ -155,6 +155,67 @@ def test_what_makes_no_sense_is_refused(tmp_path, checker, certificate, capsys, 
         assert audited(tmp_path / "c.json", certificate, capsys)[0] == 2
 
 
+def turning(angle, joints, variables, chain):
+    """A certificate that a rotation by rows of equations is that of a mechanism."""
+    rows = [*angle, ["cosine", 2], ["sine", 2], ["negative", 4], ["number", "0"], ["number", "1"]]
+    pose = [[3, 5, 6, 6], [4, 3, 6, 6], [6, 6, 7, 6]]
+    equations = {"name": "equations", "rows": rows, "pose": pose, "joints": joints}
+    return {
+        "schema": "twin/bounds-certificate/1",
+        "files": {},
+        "variables": variables,
+        "sides": [equations, {"name": "mechanism", "chain": chain}],
+        "position_m": 0.0,
+        "rotation_rad": 0.0,
+    }
+
+
+def multiple(factor):
+    return [["variable", "a"], ["number", str(factor)], ["multiply", 1, 0]]
+
+
+ANGLES = [{"name": "a", "angle": True}, {"name": "b", "angle": True}]
+
+
+def test_a_rotation_holds(tmp_path, checker):
+    assert checked(checker, tmp_path / "c.json", turning(multiple(1), {}, ANGLES, [["turn", "a"]])) == 0
+    assert checked(checker, tmp_path / "c.json", turning(multiple(1), {}, ANGLES, [["turn", "b"]])) == 1
+
+
+def test_a_side_that_gives_another_value_to_a_variable_is_refused(tmp_path, checker, capsys):
+    data = turning(multiple(2), {"a": 2}, ANGLES, [["turn", "a"]])
+    assert checked(checker, tmp_path / "c.json", data) == 2
+    assert "a joint that is a variable" in capsys.readouterr().err
+    assert audited(tmp_path / "c.json", data, capsys)[0] == 2
+    passive = turning(multiple(2), {"c": 2}, ANGLES, [["turn", "c"]])
+    assert checked(checker, tmp_path / "c.json", passive) == 0
+    assert audited(tmp_path / "c.json", passive, capsys)[0] == 0
+
+
+def test_variables_of_one_name_and_a_third_side_are_refused(tmp_path, checker, capsys):
+    twice = turning(multiple(1), {}, [ANGLES[0], ANGLES[0]], [["turn", "a"]])
+    third = turning(multiple(1), {}, ANGLES, [["turn", "a"]])
+    third["sides"].append({"name": "mechanism", "chain": [["turn", "b"]]})
+    for data in (twice, third):
+        assert checked(checker, tmp_path / "c.json", data) == 2
+        assert audited(tmp_path / "c.json", data, capsys)[0] == 2
+
+
+@pytest.mark.parametrize(("factor", "code"), [(15, 1), (16, 2), (2**20, 2)])
+def test_large_multiples_of_an_angle_are_refused(tmp_path, checker, factor, code):
+    """The exponent 2^20 of one angle would be taken for the exponent 1 of the next."""
+    assert checked(checker, tmp_path / "c.json", turning(multiple(factor), {}, ANGLES, [["turn", "b"]])) == code
+
+
+def test_large_powers_of_a_length_are_refused(tmp_path, checker, capsys):
+    lengths = [{"name": name, "angle": False, "low": -1.0, "high": 1.0} for name in "ab"]
+    rows = [["variable", "a"], *(["multiply", i, i] for i in range(20)), ["number", "0"], ["number", "1"]]
+    data = turning(multiple(1), {}, lengths, [["slide", "b"]])
+    data["sides"][0] |= {"rows": rows, "pose": [[22, 21, 21, 21], [21, 22, 21, 21], [21, 21, 22, 20]]}
+    assert checked(checker, tmp_path / "c.json", data) == 2
+    assert "to the power of" in capsys.readouterr().err
+
+
 def test_certificates_of_other_files_are_refused(tmp_path, checker, certificate, capsys):
     path = tmp_path / "c.json"
     certificate["files"]["davinci_ecm.py"] = "0" * 64

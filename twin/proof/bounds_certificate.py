@@ -11,7 +11,7 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
-from twin.proof import formula_side
+from twin.proof import chain, formula_side
 from twin.proof.program import Row
 
 SCHEMA = "twin/bounds-certificate/1"
@@ -29,6 +29,9 @@ def variables(
         mechanism: the mechanism, with the limits of sliding joints.
         joints: names of the joints that are variables.
         tolerances: {parameter: by how much it may differ from its value, in m}.
+
+    Raises:
+        TwinError: a sliding joint has no finite limits.
     """
     found: list[JsonObject] = []
     for name in joints:
@@ -36,8 +39,8 @@ def variables(
         if joint.type == "revolute":
             found.append({"name": name, "angle": True})
         else:
-            low, high = joint.limits or (0.0, 0.0)
-            found.append({"name": name, "angle": False, "low": low, "high": high})
+            middle, half = chain.sliding_range(mechanism, name)
+            found.append({"name": name, "angle": False, "low": middle - half, "high": middle + half})
     for parameter in formula.parameters if formula is not None else ():
         tolerance = tolerances.get(parameter.name)
         if tolerance:

@@ -34,11 +34,16 @@ def audit_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
         ValueError, KeyError, TypeError, IndexError: the certificate was changed.
     """
     known = _drawn(data["variables"])
+    if len(known) != len(data["variables"]):
+        raise ValueError("two variables have one name")
     poses = []
     for side in data["sides"]:
         if "rows" in side:
             with np.errstate(all="ignore"):  # what is not a number exceeds the bound
                 values = _evaluated(side["rows"], known)
+            shared = sorted(known.keys() & side["joints"].keys())
+            if shared:
+                raise ValueError(f"a side gives a value to {', '.join(shared)}, which is a variable")
             known = known | {name: values[_place(i, values)] for name, i in side["joints"].items()}
             entries = [[np.broadcast_to(values[_place(i, values)], STATES) for i in row] for row in side["pose"]]
             poses.append(np.moveaxis(np.array(entries, float), -1, 0))
