@@ -69,6 +69,14 @@ def test_the_sampled_workspace_reaches_all_proved_positions(sils, proven):
     assert found.values[inside, 3].min() > 1e-4  # the smallest measure of a singularity
 
 
+def test_where_nothing_is_proved_a_finding_says_it_and_no_certificate_is_written(sils, tmp_path):
+    found = proven_workspace(sils, edge=0.04, corners=CORNERS)
+    assert not len(found.proof.low)
+    assert next(finding.code for finding in found.findings) == "prove.no_box"
+    found.write(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["boxes.json"]
+
+
 def test_volumes_add_up(proven):
     proof = proven.proof
     total = proof.volume + proof.outside + sum(proof.open.values())

@@ -124,11 +124,13 @@ class ProvenWorkspace(Result):
         return {**data, "sha256": digest(data)}
 
     def write(self, folder: Path) -> None:
-        """Write the proved boxes, and the certificate if there is one."""
+        """Write the proved boxes and, if there is one, the certificate: without a box it states nothing."""
         low = (self.proof.low / MM).tolist()
         high = (self.proof.high / MM).tolist()
         data = {"low_mm": low, "high_mm": high, "R_base_tool": self.proof.orientation.tolist()}
         (folder / "boxes.json").write_text(json.dumps(data), encoding="ascii")
+        if not len(self.proof.low):
+            return
         text = json.dumps(self.certificate(), ensure_ascii=True, allow_nan=False)
         (folder / "certificate.json").write_text(text, encoding="ascii")
 

@@ -71,6 +71,9 @@ class FormulaBoxes:
 
     def _at(self, function: ca.Function, p: Array) -> Array:
         """Return the results (n, k) of a function of pose and parameters at tool positions (n, 3)."""
+        if not len(p):
+            # without a column, the results have no column either, and their number of rows is lost
+            return np.zeros((0, function.size1_out(0)))
         poses = np.zeros((4, 4, len(p)))
         poses[:3, :3] = self.R[..., None]
         poses[:3, 3] = p.T
