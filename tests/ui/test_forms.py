@@ -5,18 +5,23 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 
 import twin
 from made import headset_page as headset
-from made.console_page import console
+from made.console_page import console as shown_console
+from made.pens import Pens
 from twin.cli import scene as scenes
 from twin.core.errors import TwinError
+from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import Operation
+from twin.ui.headset.packet_socket import UDP
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.forms import QuestionnaireForms
+from twin.ui.session.timeline import RATE
 from twin.validation.ranks import compare
 
 
@@ -114,7 +119,17 @@ def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
     table = TrialTable(tmp_path / "t.csv", "1", "simulation")
     forms = QuestionnaireForms(table, ["ssq"], [])
     console = Operation(loaded, Exercise(forms=forms))
+    console.listen("127.0.0.1", 0)
+    pen = Pens(console.packets.socket.port)
+    said = []
+    console.send = said.append
     try:
+        pen.send(pack(0, 1, np.eye(4), 0.0, False))
+        for tick in range(3):
+            console.frame(float(tick), tick / RATE)
+        assert console.owner is None
+        (refusal,) = [document["message"] for document in said if document["type"] == "error"]
+        assert "a questionnaire, which is due on the page, controls the hands" in refusal
         hand = {"pose": [0, 0, 0, 0, 0, 0, 1], "grip": 0.0}
         hands = {"type": "hands", "number": 1, "right": hand, "left": hand, "clutch": False, "camera": False}
         with pytest.raises(wire.RefusedError, match="Answer the questionnaire on the page first"):
@@ -125,7 +140,12 @@ def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
         assert console.owner == "c1"
         with pytest.raises(wire.RefusedError, match="no questionnaire is asked now"):
             console.ask("c2", wire.parse(json.dumps(form)))
+        pen.send(pack(0, 2, np.eye(4), 0.0, False))
+        console.release("c1")
+        console.frame(3.0, 3 / RATE)
+        assert console.owner == UDP
     finally:
+        pen.close()
         console.close()
 
 
@@ -171,7 +191,7 @@ def test_the_page_asks_before_and_after_and_the_table_has_the_scores_by_hand(bro
     server = headset.Serving("sher_phantom", None, *options)
     ratings, order = [80, 20, 60, 40, 50, 30], [0, 2, 4, 5, 3, 1]  # weights 5, 0, 4, 1, 3, 2
     try:
-        with console(browser, server.url, size=(1000, 760), draws=False) as page:
+        with shown_console(browser, server.url, size=(1000, 760), draws=False) as page:
             page.until("!document.querySelector('[data-id=form]').hidden", "the questionnaire before")
             for k in range(16):
                 page(f"{CHOOSE}('item-{k}', '{k % 4}')")
