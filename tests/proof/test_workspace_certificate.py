@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import random
 import subprocess
 import sys
@@ -73,7 +74,11 @@ def test_tolerances_of_the_joints_make_fewer_boxes_and_a_gap_of_the_other_condit
     assert "within 10 um of the CAD" in "\n".join(map(str, wide.text()))
     data = json.loads(json.dumps(wide.certificate()))
     assert checked(checker, tmp_path / "c.json", data) == 0
-    assert audited(tmp_path / "c.json", data, capsys)[0] == 0
+    code, report = audited(tmp_path / "c.json", data, capsys)
+    assert code == 0
+    # the CAD, and a mechanism within the tolerance at each point, which leaves a gap
+    gaps = [check["worst"] for check in report["checks"] if check["where"] == "loops"]
+    assert gaps[0] < 1e-9 < gaps[1] < wide.proof.redundant
     with pytest.raises(TwinError, match="tolerance of lengths is -10 um"):
         proven_workspace(twin.load("sils"), tolerance=-1e-5)
 
@@ -128,6 +133,59 @@ def test_what_was_changed_with_a_new_hash_fails(tmp_path, checker, certificate, 
 def test_a_turned_frame_that_is_no_rotation_is_refused(tmp_path, checker, certificate):
     certificate["closures"][0]["paths"][0]["steps"][0][1][0][0] += 1e-9
     assert checked(checker, tmp_path / "c.json", certificate) == 2
+
+
+def not_finite(data):
+    """A closing joint somewhere: where a comparison with it is false, its loop would not be judged."""
+    data["closures"].append(json.loads(json.dumps(data["closures"][0])))
+    for row in data["closures"][-1]["paths"][0]["steps"][-1][1]:
+        row[3] = float("nan")
+
+
+def far_box(data):
+    data["boxes"].append([[math.inf] * 3, [math.inf] * 3, data["boxes"][0][2]])
+
+
+def empty_box(data):
+    data["boxes"][-1][1] = data["boxes"][-1][0]
+
+
+def box_twice(data):
+    data["boxes"] *= 2
+
+
+def negative_tolerance(data):
+    data["tolerance_m"] = -1e-6
+
+
+@pytest.mark.parametrize("change", [not_finite, far_box, empty_box, box_twice, negative_tolerance])
+def test_boxes_and_numbers_that_make_no_sense_are_refused(tmp_path, checker, certificate, capsys, change):
+    change(certificate)
+    assert checked(checker, tmp_path / "c.json", certificate, "5") == 2
+    if change is not not_finite:
+        assert audited(tmp_path / "c.json", certificate, capsys)[0] == 2
+
+
+def test_a_large_box_beyond_reach_is_met_among_many_small_ones(tmp_path, checker, certificate, capsys):
+    """Points are drawn by volume: one box in a hundred can be nearly all of it."""
+    certificate["boxes"].append([[5.0] * 3, [6.0] * 3, certificate["boxes"][0][2]])
+    assert checked(checker, tmp_path / "c.json", certificate, "3") == 1
+    assert capsys.readouterr().out.startswith("UNDECIDED: 0 points hold, 3 points undecided")
+
+
+@pytest.mark.parametrize("points", ["0", "-5"])
+def test_no_point_is_no_check(tmp_path, checker, certificate, points):
+    assert checked(checker, tmp_path / "c.json", certificate, points) == 2
+
+
+def test_what_was_checked_is_counted_and_files_are_compared(tmp_path, checker, certificate, capsys):
+    assert checked(checker, tmp_path / "c.json", certificate, "3") == 0
+    closures, limits = len(certificate["closures"]), len(certificate["limits"])
+    assert f"checked: {closures} closing joints, {limits} limits of joints" in capsys.readouterr().out
+    for name in certificate["files"]:
+        (tmp_path / name).write_text("another")
+    assert checker.main([str(tmp_path / "c.json"), str(tmp_path), "3"]) == 2
+    assert "is not the file that was proved" in capsys.readouterr().err
 
 
 @pytest.mark.slow

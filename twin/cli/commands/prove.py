@@ -100,7 +100,8 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
     folder = show.folder(args, robot.name, "prove-workspace")
     with show.progress(args.quiet or args.json) as progress:
         result = proven_workspace(robot, asked(args.variant), edge, corners, progress, args.tolerance_um * UM)
-    return show.store(result, args, folder, ["boxes.json", "certificate.json"])
+    certificate = ["certificate.json"] if len(result.proof.low) else []
+    return show.store(result, args, folder, ["boxes.json", *certificate])
 
 
 def _bounds(robot: Robot, args: argparse.Namespace) -> int:

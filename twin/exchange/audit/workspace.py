@@ -46,12 +46,73 @@ def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
         ValueError, KeyError, TypeError, IndexError: the certificate was changed.
     """
     generator = np.random.default_rng()  # no point that the author of a certificate could foresee
+    p, joints = _drawn(data, generator)
+    tolerance = float(data["tolerance_m"])
+    if not 0 <= tolerance < math.inf:
+        raise ValueError(f"the tolerance of lengths is {tolerance} m")
+    _audit_at(data, ledger, p, joints, 0.0)
+    if tolerance:
+        _audit_at(_displaced(data, tolerance, generator), ledger, p, joints, _play(data, tolerance))
+
+
+def _drawn(data: Mapping[str, Any], generator: np.random.Generator) -> tuple[Reals, Reals]:
+    """Return random points (k, 3) of the volume of the boxes, and the joint values (k, joints) of their boxes."""
     boxes = data["boxes"]
-    chosen = [boxes[i] for i in generator.integers(0, len(boxes), POINTS)]
-    low, high, joints = (np.array([box[k] for box in chosen], float) for k in range(3))
-    if low.shape != (POINTS, 3) or joints.shape != (POINTS, len(data["joints"])) or not (low < high).all():
+    low, high, joints = (np.array([box[k] for box in boxes], float) for k in range(3))
+    if low.shape != (len(boxes), 3) or high.shape != low.shape or joints.shape != (len(boxes), len(data["joints"])):
         raise ValueError("a box has no lower and upper corner, or not the values of all joints")
-    p = generator.uniform(low, high)
+    if not (np.isfinite([low, high]).all() and np.isfinite(joints).all() and (low < high).all()):
+        raise ValueError("a number of a box is not finite, or its lower corner is not below its upper one")
+    volumes = np.prod(high - low, axis=1)
+    chosen = generator.choice(len(boxes), POINTS, p=volumes / volumes.sum())
+    p = generator.uniform(low[chosen], high[chosen])
+    # boxes that overlap count twice: what is proved would hide what is not
+    for point in p:
+        if np.count_nonzero(((low <= point) & (point < high)).all(axis=1)) > 1:
+            raise ValueError("boxes overlap")
+    return p, joints[chosen]
+
+
+def _displaced(data: Mapping[str, Any], tolerance: float, generator: np.random.Generator) -> dict[str, Any]:
+    """Return the data with another mechanism at each point: its frames are off by up to a tolerance in m.
+
+    Equal frames are displaced equally, because one joint can be on several paths; the tool's frame is not displaced.
+    """
+    moved: dict[str, Reals] = {}
+    closures = []
+    for closure in data["closures"]:
+        paths = []
+        for path in closure["paths"]:
+            steps = [list(step) for step in path["steps"]]
+            for step in steps[1 if path["from_tool"] else 0 :]:
+                if step[0] not in ("frame", "inverse"):
+                    continue
+                key = str(step[1])
+                if key not in moved:
+                    frames = np.tile(np.array(step[1], float), (POINTS, 1, 1))
+                    frames[:, :, 3] += generator.uniform(-tolerance, tolerance, (POINTS, 3))
+                    moved[key] = frames
+                step[1] = moved[key]
+            paths.append({**path, "steps": steps})
+        closures.append({**closure, "paths": paths})
+    return {**data, "closures": closures}
+
+
+def _play(data: Mapping[str, Any], tolerance: float) -> float:
+    """Return the largest gap in m of loops that follow from others, if each frame of a loop is off by a tolerance."""
+    frames = [0]
+    for closure in data["closures"]:
+        steps = [step for path in closure["paths"] for step in path["steps"] if step[0] in ("frame", "inverse")]
+        frames.append(len(steps))
+    return max(frames) * math.sqrt(3) * tolerance
+
+
+def _audit_at(data: Mapping[str, Any], ledger: Ledger, p: Reals, joints: Reals, play: float) -> None:
+    """Add the rows and findings of points (k, 3).
+
+    Loops that follow from others may have a gap of `play` m; if it is not 0, limits and cones are not judged, because
+    the joint values that close all loops best are not those that close the others exactly.
+    """
     x: Numbers = joints.astype(np.complex128)
     tool = _tool(data["orientation"], p)
     names = data["joints"]
@@ -61,9 +122,24 @@ def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
             J = _by_joints(data, x, tool, range(len(names)))
             x = x - np.asarray((np.linalg.pinv(J) @ F.real[..., None])[..., 0], np.complex128)
         F, cosines = _conditions(data, x, tool)
-    _largest(ledger, "loops", "m", np.abs(F.real).max(axis=1), CLOSED, "a loop does not close", p)
+    _largest(ledger, "loops", "m", np.abs(F.real).max(axis=1), CLOSED + play, "a loop does not close", p)
     distance = np.abs(x.real - joints).max(axis=1)
     _largest(ledger, "predictions", "rad", distance, _NEAR, "the joint values are far from those predicted", p)
+    if not play:
+        _audit_limits(data, ledger, p, x, cosines)
+    passive = [i for i, active in enumerate(data["active"]) if not active]
+    J = np.concatenate([_by_joints(data, x, tool, passive), _by_tool(data, x, tool)], axis=2)
+    smallest = np.linalg.svd(J, compute_uv=False)[:, -1] if J.shape[1] >= J.shape[2] else np.zeros(POINTS)
+    # a quotient below 1 is regular
+    quotient = np.asarray(_SMALLEST / smallest, np.float64)
+    _largest(ledger, "derivatives", "", quotient, 1.0, "the tool can move while the joints are at rest", p)
+
+
+def _audit_limits(
+    data: Mapping[str, Any], ledger: Ledger, p: Reals, x: Numbers, cosines: Sequence[tuple[Numbers, float]]
+) -> None:
+    """Add the rows and findings of limits of joints and of cones."""
+    names = data["joints"]
     excess = [np.zeros(POINTS)]
     for limit in data["limits"]:
         total = sum(weight * x.real[:, names.index(name)] for name, weight in limit["weights"].items())
@@ -71,12 +147,6 @@ def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
     _largest(ledger, "limits", "m", np.max(excess, axis=0), CLOSED, "a limit of joints is exceeded", p)
     missing = [np.zeros(POINTS), *(least - cosine.real for cosine, least in cosines)]
     _largest(ledger, "cones", "", np.max(missing, axis=0), CLOSED, "a joint is turned over, or beyond its cone", p)
-    passive = [i for i, active in enumerate(data["active"]) if not active]
-    J = np.concatenate([_by_joints(data, x, tool, passive), _by_tool(data, x, tool)], axis=2)
-    smallest = np.linalg.svd(J, compute_uv=False)[:, -1] if J.shape[1] >= J.shape[2] else np.zeros(POINTS)
-    # a quotient below 1 is regular
-    quotient = np.asarray(_SMALLEST / smallest, np.float64)
-    _largest(ledger, "derivatives", "", quotient, 1.0, "the tool can move while the joints are at rest", p)
 
 
 def _largest(ledger: Ledger, what: str, unit: str, values: Reals, limit: float, text: str, p: Reals) -> None:
@@ -128,9 +198,9 @@ def _moved(path: Mapping[str, Any], x: Numbers, tool: Numbers) -> Numbers:
         step = np.zeros((len(x), 4, 4), complex)
         step[:] = np.eye(4)
         if kind in ("frame", "inverse"):
-            frame = np.eye(4)
-            frame[:3] = np.array(value, float)
-            step[:] = np.linalg.inv(frame) if kind == "inverse" else frame
+            frame = np.tile(np.eye(4), (len(x), 1, 1))
+            frame[:, :3] = np.array(value, float)
+            step = (np.linalg.inv(frame) if kind == "inverse" else frame).astype(complex)
         elif kind == "turn":
             angle = sign[0] * x[:, value]
             step[:, 0, 0] = step[:, 1, 1] = np.cos(angle)
