@@ -16,6 +16,8 @@ export class ContactSound {
   context: AudioContext | null = null;
   private buzzer: OscillatorNode | null = null;
   private touching = false;
+  /** Whether a contact has clicked since the last hole that counts. */
+  private heard = false;
   private done = 0;
 
   constructor() {
@@ -28,12 +30,18 @@ export class ContactSound {
     if (task?.contact === undefined) return;
     if (task.contact && !this.touching) {
       this.clicks += 1;
+      this.heard = true;
       this.click(...CLICK);
     }
     this.touching = task.contact;
     const contact = task.contact && !task.over;
     const done = task.done ?? 0;
-    if (done > this.done) this.click(...DONE);
+    if (done > this.done) {
+      // A contact that began and ended between two pictures counts too.
+      this.clicks += done - this.done - (this.heard ? 1 : 0);
+      this.heard = false;
+      this.click(...DONE);
+    }
     this.done = done;
     if (contact !== this.buzzing) this.buzz(contact);
     this.buzzing = contact;
