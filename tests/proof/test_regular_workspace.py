@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +13,12 @@ from twin.analysis import workspace as sampled
 from twin.analysis.proven_workspace import proven_workspace
 from twin.cli import main
 from twin.core.errors import TwinError
+from twin.formula import flow
 from twin.proof import intervals, krawczyk
+from twin.proof.formula_boxes import FormulaBoxes
 from twin.proof.interval_pose import IntervalPose, identity
 from twin.proof.loops import ClosingConditions, ToolBox
+from twin.proof.regular_workspace import BoxJudge, cover
 
 CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
 """A box around the best position of SILS, which is partly beyond its limits."""
@@ -75,6 +79,27 @@ def test_where_nothing_is_proved_a_finding_says_it_and_no_certificate_is_written
     assert next(finding.code for finding in found.findings) == "prove.no_box"
     found.write(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["boxes.json"]
+
+
+def test_a_tolerance_does_not_prove_loops_that_the_lengths_of_the_cad_do_not_close(sils):
+    """A joint is 20 um along its axis from where its plane loop closes: less than what the tolerance may leave."""
+    corners = np.array([0.395, 0.32, 0.175]), np.array([0.405, 0.33, 0.185])
+    proved = []
+    for offset in (0.0, 2e-5):
+        joints = []
+        for joint in sils.mechanism.joints:
+            if joint.name == "r13":
+                T = np.array(joint.T_parent_joint)
+                T[:3, 3] += offset * T[:3, 2]
+                joint = replace(joint, T_parent_joint=T)
+            joints.append(joint)
+        loops = ClosingConditions(replace(sils.mechanism, joints=tuple(joints)), tolerance=1e-5)
+        assert loops.play > 2e-5
+        R = sampled.centre(sils)[:3, :3]
+        equations = FormulaBoxes(sils.formula, flow.choose(sils.formula, None), R, loops.names, [])
+        judge = BoxJudge(loops, R, [], equations, corners[0])
+        proved.append(cover(judge, *corners, edge=0.01, halvings=0).volume)
+    assert proved == [pytest.approx(1e-6), 0.0]
 
 
 def test_volumes_add_up(proven):

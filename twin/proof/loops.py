@@ -421,6 +421,16 @@ def rows_of(closures: Sequence[Closure]) -> int:
     return sum(_ROWS[closure.joint.type] for closure in closures)
 
 
+def are_lengths(closures: Sequence[Closure]) -> list[bool]:
+    """Return of each closing condition whether it is a length in m; the others are sines."""
+    found = []
+    for closure in closures:
+        kind = closure.joint.type
+        lengths = 2 if kind in ("cylindrical", "prismatic") else 3
+        found += [i < lengths for i in range(_ROWS[kind])]
+    return found
+
+
 def _conditions(closure: Closure, first: _Motion, second: _Motion) -> list[Intervals]:
     """Return the numbers (n,) that are zero if a joint fits between its two frames."""
     kind = closure.joint.type

@@ -16,7 +16,7 @@ from twin.proof.interval_pose import IntervalPose
 from twin.proof.intervals import Certainty, Intervals
 from twin.proof.krawczyk import Solutions
 from twin.proof.limits import LinearLimit
-from twin.proof.loops import ClosingConditions, Closure, ToolBox, independent_rows
+from twin.proof.loops import ClosingConditions, Closure, ToolBox, are_lengths, independent_rows
 from twin.proof.rigid_frame import rigid_frame
 
 BATCH = 2048
@@ -110,6 +110,7 @@ class BoxJudge:
         R: (3, 3) orientation of the tool in base.
         limits: limits of joints.
         groups: the loops, in groups.
+        ideal: if the loops have a tolerance, the judge of those without it; else None.
     """
 
     def __init__(
@@ -151,6 +152,8 @@ class BoxJudge:
             for name, weight in limit.weights.items():
                 self.weights[i, loops.names.index(name)] = weight
         self.least = np.array([limit.least for limit in limits])
+        # a gap that tolerances may leave would hide that the loops of the CAD itself do not close
+        self.ideal = BoxJudge(ClosingConditions(loops.mechanism), R, limits, equations, p) if loops.tolerance else None
 
     def _tool(self, low: Array, high: Array) -> ToolBox:
         R = intervals.Intervals(
@@ -180,26 +183,17 @@ class BoxJudge:
             return
         judged.promising[numbers] = (m @ self.weights.T >= self.least).all(axis=1)
         tool = self._tool(low, high)
-        assembled = np.ones(len(m), bool)
-        x = intervals.unknown(m.shape)
-        x = Intervals(np.array(x.low), np.array(x.high))
-        values = intervals.exactly(np.zeros((len(low), len(self.limits))))
-        for group in self.groups:
-            found, solutions = self._solved(group, m, tool)
-            assembled &= found
-            x.low[:, group.coordinates] = solutions.x.low
-            x.high[:, group.coordinates] = solutions.x.high
-            # a limit of joints of several groups is the sum of its parts
-            values = values + solutions.functionals(m[:, group.coordinates], self.weights[:, group.coordinates])
+        assembled, x, values = self._assembled(m, tool)
         kept = (values >= self.least).all(axis=1)
         outside = (values < self.least).any(axis=1)
         for joint, cosine in self.loops.cones(x, tool):
             limit = intervals.cosine(intervals.decimals(joint.cone or 0.0))
             kept &= cosine >= limit
             outside |= cosine < limit
-        rest = self._redundant(x, tool)
-        # conditions that do not follow from the others, as where a pose is impossible, are not small
-        closed = assembled & (rest <= CLOSED + self.loops.play) & self.loops.aligned(x, tool)
+        rest, closed = self._closed(x, tool)
+        closed &= assembled
+        if self.ideal is not None and closed.any():
+            closed[closed] = self.ideal.closes(m[closed], low[closed], high[closed])
         worth = closed & kept
         regular = np.zeros(len(low), bool)
         if worth.any():
@@ -222,6 +216,37 @@ class BoxJudge:
             ("other assembly", worth & regular & ~branch),
         ):
             judged.reasons.setdefault(reason, np.zeros(len(judged.proved), bool))[numbers] |= where
+
+    def _assembled(self, m: Array, tool: ToolBox) -> tuple[Certainty, Intervals, Intervals]:
+        """Return where (n,) joint values near predictions m (n, k) fit; they (n, k); and sums of joints (n, limits)."""
+        assembled = np.ones(len(m), bool)
+        x = intervals.unknown(m.shape)
+        x = Intervals(np.array(x.low), np.array(x.high))
+        values = intervals.exactly(np.zeros((len(m), len(self.limits))))
+        for group in self.groups:
+            found, solutions = self._solved(group, m, tool)
+            assembled &= found
+            x.low[:, group.coordinates] = solutions.x.low
+            x.high[:, group.coordinates] = solutions.x.high
+            # a limit of joints of several groups is the sum of its parts
+            values = values + solutions.functionals(m[:, group.coordinates], self.weights[:, group.coordinates])
+        return assembled, x, values
+
+    def closes(self, m: Array, low: Array, high: Array) -> Certainty:
+        """Return where (n,) all loops close near predictions m (n, k), in boxes with corners low, high (n, 3) in m."""
+        tool = self._tool(low, high)
+        assembled, x, _ = self._assembled(m, tool)
+        return assembled & self._closed(x, tool)[1]
+
+    def _closed(self, x: Intervals, tool: ToolBox) -> tuple[Array, Certainty]:
+        """Return the largest value (n,) of the conditions that are not among the independent ones, and if loops close.
+
+        Conditions that do not follow from the others, as where a pose is impossible, are not small. Tolerances leave a
+        gap of lengths; axes that are parallel stay so, hence the sines are as small as without tolerances.
+        """
+        lengths, sines = self._redundant(x, tool)
+        closed = (lengths <= CLOSED + self.loops.play) & (sines <= CLOSED) & self.loops.aligned(x, tool)
+        return np.maximum(lengths, sines), closed
 
     def _solved(self, group: LoopGroup, m: Array, tool: ToolBox) -> tuple[Certainty, Solutions]:
         """Return the joint values of a group around the predictions m (n, k)."""
@@ -254,14 +279,21 @@ class BoxJudge:
             return np.zeros(len(low), bool)
         return krawczyk.regular(Intervals(low, high))
 
-    def _redundant(self, x: Intervals, tool: ToolBox) -> Array:
-        """Return the largest value (n,) of the conditions that are not among the independent ones."""
-        largest = np.zeros(len(x))
+    def _redundant(self, x: Intervals, tool: ToolBox) -> tuple[Array, Array]:
+        """Return the largest lengths and sines (n,) of the conditions that are not among the independent ones."""
+        lengths = np.zeros(len(x))
+        sines = np.zeros(len(x))
         for group in self.groups:
-            if group.others:
-                rest = self.loops.residual(group.closures, x, tool)[:, np.array(group.others)]
-                largest = np.maximum(largest, rest.largest.max(axis=1))
-        return largest
+            if not group.others:
+                continue
+            rest = self.loops.residual(group.closures, x, tool).largest
+            is_length = are_lengths(group.closures)
+            for row in group.others:
+                if is_length[row]:
+                    lengths = np.maximum(lengths, rest[:, row])
+                else:
+                    sines = np.maximum(sines, rest[:, row])
+        return lengths, sines
 
 
 def cover(
