@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 
 import twin
 from made.certificates import audited, digest
+from twin.exchange.audit.certificate import audit_certificate
 
 pytestmark = pytest.mark.slow
 
@@ -63,8 +65,43 @@ def test_another_file_of_the_protocol_or_none_is_named(tmp_path, certificate, ca
     assert "nothing: its bounds cannot be checked" in str(report["findings"])
 
 
-def test_a_value_that_is_not_sampled_is_named(tmp_path, certificate, capsys):
-    certificate["motions"][0]["proved"][0]["value"] = "q9"
+@pytest.mark.parametrize(("key", "name"), [("value", "q9"), ("kind", "limit of a joint")])
+def test_a_bound_of_another_name_is_an_error(tmp_path, certificate, capsys, key, name):
+    certificate["motions"][0]["proved"][0][key] = name
     code, report = audit(tmp_path, certificate, capsys)
-    assert code == 0
-    assert "not sampled: joint limit q9" in str(report["findings"])
+    assert code == 2
+    assert "table2: there is no " in str(report["findings"])
+
+
+class Samples:
+    """Two samples of one value, of which more can be no numbers."""
+
+    def __init__(self, *known):
+        self.known = known
+
+    def extremes(self, entry):
+        return {("gap", "rail"): self.known}
+
+
+@pytest.mark.parametrize(
+    ("row", "known", "code"),
+    [
+        ({"at least": 0.1}, (0.2, 0.3, 0), None),
+        ({"at least": 0.1, "limit": 0.05}, (0.2, 0.3, 0), None),
+        ({"at least": 0.1, "limit": 0.15}, (0.2, 0.3, 0), "certificate.wrong"),
+        ({"at most": 0.4, "limit": 0.35}, (0.2, 0.3, 0), "certificate.wrong"),
+        ({"at most": 0.4, "at least": 0.1}, (0.2, 0.3, 0), "certificate.unreadable"),
+        ({}, (0.2, 0.3, 0), "certificate.unreadable"),
+        ({"at most": 0.25}, (0.2, 0.3, 0), "certificate.wrong"),
+        ({"at most": math.nan}, (0.2, 0.3, 0), "certificate.wrong"),
+        ({"at most": 0.4}, (0.2, 0.3, 7), "certificate.motion"),
+        ({"at most": 0.4}, (math.nan, math.nan, 9), "certificate.motion"),
+    ],
+)
+def test_rows_of_bounds(tmp_path, certificate, row, known, code):
+    certificate["motions"] = [{"protocol": "a", "proved": [{"kind": "gap", "value": "rail", **row}]}]
+    certificate["sha256"] = digest(certificate)
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps(certificate))
+    report = audit_certificate(path, samples=Samples(*known))
+    assert [finding.code for finding in report.findings] == ([code] if code else [])

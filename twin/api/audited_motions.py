@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,8 +25,10 @@ class SampledMotions:
         self.robot = robot
         self.progress = progress
 
-    def extremes(self, entry: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
-        """Return {(kind, value): (smallest, largest sample)} of the protocol of an entry.
+    def extremes(self, entry: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float, int]]:
+        """Return {(kind, value): (smallest, largest sample, number of those without a value)} of an entry's protocol.
+
+        Both are NaN if no sample is a number, as the distance from an RCM that no phase has.
 
         Raises:
             TwinError: the robot has no such protocol, or it cannot be planned; or its file is not the one that was
@@ -45,6 +48,9 @@ class SampledMotions:
         values = sampled(ReferenceModel(mechanism), trajectory, path).values
         found = {}
         for key, numbers in values.items():
-            if np.isfinite(numbers).any():
-                found[key] = float(np.nanmin(numbers)), float(np.nanmax(numbers))
+            # outside the phases with an RCM there is no distance, which is nothing unknown
+            known = numbers[~np.isnan(numbers)]
+            unknown = 0 if key[0] == "RCM" else len(numbers) - len(known)
+            smallest, largest = (float(known.min()), float(known.max())) if len(known) else (math.nan, math.nan)
+            found[key] = smallest, largest, unknown
         return found

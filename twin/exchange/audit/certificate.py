@@ -70,8 +70,11 @@ def is_certificate(path: Path) -> bool:
 class MotionSamples(Protocol):
     """Samples what a mechanism does along a protocol, without the prover."""
 
-    def extremes(self, entry: Mapping[str, Any]) -> Mapping[tuple[str, str], tuple[float, float]]:
-        """Return {(kind, value): (smallest, largest sample)} of the protocol of an entry; TwinError if it cannot."""
+    def extremes(self, entry: Mapping[str, Any]) -> Mapping[tuple[str, str], tuple[float, float, int]]:
+        """Return {(kind, value): (smallest, largest sample, number of those without a value)} of an entry's protocol.
+
+        Both are NaN if no sample is a number. TwinError if the protocol cannot be sampled.
+        """
         ...
 
 
@@ -188,11 +191,21 @@ def _judge_motion(motion: Mapping[str, Any], samples: MotionSamples, ledger: Led
     worst = 0.0
     missing = []
     for row in motion["proved"]:
-        found = extremes.get((row["kind"], row["value"]))
-        if found is None:
-            missing.append(f"{row['kind']} {row['value']}")
+        what = f"{row['kind']} {row['value']}"
+        if ("at least" in row) == ("at most" in row):
+            raise ValueError(f"{name}: {what} has not either a lower or an upper bound")
+        if "limit" in row and not _within_limit(row):
+            ledger.wrong("certificate.wrong", f"{name}: {what}: its bound is beyond its limit {row['limit']}", name)
+        if (row["kind"], row["value"]) not in extremes:
+            # every value that is proved is sampled: a value of another name would hide its bound
+            ledger.add("certificate.motion", "error", f"{name}: there is no {what} to sample", name)
             continue
-        smallest, largest = found
+        smallest, largest, unknown = extremes[row["kind"], row["value"]]
+        if math.isnan(smallest):
+            missing.append(what)
+            continue
+        if unknown:
+            missing.append(f"{what} at {unknown} times")
         beyond = float(row["at least"]) - smallest if "at least" in row else largest - float(row["at most"])
         relative = beyond / max(1.0, abs(smallest), abs(largest))
         worst = max(worst, relative)
@@ -203,6 +216,13 @@ def _judge_motion(motion: Mapping[str, Any], samples: MotionSamples, ledger: Led
     ledger.row("protocol", worst, "", SAMPLED, where=name)
     if missing:
         ledger.add("certificate.motion", "info", f"{name}: not sampled: {', '.join(missing)}", name)
+
+
+def _within_limit(row: Mapping[str, Any]) -> bool:
+    """Return whether the bound of a row is within its limit."""
+    if "at least" in row:
+        return float(row["at least"]) >= float(row["limit"])
+    return float(row["at most"]) <= float(row["limit"])
 
 
 def _place(i: int, values: Sequence[Number]) -> int:
