@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from decimal import Decimal
 from fractions import Fraction
 
 from twin.proof.claims import ROUNDING, JudgedClaim
@@ -17,8 +18,8 @@ def rational_witness(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float,
     """Return a state of fractions near the witness of a refuted claim, where it is wrong too; empty if none is found.
 
     An angle is given by the tangent of its half, as "2 atan(1/8)"; then its cosine and sine are fractions as well. The
-    claim's number is evaluated there with 60 digits and a bound of its error, and no margin of the equations is
-    negative.
+    claim's number is evaluated there with 60 digits and a bound of its error; all numbers are in their ranges, and
+    no margin of the equations can be negative.
 
     Args:
         claim: a refuted claim with the operations of its numbers; without them, the result is empty.
@@ -29,7 +30,8 @@ def rational_witness(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float,
     for state in _states(claim, ranges):
         numbers = numbers_at(claim.nodes, state)
         margins = numbers_at(claim.reach, state)
-        inside = all(margin is not None and margin.value >= 0 for margin in margins)
+        inside = all(margin is not None and margin.value >= Decimal(margin.error) for margin in margins)
+        inside &= all(_in_range(value, claim.witness[name], *ranges[name]) for name, value in state.items())
         if not inside or None in numbers:
             continue
         if any(number is not None and number.size > ROUNDING + number.error for number in numbers):
@@ -47,6 +49,13 @@ def _states(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]])
                 number = math.tan(math.remainder(value, math.tau) / 2)
             state[name] = Fraction(number).limit_denominator(denominator)
         yield state
+
+
+def _in_range(value: Fraction, near: float, is_angle: bool, low: float, high: float) -> bool:
+    """Return whether a length, or the angle next to `near` with this tangent of its half, is in its range."""
+    if not is_angle:
+        return low <= value <= high
+    return low <= near + math.remainder(2 * math.atan(value) - near, math.tau) <= high
 
 
 def _text(value: Fraction, is_angle: bool) -> str:
