@@ -41,14 +41,17 @@ class ProverOfRepairs:
 
 def _verdict(proof: Proof) -> str:
     """Return the verdict on all claims as text."""
-    wrong = [claim for claim in proof.claims if claim.status == "refuted" or claim.different]
-    if wrong:
-        worst = max(wrong, key=lambda claim: claim.largest)
+    wrong = [claim for claim in proof.claims if claim.status == "refuted"]
+    open_claims = [claim for claim in proof.claims if claim.different]
+    if wrong or open_claims:
+        worst = max(wrong or open_claims, key=lambda claim: claim.largest)
         names = ", ".join(proof.ranges)
-        return (
-            f"only close: {1e6 * worst.largest:.3g} um at one of {proof.states} poses within the ranges of {names}; "
-            f"it is not so that {worst.sentence}"
-        )
+        text = f"{1e6 * worst.largest:.3g} um at one of {proof.states} poses within the ranges of {names}; "
+        if wrong:
+            return f"only close: {text}it is not so that {worst.sentence}"
+        # without a root, an exact value that is not zero tells; with one, it may be that of the other sign
+        closeness = "open" if worst.roots else "only close"
+        return f"{closeness}: {text}not proved that {worst.sentence}: {worst.reason}"
     if not proof.claims:
         return "not judged by the prover: nothing can be claimed of these equations"
     unproved = [claim for claim in proof.claims if claim.status != "proved"]
