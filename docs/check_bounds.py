@@ -5,7 +5,8 @@
 FOLDER contains the files of equations and mechanism; if it is given, their hashes are compared. The poses of both sides
 are expanded again, as sums of products of e^(i angle) of the joints, and of numbers from -1 to 1 for lengths. Equal
 terms cancel; what remains is at most the sum of its magnitudes. Every coefficient has a bound of its error. The exit
-code is 0 if the bounds hold, 1 if not, 2 if the certificate cannot be read or was changed.
+code is 0 if the bounds hold, 1 if not, 2 if the certificate cannot be read or was changed. Bounds are those within the
+ranges of lengths in "variables"; the tolerance that the certificate names is not compared with them.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ UNIT = [[(1.0, 1.0), ZERO, ZERO], [ZERO, (1.0, 1.0), ZERO], [ZERO, ZERO, (1.0, 1
 
 def main(arguments):
     """Check the certificate and print what was found; return the exit code."""
-    numbers = [int(word) for word in arguments[1:] if word.lstrip("-").isdigit()]
+    numbers = [int(word) for word in arguments[1:] if word.lstrip("-").isdecimal()]
     try:
         data = json.loads(Path(arguments[0]).read_text(encoding="utf-8"), parse_float=finite, parse_constant=finite)
         text = json.dumps({k: v for k, v in data.items() if k != "sha256"}, sort_keys=True, separators=(",", ":"))

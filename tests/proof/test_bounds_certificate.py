@@ -59,6 +59,9 @@ def test_the_bounds_of_all_chains_hold(tmp_path, checker, capsys, name, toleranc
     assert code == 0
     assert [check["where"] for check in report["checks"]] == ["origins of the tool", "orientations of the tool"]
     assert all(check["worst"] <= check["tolerance"] + 1e-12 for check in report["checks"])
+    (note,) = report["findings"]
+    assert (note["code"], note["severity"]) == ("certificate.samples", "info")
+    assert "4096 random states were compared, which proves no bound" in note["message"]
 
 
 def test_the_script_holds_in_a_process_of_its_own(tmp_path, found):
