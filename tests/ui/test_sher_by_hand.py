@@ -147,6 +147,7 @@ def test_a_gamepad_on_the_page_touches_the_five_holes_and_its_trial_is_read_by_s
                 rates = rates / max(1.0, largest / 0.6)
                 q = page(f"{AXES}({[*rates.tolist(), True]})".replace("True", "true"))
                 assert time.monotonic() < end, page("JSON.stringify(twin.app.model.console)")
+            page.until("twin.app.console.sound.clicks >= 5", "a click for each hole")  # by the next picture
             sound = page("({clicks: twin.app.console.sound.clicks, state: twin.app.console.sound.context?.state})")
             card = page("document.querySelector('[data-id=result]').textContent")
             felt = page("window.felt.length")

@@ -55,7 +55,7 @@ def workspace(
     Raises:
         TwinError: no position is reached, or the grid has more than 5e7 positions.
 
-    Example:
+    Examples:
         >>> import twin
         >>> space = twin.workspace("sils", count=20_000)
         >>> bool(space.reached.any())

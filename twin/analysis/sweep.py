@@ -168,7 +168,7 @@ def sweep(
     Raises:
         TwinError: a factor or an objective does not exist.
 
-    Example:
+    Examples:
         >>> import twin
         >>> found = twin.sweep("sher", "l4:e_a-e_d=72..75mm", out="designs", grid=2, workers=1)
         >>> len(found.designs)

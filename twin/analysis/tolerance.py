@@ -541,7 +541,7 @@ def tolerance(
     Raises:
         TwinError: a standard deviation is invalid, or the protocol cannot be planned.
 
-    Example:
+    Examples:
         >>> import twin
         >>> budget = twin.tolerance("sher", twin.Spread(shift=1e-5, turn=1e-5, slide=1e-6, angle=1e-5))
         >>> budget.verdict

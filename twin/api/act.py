@@ -50,7 +50,7 @@ def operate(
         TwinError: the protocol has no insertion, `trials` is below 1, or `scale` is not above 0 and finite.
         KinematicsError: the robot cannot reach the end pose of a phase.
 
-    Example:
+    Examples:
         >>> import twin
         >>> operated = twin.operate("sher", "phantom")
         >>> operated.verdict
@@ -86,7 +86,7 @@ def world(scene: Scene | str | Path, dt: float = 1e-3, progress: Progress = sile
         TwinError: a protocol cannot be planned.
         WorldError: the scene has organs, and either `dt` is above 20 ms or a link starts inside an organ.
 
-    Example:
+    Examples:
         >>> import twin
         >>> world = twin.world("vsrs")
         >>> world.dt
@@ -117,7 +117,7 @@ def play(scene: Scene | str | Path, progress: Progress = silent) -> Played:
     Raises:
         TwinError: a protocol cannot be planned, or the scene assigns a port to a trocar that the robot lacks.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.play("vsrs").verdict
         'agree'

@@ -79,7 +79,7 @@ def compare(
     Raises:
         TwinError: a side cannot be read, or its joints cannot be matched with those of another.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.compare("pa10", "pa10@equations").verdict
         'agree'

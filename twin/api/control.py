@@ -48,7 +48,7 @@ def track(
     Raises:
         TwinError: a mass is unknown, the protocol cannot be planned, or the simulated robot leaves the planned motion.
 
-    Example:
+    Examples:
         >>> import twin
         >>> tracked = twin.track("pa10", "circle")
         >>> tracked.verdict

@@ -146,7 +146,7 @@ def diff(first: str | Path, second: str | Path) -> ResultDifference:
     Raises:
         TwinError: a file is not a result of twin, or the two are of different kinds, robots or scenes.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> import twin
         >>> for variant in ("corrected", "printed"):

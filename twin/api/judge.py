@@ -43,7 +43,7 @@ def plan(
         ProtocolError: the protocol cannot be carried out; the message names phase, path position and limit.
         TimingError: no timing satisfies the limits.
 
-    Example:
+    Examples:
         >>> import twin
         >>> trajectory = twin.plan("hibou")
         >>> trajectory.q.shape[1] == len(twin.load("hibou").joints)
@@ -79,7 +79,7 @@ def check_plan(
     Raises:
         TwinError: the protocol does not exist, or its file is malformed.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.check_plan("hibou", twin.plan("hibou")).verdict
         'agree'
@@ -126,7 +126,7 @@ def validate(
     Raises:
         TwinError: nothing could be judged, because an input is missing or malformed.
 
-    Example:
+    Examples:
         >>> import twin
         >>> report = twin.validate("sils", variants={"eq1": "printed"})
         >>> report.verdict
@@ -213,7 +213,7 @@ def explain(
     Raises:
         TwinError: there are no equations, or the CAD cannot be read.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.explain("sils").verdict
         'agree'
@@ -270,7 +270,7 @@ def strokes(
     Raises:
         TwinError: there is no such joint or simplified model.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.strokes("sher", ["q5"]).verdict
         'agree'

@@ -54,7 +54,7 @@ def build(
             installed package, whose data are read-only.
         OutputError: the folder cannot be written; it stays unchanged.
 
-    Example:
+    Examples:
         >>> import twin
         >>> files = twin.build("hibou", out="stage", protocols=())
         >>> files[0].name
@@ -123,7 +123,7 @@ def export(
     Raises:
         TwinError: an input is missing or malformed; the folder stays unchanged.
 
-    Example:
+    Examples:
         >>> import twin
         >>> bundle = twin.export("hibou", to="glb", out="export", protocols=())
         >>> bundle.verdict
@@ -165,7 +165,7 @@ def audit(
     Raises:
         TwinError: the file does not exist, or there are clips, but none has the name of a protocol of the robot.
 
-    Example:
+    Examples:
         >>> import twin
         >>> _ = twin.export("hibou", to="glb,urdf", out="hibou", protocols=())
         >>> twin.audit("hibou", "hibou").verdict

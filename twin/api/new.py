@@ -114,7 +114,8 @@ def new(
 
     Args:
         source: the file to read.
-        name: name of the robot, [a-z][a-z0-9_]*; default: made from the name of the file.
+        name: name of the robot: lower-case letters, digits and _, with a letter first; default: made from the name of
+            the file.
         out: folder to write; default: ./<name>/.
         closures: closure YAML of a URDF; default: the .yaml file of the same name, if it exists.
         root: robot to read, if the file has several: prim path (USD), model (SDF) or body (MJCF).
@@ -129,7 +130,7 @@ def new(
         OutputError: the folder must not be overwritten.
         TwinError: the name is invalid, or an option does not apply to this format.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> import twin
         >>> urdf = "<robot name='arm'><link name='base'/><link name='tip'/><joint name='q' type='continuous'>"

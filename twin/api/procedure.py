@@ -223,7 +223,7 @@ def operate_procedure(
         TwinError: the scene has no such task, or the task is not a procedure.
         WorldError: there is no such mistake, no robot can carry a tool, or a link is inside an organ at the start.
 
-    Example:
+    Examples:
         >>> import twin
         >>> session = twin.operate_procedure("vsrs", "cholecystectomy")
         >>> session.verdict
@@ -253,7 +253,7 @@ def replay_procedure(
         WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
         TwinError: there is no such scene, or the session is not of a procedure.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> import twin
         >>> session = twin.operate_procedure("vsrs", "cholecystectomy")

@@ -186,7 +186,7 @@ def prove(
         TwinError: the robot has no equations, the number of states is out of range, a protocol does not exist or cannot
             be planned, or a phase of it is a table of samples.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.prove("pa10", states=2000).verdict
         'agree'

@@ -88,7 +88,7 @@ def study(source: Robot | str | Path) -> Result:
     Raises:
         TwinError: there is nothing to recompute, or a file is malformed.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.study("sher").verdict
         'disagree'
@@ -300,7 +300,7 @@ def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
     Raises:
         TwinError: no mass is stated anywhere.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.masses("hibou").verdict
         'agree'
@@ -400,7 +400,7 @@ def equations_of_motion(robot: Robot | str | Path, states: int = 200) -> Publish
     Raises:
         TwinError: the robot has no published equations of motion, or no masses.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.equations_of_motion("raven_left", states=20).verdict
         'agree'
@@ -431,7 +431,7 @@ def console(
     Raises:
         TwinError: there is no such console, equation or variant.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.console("davinci", "paper").verdict
         'disagree'

@@ -55,7 +55,7 @@ def silent(label: str, fraction: float) -> None:
 def names() -> list[str]:
     """Return the names of the built-in robots.
 
-    Example:
+    Examples:
         >>> import twin
         >>> "sils" in twin.names()
         True
@@ -417,7 +417,7 @@ class Robot:
         Raises:
             KinematicsError: a pose is out of reach; for several poses, the message names the index of the first one.
 
-        Example:
+        Examples:
             >>> import twin
             >>> robot = twin.load("sils")
             >>> q = robot.mechanism.posture("insertion")
@@ -444,7 +444,7 @@ class Robot:
         Raises:
             KinematicsError: for q (n,), there is no assembly, or no assembly on that branch.
 
-        Example:
+        Examples:
             >>> import twin
             >>> robot = twin.load("pa10")
             >>> robot.forward([0.1, 0.4, 0.0, 1.2, 0.0, 0.5, 0.0]).shape
@@ -469,7 +469,7 @@ class Robot:
         Raises:
             KinematicsError: there is no assembly at q (n,), or no assembly on that branch.
 
-        Example:
+        Examples:
             >>> import twin
             >>> robot = twin.load("sils")
             >>> robot.jacobian(robot.mechanism.posture("insertion")).shape
@@ -771,7 +771,7 @@ def load(
     Raises:
         TwinError: there is no such robot or file, or `tool` is given for a robot whose description names its tool.
 
-    Example:
+    Examples:
         >>> import twin
         >>> twin.load("sils").joints
         ('q1', 'q2', 'q3', 'q4', 'q5', 'q6')

@@ -52,7 +52,7 @@ def operate_console(
     Raises:
         TwinError: the scene has no console or no such task, or the scale is out of range.
 
-    Example:
+    Examples:
         >>> import twin
         >>> session = twin.operate_console("davinci", "touch")
         >>> session.verdict
@@ -154,7 +154,7 @@ def replay_session(
         WorldError: the file is damaged, or was recorded with another version of twin or in another scene.
         TwinError: there is no such scene, or the scene has no console.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> import twin
         >>> session = twin.operate_console("davinci", "touch")

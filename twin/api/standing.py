@@ -24,7 +24,7 @@ def load_scene(scene: str | Path) -> Scene:
         TwinError: there is no such scene.
         DescriptionError: the scene file is malformed.
 
-    Example:
+    Examples:
         >>> import twin
         >>> [place.robot for place in twin.load_scene("vsrs").places]
         ['pa10', 'lapbot', 'hibou']

@@ -60,7 +60,7 @@ def check(
     Raises:
         TwinError: the folder or the baseline cannot be read, or an option has no meaning.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> import twin
         >>> text = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='revolute'>"

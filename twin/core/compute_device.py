@@ -61,7 +61,7 @@ def computing_on(choice: Choice) -> Iterator[ComputeDevice]:
     Raises:
         TwinError: there is no such choice.
 
-    Example:
+    Examples:
         >>> import twin
         >>> with twin.computing_on("cpu") as device:
         ...     poses = twin.load("pa10").forward([[0.0] * 7])

@@ -55,7 +55,7 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
             of the target. An error with flag 0 is ignored: (1, 1, 1, 1, 1, 0) leaves the rotation about the target's z
             axis free.
 
-    Example:
+    Examples:
         >>> import twin
         >>> robot = twin.load("pa10")
         >>> T = robot.forward([0.1, 0.4, 0.0, 1.2, 0.0, 0.5, 0.0])
@@ -76,7 +76,7 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
 def Tip(p_base: ArrayLike, p_tool_tip: ArrayLike = (0.0, 0.0, 0.0)) -> Task:  # noqa: N802
     """Return the task of bringing the point p_tool_tip (3,) of the tool frame to p_base (3,), both in m.
 
-    Example:
+    Examples:
         >>> import twin
         >>> solution = twin.load("pa10").solve(twin.Tip([0.4, 0.1, 0.5]))
         >>> solution.T_base_tool[:3, 3].round(6).tolist()
@@ -104,7 +104,7 @@ def Trocar(  # noqa: N802
         p_tool_tip: tip (3,) in the tool frame, in m; the shaft axis passes through the tip.
         depth: distance of the tip beyond the trocar, in m; None: free.
 
-    Example:
+    Examples:
         >>> import twin
         >>> task = twin.Tip([0.5, 0.0, 0.3]) + twin.Trocar([0.5, 0.0, 0.4], axis=[0, 0, 1])
         >>> solution = twin.load("pa10").solve(task)
@@ -125,7 +125,7 @@ def Trocar(  # noqa: N802
 def Joints(q: ArrayLike) -> Task:  # noqa: N802
     """Return the task of bringing the active joints to q (n,); with a small weight, the task of staying near q.
 
-    Example:
+    Examples:
         >>> import twin
         >>> q = [0.1, 0.4, 0.2, 1.2, 0.3, 0.5, 0.6]
         >>> solution = twin.load("pa10").solve(twin.Joints(q))
