@@ -271,7 +271,7 @@ class NewUser:
     def _serve(self, arguments: list[str]) -> None:
         """Begin to serve on a free port, wait for the robots, and end it by Ctrl-C."""
         line = [sys.executable, "-m", "twin", *arguments, "--port", "0", "--no-browser"]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
         with subprocess.Popen(line, cwd=self.folder, **pipes) as process:
             try:
                 said = ""
