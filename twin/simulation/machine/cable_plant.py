@@ -13,7 +13,6 @@ friction and cables, and of the semi-implicit Euler method for the other terms. 
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 
 import casadi as ca
@@ -83,34 +82,13 @@ class CablePlant(MotorPlant):
         self._arm = arm
         self.set(physics)
         self._step = _kernel(arm).single()
-        self._state = np.zeros(4 * len(arm.mechanism.active))
-
-    def another(self, physics: Physics | None = None) -> CablePlant:
-        """Return a plant of the same robot and cables, at joint values 0 and at rest, without compiling again.
-
-        Raises:
-            MechanismError: a parameter is impossible.
-        """
-        other = copy(self)
-        other._state = np.zeros_like(self._state)
-        other.set(physics or self.physics)
-        return other
-
-    @property
-    def q(self) -> Array:
-        """Joint values (n,) of the links."""
-        return self._state[: len(self._state) // 4]
-
-    @property
-    def qd(self) -> Array:
-        """Rates (n,) of the links."""
-        n = len(self._state) // 4
-        return self._state[n : 2 * n]
+        self._count = len(arm.mechanism.active)
+        self._state = np.zeros(4 * self._count)
 
     @property
     def encoded(self) -> Array:
         """Joint values (n,) that the encoders of the motors measure."""
-        n = len(self._state) // 4
+        n = self._count
         return self._state[2 * n : 3 * n]
 
     def set(self, physics: Physics) -> None:
@@ -124,7 +102,7 @@ class CablePlant(MotorPlant):
 
     def reset(self, q: ArrayLike, qd: ArrayLike = 0.0) -> None:
         """Set joint values (n,) and rates (n,); the cables are in the middle of their play."""
-        n = len(self._state) // 4
+        n = self._count
         rates = np.broadcast_to(np.asarray(qd, float), n)
         values = np.asarray(q, float)
         self._state = np.concatenate([values, rates, values, rates])

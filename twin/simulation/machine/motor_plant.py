@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as ca
 import numpy as np
@@ -121,10 +122,11 @@ class MotorPlant:
         self._arm = arm
         self.set(physics or Physics.of(arm))
         self._step = _kernel(arm).single()
-        self._state = np.zeros(2 * len(arm.mechanism.active))
+        self._count = len(arm.mechanism.active)
+        self._state = np.zeros(2 * self._count)
 
-    def another(self, physics: Physics | None = None) -> MotorPlant:
-        """Return a plant of the same robot, at joint values 0 and at rest, without compiling again.
+    def another(self, physics: Physics | None = None) -> Self:
+        """Return a plant of the same robot (and cables), at joint values 0 and at rest, without compiling again.
 
         Raises:
             MechanismError: a parameter is impossible.
@@ -136,13 +138,13 @@ class MotorPlant:
 
     @property
     def q(self) -> Array:
-        """Joint values (n,)."""
-        return self._state[: len(self._state) // 2]
+        """Joint values (n,) of the links."""
+        return self._state[: self._count]
 
     @property
     def qd(self) -> Array:
-        """Joint rates (n,)."""
-        return self._state[len(self._state) // 2 :]
+        """Rates (n,) of the links."""
+        return self._state[self._count : 2 * self._count]
 
     @property
     def encoded(self) -> Array:
@@ -160,8 +162,7 @@ class MotorPlant:
 
     def reset(self, q: ArrayLike, qd: ArrayLike = 0.0) -> None:
         """Set joint values (n,) and rates (n,)."""
-        n = len(self._state) // 2
-        rates = np.broadcast_to(np.asarray(qd, float), n)
+        rates = np.broadcast_to(np.asarray(qd, float), self._count)
         self._state = np.concatenate([np.asarray(q, float), rates])
 
     def advance(self, torques: Array) -> None:
