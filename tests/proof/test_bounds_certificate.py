@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import random
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import twin
-from made.certificates import audited, digest
+from made.certificates import audited, digest, require_refusal, require_short, script
 from twin.api.chain_bounds import chain_bounds, mechanism_bounds
 
 SCRIPT = Path(__file__).parents[2] / "docs/check_bounds.py"
@@ -21,10 +19,7 @@ CHAINS = ("davinci_psm", "davinci_psm_si", "pa10", "raven_left", "raven_right")
 
 @pytest.fixture(scope="module")
 def checker():
-    spec = importlib.util.spec_from_file_location("check_bounds", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("check_bounds")
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +38,8 @@ def checked(checker, path, data):
     return checker.main([str(path)])
 
 
-def test_the_script_is_short_and_needs_the_standard_library_alone():
-    lines = SCRIPT.read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= 300
-    modules = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
-    assert modules <= set(sys.stdlib_module_names) | {"__future__"}
+def test_the_script_is_short_and_needs_the_standard_library_alone(checker):
+    require_short(checker)
 
 
 @pytest.mark.parametrize("name", ["davinci_ecm", *(pytest.param(name, marks=pytest.mark.slow) for name in CHAINS)])
@@ -85,17 +77,7 @@ def test_two_mechanisms_of_different_numbers(tmp_path, checker, capsys):
 
 @pytest.mark.parametrize("seed", range(50))
 def test_what_was_changed_is_refused(tmp_path, checker, certificate, capsys, seed):
-    generator = random.Random(seed)
-    text = json.dumps(certificate)
-    place = generator.randrange(len(text))
-    if seed % 2:
-        text = text[:place]
-    else:
-        text = text[:place] + chr(33 + (ord(text[place]) + 7) % 90) + text[place + 1 :]
-    path = tmp_path / "c.json"
-    path.write_text(text)
-    assert checker.main([str(path)]) == 2
-    assert "cannot be checked" in capsys.readouterr().err
+    require_refusal(checker, certificate, tmp_path / "c.json", capsys, seed)
 
 
 def bound(data):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
-import random
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import twin
-from made.certificates import audited, digest
+from made.certificates import audited, digest, require_refusal, require_short, script
 from twin.exchange.audit import certificate as audit_of_certificates
 
 ROOT = Path(__file__).parents[2]
@@ -22,10 +20,7 @@ SCRIPT = ROOT / "docs/check_certificate.py"
 
 @pytest.fixture(scope="module")
 def checker():
-    spec = importlib.util.spec_from_file_location("check_certificate", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("check_certificate")
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +38,8 @@ def checked(checker, path, data, *more):
     return checker.main([str(path), *more])
 
 
-def test_the_script_is_short_and_needs_the_standard_library_alone():
-    lines = SCRIPT.read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= 300
-    modules = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
-    assert modules <= set(sys.stdlib_module_names) | {"__future__"}
+def test_the_script_is_short_and_needs_the_standard_library_alone(checker):
+    require_short(checker)
 
 
 def test_every_claim_of_sils_holds_for_the_script_in_a_process_of_its_own(tmp_path, found):
@@ -72,17 +64,7 @@ def test_the_files_are_those_that_were_proved(tmp_path, checker, certificate):
 
 @pytest.mark.parametrize("seed", range(50))
 def test_what_was_changed_is_refused(tmp_path, checker, certificate, capsys, seed):
-    generator = random.Random(seed)
-    text = json.dumps(certificate)
-    place = generator.randrange(len(text))
-    if seed % 2:
-        text = text[:place]
-    else:
-        text = text[:place] + chr(33 + (ord(text[place]) + 7) % 90) + text[place + 1 :]
-    path = tmp_path / "c.json"
-    path.write_text(text)
-    assert checker.main([str(path)]) == 2
-    assert "cannot be checked" in capsys.readouterr().err
+    require_refusal(checker, certificate, tmp_path / "c.json", capsys, seed)
 
 
 def test_a_wrong_number_with_a_new_hash_fails(tmp_path, checker, certificate, capsys):

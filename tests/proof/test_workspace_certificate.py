@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
-import random
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +12,7 @@ import numpy as np
 import pytest
 
 import twin
-from made.certificates import audited, digest
+from made.certificates import audited, digest, require_refusal, require_short, script
 from twin.analysis.proven_workspace import proven_workspace
 from twin.core.errors import TwinError
 
@@ -24,10 +22,7 @@ CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
 
 @pytest.fixture(scope="module")
 def checker():
-    spec = importlib.util.spec_from_file_location("check_workspace", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("check_workspace")
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +41,8 @@ def checked(checker, path, data, points="40"):
     return checker.main([str(path), points])
 
 
-def test_the_script_is_short_and_needs_the_standard_library_alone():
-    lines = SCRIPT.read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= 300
-    modules = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
-    assert modules <= set(sys.stdlib_module_names) | {"__future__"}
+def test_the_script_is_short_and_needs_the_standard_library_alone(checker):
+    require_short(checker)
 
 
 @pytest.mark.slow
@@ -86,17 +78,7 @@ def test_tolerances_of_the_joints_make_fewer_boxes_and_a_gap_of_the_other_condit
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(50))
 def test_what_was_changed_is_refused(tmp_path, checker, certificate, capsys, seed):
-    generator = random.Random(seed)
-    text = json.dumps(certificate)
-    place = generator.randrange(len(text))
-    if seed % 2:
-        text = text[:place]
-    else:
-        text = text[:place] + chr(33 + (ord(text[place]) + 7) % 90) + text[place + 1 :]
-    path = tmp_path / "c.json"
-    path.write_text(text)
-    assert checker.main([str(path)]) == 2
-    assert "cannot be checked" in capsys.readouterr().err
+    require_refusal(checker, certificate, tmp_path / "c.json", capsys, seed)
 
 
 def wider(data):
