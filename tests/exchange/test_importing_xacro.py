@@ -137,6 +137,28 @@ def test_packages_are_found_without_ros(two_arms, tmp_path, monkeypatch, way):
     assert len(read(two_arms, xacro=given).mechanism.active) == 5
 
 
+OWN = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="arm">
+<xacro:include filename="$(find own_parts)/length.xacro"/>
+<link name="base"/><link name="tip"/>
+<joint name="q1" type="prismatic"><parent link="base"/><child link="tip"/><origin xyz="${length} 0 0"/>
+<limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_two_versions_of_a_package_are_not_mixed(tmp_path):
+    """A file finds its own package there, also if another version of it is in the folders of packages."""
+    for version, length in (("before", 0.1), ("after", 0.2)):
+        folder = tmp_path / version / "own_parts"
+        folder.mkdir(parents=True)
+        (folder / "package.xml").write_text("<package><name>own_parts</name></package>")
+        text = f'<robot xmlns:xacro="x"><xacro:property name="length" value="{length}"/></robot>'
+        (folder / "length.xacro").write_text(text.replace('"x"', '"http://www.ros.org/wiki/xacro"'))
+        (folder / "arm.xacro").write_text(OWN)
+    given = settings([], [str(tmp_path / "before"), str(tmp_path / "after")])
+    for version, length in (("before", 0.1), ("after", 0.2)):
+        mechanism = read(tmp_path / version / "own_parts/arm.xacro", xacro=given).mechanism
+        assert mechanism.joint("q1").T_parent_joint[0, 3] == length
+
+
 def test_what_only_a_missing_package_can_draw_is_left_out_with_a_warning(tmp_path):
     path = tmp_path / "arm.urdf"  # recognised by its content
     text = (HERE / "data/importing/error_macro_undefined.xacro").read_text().replace('"slide"', '"hinge"')

@@ -34,7 +34,7 @@ class XacroSettings:
 
     Attributes:
         arguments: {name: value} of the `<xacro:arg>`, as texts.
-        packages: folders with ROS packages, searched before the environment and the neighbours of the file.
+        packages: folders with ROS packages, searched after the package of the file, before environment and neighbours.
     """
 
     arguments: Mapping[str, str] = field(default_factory=dict)

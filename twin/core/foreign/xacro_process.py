@@ -80,8 +80,8 @@ class _Fault(Exception):  # noqa: N818, it carries a message of another error
 class _Packages:
     """Folders of ROS packages, by their names, without ROS.
 
-    Searched are, in this order: the given folders, those in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and the neighbours
-    of the file: the package that contains it, and the packages beside that.
+    Searched are, in this order: the package that contains the file, so that two versions of a package are not mixed;
+    the given folders, those in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and the packages beside that of the file.
     """
 
     def __init__(self, file: Path, given: list[str]) -> None:
@@ -99,6 +99,9 @@ class _Packages:
         Raises:
             _PackageMissingError: it was not found.
         """
+        own = self._neighbours[0]
+        if _package_name(own) == name:
+            return str(own)
         for place in self._places:
             if place.name == name and place.is_dir():
                 return str(place.resolve())
