@@ -412,12 +412,8 @@ class PingMessage(_Message):
     t: Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
-Message = (
-    PlayMessage
-    | SeekMessage
-    | SpeedMessage
-    | LoopMessage
-    | ProtocolMessage
+RobotMessage = (
+    ProtocolMessage
     | PostureMessage
     | UndoMessage
     | GrabMessage
@@ -426,6 +422,15 @@ Message = (
     | VariantMessage
     | DistanceMessage
     | WorkspaceMessage
+)
+"""Classes of messages for one robot; other messages concern clock, recording, console or connection."""
+
+Message = (
+    PlayMessage
+    | SeekMessage
+    | SpeedMessage
+    | LoopMessage
+    | RobotMessage
     | HandsMessage
     | ScaleMessage
     | TaskMessage
@@ -441,18 +446,6 @@ Message = (
 )
 """Classes of all client messages."""
 
-RobotMessage = (
-    ProtocolMessage
-    | PostureMessage
-    | UndoMessage
-    | GrabMessage
-    | DragMessage
-    | ReleaseMessage
-    | VariantMessage
-    | DistanceMessage
-    | WorkspaceMessage
-)
-"""Classes of messages for one robot; other messages concern clock, recording, console or connection."""
 
 _ADAPTER: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="type")])
 
