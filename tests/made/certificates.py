@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import random
 import sys
 from pathlib import Path
 
 from twin.cli import main
-
-DOCS = Path(__file__).parents[2] / "docs"
 
 
 def digest(data):
@@ -26,14 +23,6 @@ def audited(path, data, capsys, *more):
     path.write_text(data if isinstance(data, str) else json.dumps(data))
     code = main(["audit", str(path), "--quiet", "--json", *more])
     return code, json.loads(capsys.readouterr().out)
-
-
-def script(name):
-    """Return a script of docs/ as a module."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def require_short(checker):

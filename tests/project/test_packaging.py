@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -11,6 +10,8 @@ import types
 from pathlib import Path
 
 import yaml
+
+from made.scripts import script
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -23,14 +24,6 @@ NAMES_IN_CONDA = {
 }
 
 
-def module(name):
-    """A program of the folder docs/packaging/ as a module."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/packaging/{name}.py")
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    return made
-
-
 def test_links_and_pictures_of_the_readme_are_absolute_on_pypi(monkeypatch):
     interface = types.ModuleType(
         "hatchling.metadata.plugin.interface"
@@ -40,7 +33,7 @@ def test_links_and_pictures_of_the_readme_are_absolute_on_pypi(monkeypatch):
         monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
     monkeypatch.setitem(sys.modules, interface.__name__, interface)
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    page = module("readme_links").absolute(text, "https://github.com/a/b", "1.2")
+    page = script("docs/packaging/readme_links.py").absolute(text, "https://github.com/a/b", "1.2")
     targets = re.findall(r"\]\(([^)]+)\)", page) + re.findall(r'src="([^"]+)"', page)
     assert len(targets) > 25
     for target in targets:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 import tomllib
 
 import pytest
 
 from made.pages import ROOT
+from made.scripts import script
 
 SETTINGS = tomllib.loads((ROOT / "docs/site/zensical.toml").read_text(encoding="utf-8"))["project"]
 
 
 @pytest.fixture(scope="module")
 def make_site():
-    spec = importlib.util.spec_from_file_location("make_site", ROOT / "docs/make_site.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("docs/make_site.py")
 
 
 def places(entry):

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 import twin
-from made.certificates import audited, digest, require_refusal, require_short, script
+from made.certificates import audited, digest, require_refusal, require_short
+from made.scripts import script
 from twin.api.chain_bounds import chain_bounds, mechanism_bounds
 
 SCRIPT = Path(__file__).parents[2] / "docs/check_bounds.py"
@@ -19,7 +20,7 @@ CHAINS = ("davinci_psm", "davinci_psm_si", "pa10", "raven_left", "raven_right")
 
 @pytest.fixture(scope="module")
 def checker():
-    return script("check_bounds")
+    return script("docs/check_bounds.py")
 
 
 @pytest.fixture(scope="module")

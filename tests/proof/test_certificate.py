@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 import twin
-from made.certificates import audited, digest, require_refusal, require_short, script
+from made.certificates import audited, digest, require_refusal, require_short
+from made.scripts import script
 from twin.exchange.audit import certificate as audit_of_certificates
 
 ROOT = Path(__file__).parents[2]
@@ -20,7 +21,7 @@ SCRIPT = ROOT / "docs/check_certificate.py"
 
 @pytest.fixture(scope="module")
 def checker():
-    return script("check_certificate")
+    return script("docs/check_certificate.py")
 
 
 @pytest.fixture(scope="module")

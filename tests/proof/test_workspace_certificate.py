@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import twin
-from made.certificates import audited, digest, require_refusal, require_short, script
+from made.certificates import audited, digest, require_refusal, require_short
+from made.scripts import script
 from twin.analysis.proven_workspace import proven_workspace
 from twin.core.errors import TwinError
 
@@ -22,7 +23,7 @@ CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
 
 @pytest.fixture(scope="module")
 def checker():
-    return script("check_workspace")
+    return script("docs/check_workspace.py")
 
 
 @pytest.fixture(scope="module")
