@@ -12,7 +12,7 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.reference.loops import Coupled, Loops, cross_products, point_acceleration
+from twin.reference.loops import Coupled, Loops, cross_motions, cross_products, point_acceleration
 
 _JOINT_MODELS = {
     "revolute": pin.JointModelRZ,
@@ -20,6 +20,10 @@ _JOINT_MODELS = {
     "spherical": pin.JointModelSpherical,
     "free": pin.JointModelFreeFlyer,
 }
+
+
+_TINY = float(np.finfo(float).tiny)
+"""Smallest normal number: a divisor in place of 0."""
 
 
 def _depth_first(mechanism: Mechanism) -> Iterator[Joint]:
@@ -107,7 +111,12 @@ class Tree:
             else:
                 singles.append((place, joint_model.idx_v))
         self._single = np.array(singles, int).reshape(-1, 2).T
-        self._balls = np.array(balls, int).reshape(-1, 2).T
+        places, columns = np.array(balls, int).reshape(-1, 2).T
+        # of each ball: vector and scalar of its quaternion, and its rates
+        self._ball_vectors = places[:, None] + np.arange(3)
+        self._ball_scalars = places + 3
+        self._ball_rates = columns[:, None] + np.arange(3)
+        self._fours = np.array(self.quaternions, int)[:, None] + np.arange(4)
 
     def __getstate__(self) -> dict[str, object]:
         state = dict(self.__dict__)
@@ -279,55 +288,57 @@ class Tree:
         out[:, places] = X[:, places] + steps[:, columns]
         for place in self._flyers:
             out[:, place : place + 7] = self.integrate(X, steps)[:, place : place + 7]
-        places, columns = self._balls
-        if not len(places):
-            return self.unit(out)
+        if not len(self._ball_scalars):
+            return self._united(out)
         # product of quaternions: (w, v) times (c, u), the rotation of the step
-        three = places[:, None] + np.arange(3)
-        v = X[:, three]  # (k, balls, 3)
-        w = X[:, places + 3, None]
-        r = steps[:, columns[:, None] + np.arange(3)] / 2
-        half = np.linalg.norm(r, axis=-1, keepdims=True)
+        v = X[:, self._ball_vectors]  # (k, balls, 3)
+        w = X[:, self._ball_scalars, None]
+        r = steps[:, self._ball_rates] / 2
+        half = np.sqrt(np.add.reduce(r * r, axis=-1, keepdims=True))  # a third of the time of np.linalg.norm
         c = np.cos(half)
-        u = r * np.sinc(half / np.pi)
-        out[:, three] = w * u + c * v + cross_products(v, u)
-        out[:, places + 3] = (w * c)[..., 0] - (v * u).sum(axis=-1)
-        return self.unit(out)
+        # sin(half) / half times r; for half = 0, r is 0 as well
+        u = r * (np.sin(half) / np.maximum(half, _TINY))
+        out[:, self._ball_vectors] = w * u + c * v + cross_products(v, u)
+        out[:, self._ball_scalars] = (w * c)[..., 0] - np.add.reduce(v * u, axis=-1)
+        return self._united(out)
 
     def unit(self, X: Array) -> Array:
         """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for large k."""
-        X = X.copy()
+        return self._united(X.copy())
+
+    def _united(self, X: Array) -> Array:
+        """Normalise the quaternions of configurations X (k, nq) in place, and return X."""
         if self.quaternions:
-            four = np.array(self.quaternions)[:, None] + np.arange(4)
-            X[:, four] /= np.linalg.norm(X[:, four], axis=-1, keepdims=True)
+            four = X[:, self._fours]
+            X[:, self._fours] = four / np.sqrt(np.add.reduce(four * four, axis=-1, keepdims=True))
         return X
 
     def drift(self, X: Array, V: Array) -> tuple[Array, Array]:
         """Return the accelerations at constant velocities V (k, nv) at configurations X (k, nq).
 
         Returns:
-            (k, m) second derivatives of the loop residuals, dA/dt V, valid for closed loops; and (k, 6) acceleration of
-            the tool in base at its origin, dJ/dt V, linear part first.
+            (k, m) second derivatives of the loop residuals, dA/dt V; and (k, 6) acceleration of the tool in base at its
+            origin, dJ/dt V, linear part first.
         """
         poses, J = self.update(X, closing_only=True)
-        return self.drift_at(poses, J, V)
+        twists, biases = self.motions(J, V)
+        tool = self.tool_joint
+        p_tool = self.tool(poses)[:, :3, 3]
+        linear = point_acceleration(twists[:, tool], biases[:, tool], p_tool)
+        acceleration = np.concatenate([linear, biases[:, tool, 3:]], axis=1)
+        T0, T = self.loops.relative(poses)
+        return self.loops.drift(T0, T, twists, biases), acceleration
 
-    def drift_at(self, poses: Array, J: Array, V: Array) -> tuple[Array, Array]:
-        """Return what `drift` returns, for poses (k, joints, 4, 4) and Jacobians (k, 6, nv) from `update`.
+    def motions(self, J: Array, V: Array) -> tuple[Array, Array]:
+        """Return (twists, spatial accelerations) of the joints, each (k, joints, 6), at constant velocities V (k, nv).
 
-        The axis of a joint is fixed in its body: its derivative is its cross product with the body's twist.
+        Both are in base at the base origin, linear part first. J (k, 6, nv) comes from `update`. The axis of a joint is
+        fixed in its body: its derivative is its cross product with the body's twist.
         """
         axes = np.swapaxes(J * V[:, None], 1, 2)  # (k, nv, 6): twist of each velocity
         twists = self._mask @ axes
         bodies = twists[:, self._owner]  # (k, nv, 6): twist of the body that the velocity moves
-        linear = cross_products(bodies[..., 3:], axes[..., :3]) + cross_products(bodies[..., :3], axes[..., 3:])
-        angular = cross_products(bodies[..., 3:], axes[..., 3:])
-        biases = self._mask @ np.concatenate([linear, angular], axis=-1)
-        tool = self.tool_joint
-        p_tool = self.tool(poses)[:, :3, 3]
-        linear_tool = point_acceleration(twists[:, tool], biases[:, tool], p_tool)
-        acceleration = np.concatenate([linear_tool, biases[:, tool, 3:]], axis=1)
-        return self.loops.drift(poses, twists, biases), acceleration
+        return twists, self._mask @ cross_motions(bodies, axes)
 
     def integrate(self, X: Array, steps: Array) -> Array:
         """Return configurations (k, nq) after tangent steps (k, nv)."""

@@ -258,109 +258,137 @@ def side_by_side(
     for i, joint in enumerate(arm.mechanism.active):
         if not joint.is_angle:
             joint_scale[i] = LENGTH_SCALE
-    controls = [_Control(arm, motion, c, joint_scale) for c in conditions]
-    models = [control.model for control in controls]
-    loops = SharedLoops(models)
+    controls = _Controls(arm, motion, conditions, joint_scale)
+    loops = SharedLoops(controls.models)
     for i in range(k):
         if i % _OFTEN == 0:
             progress(i / k)
-        wishes = [control.wish(i) for control in controls]
-        q, qd, qdd = (np.array(values) for values in zip(*wishes, strict=True))
-        for control, asked in zip(controls, loops.efforts(q, qd, qdd), strict=True):
-            control.act(i, arm.mechanism.motor_efforts(asked))
-    desired_tips = models[0].tools(motion.q) @ motion.T_tool_tip
-    return [_run(motion, control, desired_tips) for control in controls]
+        q, qd, qdd = controls.wishes(i)
+        asked = loops.efforts(q, qd, qdd)
+        controls.act(i, arm.mechanism.motor_efforts(asked))
+    return controls.runs()
 
 
-class _Control:
-    """One run: controller, encoders and plant, and what they have done so far."""
+class _Controls:
+    """Runs side by side: their controllers, encoders and plants, and what they have done so far.
 
-    def __init__(self, arm: Arm, motion: DesiredMotion, conditions: Conditions, joint_scale: Array) -> None:
-        """Set the plant to the first sample of the motion; `joint_scale` (n,): see `side_by_side`."""
-        c = conditions
-        self.conditions = c
-        self.model = model_of(arm, c)
+    Attributes:
+        models: the model of each controller.
+    """
+
+    def __init__(self, arm: Arm, motion: DesiredMotion, conditions: Sequence[Conditions], joint_scale: Array) -> None:
+        """Set the plants to the first sample of the motion; `joint_scale` (n,): see `side_by_side`."""
+        self._conditions = conditions
+        self.models = [model_of(arm, c) for c in conditions]
         self._arm = arm
         self._motion = motion
         self._joint_scale = joint_scale
-        self._tick = 1.0 / c.rate
-        self._limit = arm.limit if c.saturation else np.full(len(joint_scale), np.inf)
+        # the same for all runs: the motion has one sample per tick
+        self._tick = 1.0 / conditions[0].rate
+        # a row for each run from here on
+        self._w = np.array([[c.w] for c in conditions])
         # Time in s by which the state of the equations is ahead of the tick; see the head of the file.
-        self._lead = 0.0
-        self._desired_qdd = motion.qdd
-        if c.middle:
-            self._lead = 0.5 * self._tick
-            next_qdd = np.vstack([motion.qdd[1:], motion.qdd[-1:]])
-            self._desired_qdd = 0.5 * (motion.qdd + next_qdd)
-        self._plant = plant_of(arm, c)
-        self._plant.reset(motion.q[0], motion.qd[0])
-        self._encoders = _Encoders(c, joint_scale, motion.q[0], motion.qd[0])
-        self.q = np.zeros(motion.q.shape)
-        self.efforts = np.zeros(motion.q.shape)
-        self.saturated = np.zeros(motion.q.shape, bool)
+        self._lead = np.zeros((len(conditions), 1))
+        self._limit = np.full((len(conditions), len(joint_scale)), np.inf)
+        self._plants: list[Plant] = []
+        for i, c in enumerate(conditions):
+            if c.middle:
+                self._lead[i] = 0.5 * self._tick
+            if c.saturation:
+                self._limit[i] = arm.limit
+            plant = plant_of(arm, c)
+            plant.reset(motion.q[0], motion.qd[0])
+            self._plants.append(plant)
+        self._encoders = _Encoders(conditions, joint_scale, motion.q[0], motion.qd[0])
+        # (k, runs, n)
+        shape = (len(motion.q), len(conditions), len(joint_scale))
+        self._desired_qdd = self._mean_accelerations()
+        self._q = np.zeros(shape)
+        self._efforts = np.zeros(shape)
+        self._saturated = np.zeros(shape, bool)
 
-    def wish(self, i: int) -> tuple[Array, Array, Array]:
-        """Read the encoders in tick i; return the state (q, qd) of the equations and the acceleration to reach."""
+    def _mean_accelerations(self) -> Array:
+        """Return the desired accelerations (k, runs, n): in the middle of the tick, or at its start."""
+        at_start = self._motion.qdd
+        next_qdd = np.vstack([at_start[1:], at_start[-1:]])
+        in_middle = 0.5 * (at_start + next_qdd)
+        desired = []
+        for c in self._conditions:
+            desired.append(in_middle if c.middle else at_start)
+        return np.stack(desired, axis=1)
+
+    def wishes(self, i: int) -> tuple[Array, Array, Array]:
+        """Read the encoders in tick i; return states q, qd of the equations and accelerations to reach, (runs, n)."""
         motion = self._motion
-        c = self.conditions
-        self.q[i] = self._plant.q
-        _check_convergence(motion, i, self.q[i], self._joint_scale, c)
-        measured_q, rate = self._encoders.read(self.q[i], self._plant.qd)
+        true_q = np.array([plant.q for plant in self._plants])
+        true_qd = np.array([plant.qd for plant in self._plants])
+        self._q[i] = true_q
+        _check_convergence(motion, i, true_q, self._joint_scale, self._conditions)
+        measured_q, rate = self._encoders.read(true_q, true_qd)
         rate_error = motion.qd[i] - rate
         position_error = motion.q[i] - measured_q
         desired = self._desired_qdd[i]
-        wished_qdd = desired + 2 * c.w * rate_error + c.w**2 * position_error
+        wished_qdd = desired + 2 * self._w * rate_error + self._w**2 * position_error
         return measured_q + self._lead * rate, rate + self._lead * desired, wished_qdd
 
     def act(self, i: int, asked: Array) -> None:
-        """Let the motors act with the efforts asked for (n,), within their limits, until the next tick."""
-        self.efforts[i] = np.clip(asked, -self._limit, self._limit)
-        self.saturated[i] = self.efforts[i] != asked
-        self._plant.advance(self._arm.joint_efforts(self.efforts[i]), self._tick)
+        """Let the motors act with the efforts asked for (runs, n), within their limits, until the next tick."""
+        efforts = np.minimum(np.maximum(asked, -self._limit), self._limit)
+        self._efforts[i] = efforts
+        self._saturated[i] = efforts != asked
+        for plant, joint_efforts in zip(self._plants, self._arm.joint_efforts(efforts), strict=True):
+            plant.advance(joint_efforts, self._tick)
 
-
-def _run(motion: DesiredMotion, control: _Control, desired_tips: Array) -> Run:
-    """Return the errors of a completed run; `desired_tips` (k, 4, 4) are the tip poses of the motion."""
-    k = len(motion.t)
-    c = control.conditions
-    model = control.model
-    true_q = control.q
-    efforts = control.efforts
-    saturated = control.saturated
-    true_tips = model.tools(true_q) @ motion.T_tool_tip
-    tip_error = np.linalg.norm(true_tips[:, :3, 3] - desired_tips[:, :3, 3], axis=1)
-    rcm_error = np.full(k, np.nan)
-    if motion.rcm is not None:
-        shafts = true_tips[:, :3, :3] @ motion.shaft
-        rcm_error = spatial.point_to_line(motion.rcm, true_tips[:, :3, 3], shafts)
-    return Run(c, motion.t, tip_error, motion.q - true_q, rcm_error, efforts, saturated)
+    def runs(self) -> list[Run]:
+        """Return the errors of the completed runs."""
+        motion = self._motion
+        desired_tips = self.models[0].tools(motion.q) @ motion.T_tool_tip
+        runs = []
+        for i, (conditions, model) in enumerate(zip(self._conditions, self.models, strict=True)):
+            true_q = self._q[:, i]
+            true_tips = model.tools(true_q) @ motion.T_tool_tip
+            tip_error = np.linalg.norm(true_tips[:, :3, 3] - desired_tips[:, :3, 3], axis=1)
+            rcm_error = np.full(len(motion.t), np.nan)
+            if motion.rcm is not None:
+                shafts = true_tips[:, :3, :3] @ motion.shaft
+                rcm_error = spatial.point_to_line(motion.rcm, true_tips[:, :3, 3], shafts)
+            joint_error = motion.q - true_q
+            efforts = self._efforts[:, i]
+            saturated = self._saturated[:, i]
+            runs.append(Run(conditions, motion.t, tip_error, joint_error, rcm_error, efforts, saturated))
+        return runs
 
 
 class _Encoders:
-    """Joint values and rates as the controller reads them, once per tick."""
+    """Joint values and rates as the controllers of several runs read them, once per tick; all arrays (runs, n)."""
 
-    def __init__(self, conditions: Conditions, joint_scale: Array, q: Array, qd: Array) -> None:
-        """Store the start, joint values q (n,) and rates qd (n,); `joint_scale` (n,) multiplies the encoder step."""
-        self._step = conditions.quantisation * joint_scale
-        self._tick = 1.0 / conditions.rate
+    def __init__(self, conditions: Sequence[Conditions], joint_scale: Array, q: Array, qd: Array) -> None:
+        """Store the start, joint values q (n,) and rates qd (n,); `joint_scale` (n,) multiplies the encoder steps."""
+        quantisation = np.array([[c.quantisation] for c in conditions])
+        cutoff = np.array([[c.velocity_cutoff] for c in conditions])
+        self._tick = 1.0 / conditions[0].rate
         # share of the difference that the first-order low-pass adds in each tick
-        self._share = 1.0 - np.exp(-2 * np.pi * conditions.velocity_cutoff * self._tick)
-        self._q = _measured(q, self._step)
-        self._rate = qd
+        self._share = 1.0 - np.exp(-2 * np.pi * cutoff * self._tick)
+        self._is_exact = quantisation == 0
+        self._step = np.where(self._is_exact, 1.0, quantisation) * joint_scale
+        self._q = self._measured(q)
+        self._rate = np.tile(qd, (len(conditions), 1))
         self._is_first = True
 
     def read(self, q: Array, qd: Array) -> tuple[Array, Array]:
-        """Return measured joint values (n,) and rates (n,) for the true ones; without encoder steps, the true ones."""
-        if not self._step.all():
-            return q, qd
-        measured = _measured(q, self._step)
+        """Return measured joint values and rates for the true ones; without encoder steps, the true ones."""
+        measured = self._measured(q)
         # The first tick has no earlier position; its rate is that of the start.
         if not self._is_first:
             difference_quotient = (measured - self._q) / self._tick
             self._rate = self._rate + self._share * (difference_quotient - self._rate)
         self._is_first = False
         self._q = measured
-        return measured, self._rate
+        return measured, np.where(self._is_exact, qd, self._rate)
+
+    def _measured(self, q: Array) -> Array:
+        """Return joint values in multiples of the encoder steps; without encoder steps, the true ones."""
+        return np.where(self._is_exact, q, self._step * np.round(q / self._step))
 
 
 def curve(
@@ -389,13 +417,6 @@ def effort_table(arm: Arm, *runs: Run) -> list[EffortRow]:
     return rows
 
 
-def _measured(q: Array, step: Array) -> Array:
-    """Return joint values as the encoders measure them, in multiples of `step`; exact if step is 0."""
-    if not step.all():
-        return q
-    return step * np.round(q / step)
-
-
 def _check_motion(arm: Arm, motion: DesiredMotion, conditions: Conditions) -> None:
     """Raise `TwinError` if a motion does not fit the robot and the control rate."""
     k = len(motion.t)
@@ -421,13 +442,18 @@ def _check_control(conditions: Conditions) -> None:
         raise TwinError(f"at {c.rate:g} Hz, a control tick is not a whole number of steps of {STEP * 1e3:g} ms")
 
 
-def _check_convergence(motion: DesiredMotion, tick: int, q: Array, joint_scale: Array, conditions: Conditions) -> None:
-    """Raise `TwinError` if a joint is far from its target in a tick, or is NaN."""
-    error = np.abs((motion.q[tick] - q) / joint_scale).max()
+def _check_convergence(
+    motion: DesiredMotion, tick: int, q: Array, joint_scale: Array, conditions: Sequence[Conditions]
+) -> None:
+    """Raise `TwinError` if a joint is far from its target in a tick, or is NaN, in a run; q (runs, n)."""
+    errors = np.abs((motion.q[tick] - q) / joint_scale)
     # written so that NaN, which compares as False, raises too
-    if not error < _LOST:
-        raise TwinError(
-            f"at {motion.t[tick]:.3f} s a joint is more than {_LOST:g} rad or {_LOST * LENGTH_SCALE:g} m from its "
-            f"target: the drives are too weak for this motion, or the bandwidth w = {conditions.w:g} rad/s of "
-            f"the controller is unstable at {conditions.rate:g} Hz"
-        )
+    close = errors < _LOST
+    if close.all():
+        return
+    lost = conditions[int(np.argmin(close.all(axis=1)))]
+    raise TwinError(
+        f"at {motion.t[tick]:.3f} s a joint is more than {_LOST:g} rad or {_LOST * LENGTH_SCALE:g} m from its "
+        f"target: the drives are too weak for this motion, or the bandwidth w = {lost.w:g} rad/s of "
+        f"the controller is unstable at {lost.rate:g} Hz"
+    )

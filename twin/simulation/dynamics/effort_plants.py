@@ -123,6 +123,8 @@ class MujocoPlant:
         bits = mujoco.mjtDisableBit
         # By default, MuJoCo resets a diverging simulation without raising an error.
         disabled = bits.mjDSBL_AUTORESET | bits.mjDSBL_ACTUATION | bits.mjDSBL_LIMIT | bits.mjDSBL_CONTACT
+        # Separate islands of constraints take time to find, and the loops of a robot are too few to gain by them.
+        disabled |= bits.mjDSBL_ISLAND
         model.opt.disableflags |= int(disabled)
         ids = [model.joint(name).id for name in joints]
         self._places = model.jnt_qposadr[ids]
