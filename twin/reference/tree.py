@@ -23,7 +23,7 @@ _JOINT_MODELS = {
 
 
 _TINY = float(np.finfo(float).tiny)
-"""Smallest normal number: a divisor in place of 0."""
+"""Smallest normal number: a divisor instead of 0."""
 
 
 def _depth_first(mechanism: Mechanism) -> Iterator[Joint]:
