@@ -90,6 +90,19 @@ class Tree:
         self._closing = sorted(closing - {0})
         self._views = self._memory_views()
         self._placements = [T.homogeneous for T in self.model.jointPlacements]
+        self._number_joints()
+
+    def __getstate__(self) -> dict[str, object]:
+        state = dict(self.__dict__)
+        del state["_views"]
+        return state
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__ |= state
+        self._views = self._memory_views()  # a copied view would no longer show the poses
+
+    def _number_joints(self) -> None:
+        """Store the indices of all joints, by type, which `place`, `columns`, `step` and `motions` read."""
         self._chain: list[tuple[int, str, int, int]] = []  # number, kind, configuration index, velocity index
         singles: list[tuple[int, int]] = []  # configuration index, velocity index
         balls: list[tuple[int, int]] = []
@@ -117,15 +130,6 @@ class Tree:
         self._ball_scalars = places + 3
         self._ball_rates = columns[:, None] + np.arange(3)
         self._fours = np.array(self.quaternions, int)[:, None] + np.arange(4)
-
-    def __getstate__(self) -> dict[str, object]:
-        state = dict(self.__dict__)
-        del state["_views"]
-        return state
-
-    def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__ |= state
-        self._views = self._memory_views()  # a copied view would no longer show the poses
 
     def _add(self, joint: Joint) -> None:
         parent_id, T_id_parent = self._body[joint.parent]
