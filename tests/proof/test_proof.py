@@ -87,6 +87,32 @@ def test_the_error_of_the_printed_platform_is_given_as_a_formula():
     assert any("the error is l_p^2" in finding.message for finding in found.findings)
 
 
+@pytest.mark.slow
+def test_a_long_error_is_in_the_data_and_not_in_the_finding():
+    found = twin.prove("davinci_psm", {"table1": "printed"}, states=STATES)
+    (claim,) = [claim for claim in found.content()["claims"] if claim["name"] == "forward: joint q6"]
+    assert claim["error_terms"] == 30
+    formula = re.sub(r"(\w|\)) (?=[a-z0-9(])", r"\1 * ", claim["error"]).replace("^", "**")
+    names = {"cos": np.cos, "sin": np.sin, **{f"sqrt({n})": np.sqrt(n) for n in (2, 3, 6)}}
+    names |= {p.name: p.value for p in twin.load("davinci_psm").formula.parameters} | claim["witness"]
+    assert abs(eval(formula, names)) > 0.01
+    assert any('the error is a polynomial of 30 terms: see "error" with --json' in f.message for f in found.findings)
+
+
+@pytest.mark.slow
+def test_a_witness_in_fractions_has_angles_without_an_exact_form():
+    """52 degrees are no fraction of a circle with rational coordinates: the nearest one is part of the witness."""
+    robot = twin.load("sher")
+    found = twin.prove(robot, {"eq3": "printed"}, states=256)
+    published = {p.name: p.value for p in robot.formula.parameters}
+    refuted = [claim for claim in found.proof.claims if claim.status == "refuted"]
+    assert refuted
+    for claim in refuted:
+        for name in ("phi2", "phi3", "phi4"):
+            half = Fraction(claim.fractions[name].removeprefix("2 atan(").removesuffix(")"))
+            assert abs(2 * np.arctan(float(half)) - published[name]) < 1e-6
+
+
 def test_lengths_that_are_multiples_of_a_root_are_named():
     found = twin.prove("sils", states=256)
     assert found.proof.recognised["77.9422863 mm"] == "45 sqrt(3) mm"
@@ -248,6 +274,29 @@ def with_forward(formula, change):
     equation = replace(forward, variants={forward.default: changed})
     equations = tuple(equation if e is forward else e for e in formula.equations)
     return replace(formula, equations=equations)
+
+
+@pytest.mark.parametrize(("entry", "result"), [(0, "margin arm"), (3, "measure elbow")])
+def test_an_error_in_a_box_of_a_result_without_a_claim_is_named(entry, result):
+    """Nothing tells which value of a margin is right; but that few poses have another formula is said."""
+    robot = twin.load("pa10")
+    helper = next(equation for equation in robot.formula.equations if "stretch" in equation.outputs)
+    function = helper.variants[helper.default]
+
+    @wraps(function)
+    def changed(**symbols):
+        values = list(function(**symbols))
+        values[entry] += 0.001 * (ca.fabs(symbols["q2"] - 0.3) < 1e-6)
+        return tuple(values)
+
+    equation = replace(helper, variants={helper.default: changed})
+    formula = replace(robot.formula, equations=tuple(equation if e is helper else e for e in robot.formula.equations))
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    (claim,) = [claim for claim in proof.claims if claim.status != "proved"]
+    assert claim.name == "results without a claim"
+    assert result in claim.reason
+    assert result in proof.uncovered_values
+    assert not prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism, 256).branches.silent
 
 
 @pytest.mark.parametrize("turn", [(-1, -1, 1), (1, -1, -1), (-1, 1, -1)])

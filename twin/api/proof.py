@@ -29,6 +29,9 @@ MOST_STATES = 1_000_000
 
 _FEWEST_STATES = 64
 
+_MOST_READ = 6
+"""Maximum number of terms of an error that a finding shows: a longer one would not be read."""
+
 _SHOWN = 4
 """Number of claims that are named together if they are not proved for one reason."""
 
@@ -90,6 +93,7 @@ class Proved(Result):
             "recognised_lengths": dict(proof.recognised),
             "uncovered_bodies": list(proof.uncovered),
             "uncovered_points": list(proof.uncovered_points),
+            "uncovered_values": list(proof.uncovered_values),
             "claims": [_record(claim) for claim in proof.claims],
             "motions": [motion.record() for motion in self.motions],
         }
@@ -144,12 +148,20 @@ class Proved(Result):
         if proof.uncovered_points:
             points = ", ".join(proof.uncovered_points)
             yield f"  no claim covers {points} of the equations: no placed body of the CAD has this point"
+        if proof.uncovered_values:
+            yield (
+                f"  no claim covers the values of {_listed(proof.uncovered_values)}: the mechanism does not determine "
+                "them; of a margin, the sign says where the claims hold"
+            )
         refuted = proof.count("refuted")
         unproved = proof.count("unproved")
         for motion in self.motions:
             refuted += motion.proof.count("refuted")
             unproved += motion.proof.count("unproved")
         agreement = "PROVED: the equations agree with the mechanism at all poses"
+        without = len(proof.uncovered_values) + len(proof.uncovered_points)
+        if without:
+            agreement += f", but for {without} values without a claim"
         if self.motions:
             agreement += ", and the protocols keep their limits at every moment"
         words = {
@@ -214,6 +226,18 @@ def prove(
     return Proved(robot.name, chosen, proof, robot.hashes(), tuple(findings), tuple(motions))
 
 
+def _listed(values: Sequence[str]) -> str:
+    """Return names such as "margin arm" by their kinds, as "margins 'arm', 'shaft'; measures 'elbow'"."""
+    kinds: dict[str, list[str]] = {}
+    for value in values:
+        kind = next(kind for kind in _KINDS if value.startswith(kind))
+        kinds.setdefault(kind, []).append(f"'{value.removeprefix(f'{kind} ')}'")  # names have commas
+    return "; ".join(f"{kind}s {', '.join(names)}" for kind, names in kinds.items())
+
+
+_KINDS = ("passive joint", "margin", "measure", "aspect")
+
+
 def _findings(proof: Proof) -> list[Finding]:
     """Return a finding for each refuted claim, and for each reason why claims are not proved."""
     findings = []
@@ -241,7 +265,9 @@ def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     """Return the finding of a refuted claim, with the state where it is wrong."""
     at = ", ".join(f"{name} = {value:.6g}" for name, value in claim.witness.items() if name not in drawn)
     text = f"it is not so that {claim.sentence}"
-    if claim.error:
+    if claim.error_terms > _MOST_READ:
+        text += f'; the error is a polynomial of {claim.error_terms} terms: see "error" with --json'
+    elif claim.error:
         text += f"; the error is {claim.error}"
     if claim.fractions:
         state = ", ".join(f"{name} = {value}" for name, value in claim.fractions.items() if name not in drawn)
@@ -278,4 +304,5 @@ def _record(claim: JudgedClaim) -> JsonObject:
         "witness_in_fractions": dict(claim.fractions),
         "reason": claim.reason,
         "error": claim.error,
+        "error_terms": claim.error_terms,
     }

@@ -78,7 +78,7 @@ def attempted(
     If `only_refute`, the equations are computed with double precision alone, so that nothing is proved; the claims
     about the inverse are left out if one about the forward equations is refuted.
     """
-    work = Attempt(states, variants, zero_shares)
+    work = Attempt(states, variants, zero_shares, uncovered_points=list(states.formula.points))
     computed = _evaluated if only_refute else _replayed
     formula = states.formula
     if formula.has("forward"):
@@ -240,8 +240,7 @@ def _claim_inverse(work: Attempt, found: Found, inside: Truths) -> None:
         claim = work.claims[-1]
         if claim.error:
             work.claims[-1] = replace(claim, error=f"{claim.error} of the square")
-    named = [name.removeprefix(_POINT) for name in found if name.startswith(_POINT)]
-    work.uncovered_points += [name for name in named if name not in claimed]
+    work.uncovered_points = [name for name in work.states.formula.points if name not in claimed]
     if "again" in found:
         numbers = list(mechanism.deviations(_matrix(found["again"]), _matrix(found["pose"])))
         sentence = "forward equations of the joints of the inverse equations give the pose"

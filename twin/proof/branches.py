@@ -50,11 +50,13 @@ class Branch:
         margin: positive where it is true, and negative where it is false, as an expression of state and parameters.
         at_zero: the answer where the margin is 0; None if it may be both.
         undefined: answers at which the equations have no value, or none that depends on the condition, at any state.
+        effects: names of the results that depend on it, as "pose", "joints", "margin arm", "measure wrist".
     """
 
     margin: ca.SX
     at_zero: bool | None
     undefined: frozenset[bool]
+    effects: frozenset[str]
 
     def has(self, answer: bool, margin: Array | Intervals) -> Truths:
         """Return where the answer certainly is a given one, by values or by intervals of the margin."""
@@ -76,26 +78,36 @@ class Branches:
         values: function of the state that returns what must be finite and what must not be negative within reach.
     """
 
-    def __init__(self, formula: Formula, variants: Mapping[str, str], drawn: Collection[str]) -> None:
+    def __init__(
+        self, formula: Formula, variants: Mapping[str, str], drawn: Collection[str], measures: bool = False
+    ) -> None:
+        """Find the conditions of the equations.
+
+        Args:
+            formula: the equations.
+            variants: the chosen variant of each equation.
+            drawn: parameters that are part of the state.
+            measures: whether those that only measures of singularity or aspects depend on are among them.
+        """
         if formula.has("forward"):
-            first = formula_side.from_joints(formula, variants)
+            first = formula_side.from_joints(formula, variants, measures)
         else:
-            first = formula_side.from_pose(formula, variants, coordinates=True)
+            first = formula_side.from_pose(formula, variants, coordinates=True, measures=measures)
         self.names = (*first.state, *drawn)
         symbols = {name: ca.SX.sym(name) for name in self.names}
         self.state = ca.vertcat(*symbols.values())
         columns = [symbols[name] for name in first.state]
         parameters = [symbols.get(p.name, ca.SX(float(p.value))) for p in formula.parameters]
         numbers = ca.vertcat(*parameters)
-        results, found = _walked(first, [ca.vertcat(*columns), numbers])
+        results, found = _walked(formula, first, [ca.vertcat(*columns), numbers])
         finite = [results[first.names.index("pose")]]
         reach = _of(first.names, results, "reach")
         self._assembles = formula.has("forward")
         if "joints" in first.names:
             finite.append(results[first.names.index("joints")])
         elif formula.has("inverse"):
-            second = formula_side.from_pose(formula, variants, coordinates=False)
-            results, more = _walked(second, [finite[0], numbers])
+            second = formula_side.from_pose(formula, variants, coordinates=False, measures=measures)
+            results, more = _walked(formula, second, [finite[0], numbers])
             found += more
             finite.append(results[second.names.index("joints")])
             reach += _of(second.names, results, "reach")
@@ -127,6 +139,10 @@ class Branches:
         if len(text) > _LONGEST:
             return f"condition {i + 1}"
         return f"{text} > 0"
+
+    def effect(self, i: int) -> str:
+        """Return a condition and the results that depend on it as text."""
+        return f"{self.text(i)} ({', '.join(sorted(self.all[i].effects))})"
 
 
 _POSE = 16
@@ -212,7 +228,7 @@ def _of(names: Sequence[str], results: Sequence[ca.SX], name: str) -> list[ca.SX
     return [results[names.index(name)]]
 
 
-def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], list[Branch]]:
+def _walked(formula: Formula, outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], list[Branch]]:
     """Return outputs of the equations as expressions of inputs, and the conditions in them."""
     function = outcome.function
     needed = [k for k, name in enumerate(outcome.names) if name in ("pose", "joints", "reach")]
@@ -275,7 +291,45 @@ def _walked(outcome: Outputs, inputs: Sequence[ca.SX]) -> tuple[list[ca.SX], lis
         if condition is not None:
             truths[targets[0]] = condition
     undefined = _undefined(function, needed, used)
-    return outputs, [Branch(margins[k], at_zero.get(k), undefined[k]) for k in sorted(used)]
+    effects = _effects(formula, outcome, used)
+    found = [Branch(margins[k], at_zero.get(k), undefined[k], effects[k]) for k in sorted(used)]
+    return outputs, found
+
+
+def _effects(formula: Formula, outcome: Outputs, used: Collection[int]) -> dict[int, frozenset[str]]:
+    """Return, for each condition, the names of the results that depend on it."""
+    function = outcome.function
+    sources_of: dict[int, set[int]] = {}  # {place: conditions on which it depends}
+    found: dict[int, set[str]] = {k: set() for k in used}
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        targets = function.instruction_output(k)
+        conditions: set[int] = set()
+        if operation not in (ca.OP_CONST, ca.OP_INPUT):
+            for place in function.instruction_input(k):
+                conditions |= sources_of.get(place, set())
+        if operation == ca.OP_OUTPUT:
+            result = _result(formula, outcome.names[targets[0]], targets[1])
+            for condition in conditions:
+                found[condition].add(result)
+            continue
+        if k in found:
+            conditions.add(k)
+        sources_of[targets[0]] = conditions
+    return {k: frozenset(names) for k, names in found.items()}
+
+
+def _result(formula: Formula, output: str, entry: int) -> str:
+    """Return the name of an entry of an output of the equations."""
+    if output == "passive":
+        return f"passive joint {formula.passive[entry]}"
+    if output == "reach":
+        return f"margin {list(formula.reach)[entry]}"
+    if output == "measures":
+        return f"measure {formula.measures[entry].name}"
+    if output == "aspects":
+        return f"aspect {formula.aspects[entry].symbol}"
+    return output
 
 
 def _undefined(function: ca.Function, needed: Collection[int], used: Collection[int]) -> dict[int, frozenset[bool]]:
@@ -418,6 +472,8 @@ class BranchReport:
         bounded: those with one answer at all states within the limits, by intervals.
         found: those whose other answer was found by a search, at states that were judged then.
         open: texts of those with one answer at all drawn states, and their smallest margin; nothing else is known.
+        silent: texts of those with an answer that few drawn states have, or none, on which nothing depends of which
+            anything is claimed.
         states: {name: values (j,)} at the states that were found, and at those with rare answers.
         without_value: {name: value} at a state within reach where the equations have no value; empty if there is none.
     """
@@ -428,12 +484,17 @@ class BranchReport:
     bounded: int
     found: int
     open: tuple[str, ...]
+    silent: tuple[str, ...]
     states: Mapping[str, Array]
     without_value: Mapping[str, float]
 
 
-def examined(branches: Branches, state: Array, published: Array, limits: Array) -> BranchReport:
+def examined(
+    branches: Branches, state: Array, published: Array, limits: Array, unclaimed: Collection[str]
+) -> BranchReport:
     """Return what is known of all conditions, from drawn states (n, k) within limits (n, 2).
+
+    `unclaimed` are the results of which nothing is claimed; for their names see `Branch.effects`.
 
     `published` (n, k) are the same states with the published parameters. Only there, a state without a value is a fault
     of the equations: with other lengths, the mechanism itself may not reach it, and no margin may say so.
@@ -447,11 +508,12 @@ def examined(branches: Branches, state: Array, published: Array, limits: Array) 
     state = state[:, finite & reach]
     empty = {name: np.zeros(0) for name in branches.names}
     if not branches.all or not state.shape[1]:
-        return BranchReport(len(branches.all), 0, 0, 0, 0, (), empty, without_value)
+        return BranchReport(len(branches.all), 0, 0, 0, 0, (), (), empty, without_value)
     margins = branches.margins(state).full()
     single: dict[int, bool] = {}
     undefined = 0
     rare: list[Array] = []
+    silent: list[str] = []
     for i, branch in enumerate(branches.all):
         true = branch.has(True, margins[i])
         if not true.all() and true.any():
@@ -459,6 +521,8 @@ def examined(branches: Branches, state: Array, published: Array, limits: Array) 
             fewer = true if true.sum() <= (~true).sum() else ~true
             if fewer.sum() < _RARE:
                 rare.append(state[:, fewer][:, :_KEPT])
+                if branch.effects <= set(unclaimed):
+                    silent.append(branches.effect(i))
             continue
         if bool(not true[0]) in branch.undefined:
             undefined += 1
@@ -472,10 +536,13 @@ def examined(branches: Branches, state: Array, published: Array, limits: Array) 
     found = searched(branches, rest, state, limits) if rest else []
     texts = []
     for i, other in zip(rest, found, strict=True):
-        if not other.shape[1]:
+        if branches.all[i].effects <= set(unclaimed):
+            silent.append(branches.effect(i))
+        elif not other.shape[1]:
             texts.append(f"{branches.text(i)} (margin {np.abs(margins[i]).min():.2g} or more)")
     columns = np.hstack([np.zeros((len(limits), 0)), *rare, *found])
     states = dict(zip(branches.names, columns, strict=True))
     count = len(branches.all)
-    number_found = len(rest) - len(texts)
-    return BranchReport(count, drawn, undefined, len(sure), number_found, tuple(texts), states, without_value)
+    number_found = sum(other.shape[1] > 0 for other in found)
+    known = (count, drawn, undefined, len(sure), number_found)
+    return BranchReport(*known, tuple(texts), tuple(silent), states, without_value)

@@ -16,7 +16,6 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.proof.draws import STEPS
-from twin.proof.form import MOST_READ
 from twin.proof.program import ProgramStep
 from twin.proof.values import ExactValue, RootMark, Truths
 
@@ -46,8 +45,9 @@ class JudgedClaim:
         fractions: {name of a random number: a fraction as text} where the claim is wrong too; empty if not refuted, or
             if no such state is found.
         reason: why a claim is not proved; "" if it is.
-        error: what is not zero, as a formula of cosines, sines and lengths in m; "" if the claim is not refuted, or if
-            there is no short formula.
+        error: what is not zero, as a polynomial of cosines, sines and lengths in m; "" if the claim is not refuted, or
+            if it is none.
+        error_terms: number of terms of this polynomial.
         nodes: the operations of the numbers that must be zero, if the claim is proved or refuted, and all are known.
         reach: those of the margins that are not negative where it is claimed.
         roots: the roots in its numbers.
@@ -68,6 +68,7 @@ class JudgedClaim:
     witness: Mapping[str, float]
     reason: str
     error: str = ""
+    error_terms: int = 0
     nodes: tuple[ProgramStep, ...] = ()
     reach: tuple[ProgramStep, ...] = ()
     luckless: bool = False
@@ -152,7 +153,7 @@ def judged(
     if roots and status == "proved":
         doubtful = tuple(_at(state, int(place)) for place in np.flatnonzero(known & ~zero)[:_DOUBTFUL])
     numbers_of = (zeros, exact, log_odds, float(largest[worst]), witness)
-    verdict = (name, sentence, status, *numbers_of, reason, found.error, kept)
+    verdict = (name, sentence, status, *numbers_of, reason, *found.error, kept)
     more = {"luckless": luckless, "different": different, "undefined": undefined}
     return JudgedClaim(*verdict, roots=roots, doubtful=doubtful, **more)
 
@@ -177,14 +178,17 @@ def _at(state: Mapping[str, Array], place: int) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class _Together:
-    """The numbers of a claim: where all are known and zero, the largest of them, and what they have in common."""
+    """The numbers of a claim: where all are known and zero, the largest of them, and what they have in common.
+
+    `error` is the shortest polynomial that is not zero, and its number of terms; ("", 0) if there is none.
+    """
 
     known: Truths
     zero: Truths
     largest: Array
     degree: int
     roots: frozenset[RootMark]
-    error: str
+    error: tuple[str, int]
     nodes: list[ProgramStep | None]
 
 
@@ -195,17 +199,20 @@ def _together(numbers: Iterable[ExactValue], inside: Truths) -> _Together:
     largest = np.zeros(len(inside))
     degree = 1
     roots: frozenset[RootMark] = frozenset()
-    error = ""
+    errors = []
     nodes = []
     for number in numbers:
         nodes.append(number.node)
-        if number.form and len(number.form.terms) <= MOST_READ:
-            error = min(error or str(number.form), str(number.form), key=len)
+        # a difference of a parameter and a length of the CAD is a polynomial that is zero at the published value
+        wrong = bool((np.abs(number.real[inside]) > ROUNDING).any())
+        if number.form and wrong:
+            errors.append((str(number.form), len(number.form.terms)))
         known &= number.known
         zero &= number.residue == 0
         largest = np.maximum(largest, np.abs(number.real))
         degree = max(degree, number.degree.zeros)
         roots |= number.degree.roots
+    error = min(errors, key=lambda text: len(text[0]), default=("", 0))
     return _Together(known, zero, largest, degree, roots, error, nodes)
 
 

@@ -11,11 +11,8 @@ from twin.proof.constants import ROOTS, ExactNumber
 Monomial = tuple[tuple[str, int], ...]
 """Powers of variables, sorted by their names."""
 
-MOST_TERMS = 40
+MOST_TERMS = 1000
 """Maximum number of terms while a formula is computed: a longer one is given up."""
-
-MOST_READ = 6
-"""Maximum number of terms of a formula that is shown: a longer one would not be read."""
 
 _SINE = "sin "
 _COSINE = "cos "

@@ -20,7 +20,8 @@ class Outputs:
     Attributes:
         function: a function of the state and of the parameters, both as columns.
         state: names of the entries of the state.
-        names: names of the outputs: "pose" (16,), "joints", "passive", "reach", "again" (16,), and "point <name>" (3,).
+        names: names of the outputs: "pose" (16,), "joints", "passive", "reach", "again" (16,), and "point <name>" (3,);
+            if they were asked for, "measures" and "aspects" as well.
     """
 
     function: ca.Function
@@ -28,8 +29,11 @@ class Outputs:
     names: tuple[str, ...]
 
 
-def from_joints(formula: Formula, variants: Mapping[str, str]) -> Outputs:
-    """Return pose, passive joints and reach as functions of the joints; the formula has forward equations."""
+def from_joints(formula: Formula, variants: Mapping[str, str], measures: bool = False) -> Outputs:
+    """Return pose, passive joints and reach as functions of the joints; the formula has forward equations.
+
+    With `measures`, measures of singularity and aspects, of which nothing is claimed, are outputs too.
+    """
     parameters = _parameters(formula)
     names = tuple(joint.name for joint in formula.joints)
     state = {name: ca.SX.sym(name) for name in names}
@@ -37,14 +41,15 @@ def from_joints(formula: Formula, variants: Mapping[str, str]) -> Outputs:
     T = _pose(formula, symbols)
     symbols = {**flow.from_pose(formula, T), **symbols, POSE_SYMBOL: T}
     symbols = flow.run(formula, variants, symbols, "inverse")
-    outputs = {"pose": symbolic.flat(T), **_of_helpers(formula, variants, symbols)}
+    outputs = {"pose": symbolic.flat(T), **_of_helpers(formula, variants, symbols, measures)}
     return _function(state, parameters, outputs)
 
 
-def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool) -> Outputs:
+def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool, measures: bool = False) -> Outputs:
     """Return joints, passive joints, points and the pose again as functions of the pose.
 
     The formula has inverse equations. The state is the pose (16,), row by row, or the coordinates of the equations.
+    For `measures` see `from_joints`.
     """
     parameters = _parameters(formula)
     if coordinates:
@@ -63,7 +68,7 @@ def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool) 
         again = flow.run(formula, variants, {**parameters, **{name: symbols[name] for name in names}}, "forward")
         outputs["again"] = symbolic.flat(_pose(formula, again))
     symbols = flow.run(formula, variants, symbols, "forward")
-    outputs |= _of_helpers(formula, variants, symbols)
+    outputs |= _of_helpers(formula, variants, symbols, measures)
     return _function(state, parameters, outputs)
 
 
@@ -84,7 +89,9 @@ def aspects(formula: Formula, variants: Mapping[str, str]) -> ca.Function:
     return ca.Function("aspects", [ca.vertcat(*state), numbers], [found * preferred])
 
 
-def _of_helpers(formula: Formula, variants: Mapping[str, str], symbols: Mapping[str, Value]) -> dict[str, ca.SX]:
+def _of_helpers(
+    formula: Formula, variants: Mapping[str, str], symbols: Mapping[str, Value], measures: bool
+) -> dict[str, ca.SX]:
     """Return passive joints, reach and points, as far as the helpers can be computed from these symbols."""
     try:
         symbols = flow.run(formula, variants, symbols, "helper")
@@ -99,6 +106,9 @@ def _of_helpers(formula: Formula, variants: Mapping[str, str], symbols: Mapping[
             outputs[f"point {name}"] = ca.vec(flow.expression(formula, symbols, symbol, f"point '{name}':"))
         else:
             outputs[f"point {name}"] = flow.gather(formula, symbols, symbol, f"point '{name}':")
+    if measures:
+        outputs["measures"] = flow.gather(formula, symbols, tuple(m.symbol for m in formula.measures), "measure")
+        outputs["aspects"] = flow.gather(formula, symbols, tuple(a.symbol for a in formula.aspects), "aspect")
     return outputs
 
 

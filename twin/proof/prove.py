@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,6 +70,8 @@ class Proof:
         recognised: {length of the CAD as text: its exact form}, for lengths that are no decimals.
         uncovered: bodies that no claim covers.
         uncovered_points: points of the equations that no claim covers.
+        uncovered_values: passive joints, margins, measures and aspects of the equations of whose values nothing is
+            claimed, as "margin arm". Of a margin, only the sign counts: it says where the claims are.
         ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
     """
 
@@ -85,6 +87,7 @@ class Proof:
     recognised: Mapping[str, str]
     uncovered: tuple[str, ...]
     uncovered_points: tuple[str, ...]
+    uncovered_values: tuple[str, ...]
     ranges: Mapping[str, tuple[bool, float, float]]
 
     def count(self, status: str) -> int:
@@ -181,15 +184,7 @@ class _Course:
         # with an angle without an exact form nothing is proved yet: this attempt only refutes
         proof = self._attempt((), self.count if exact else min(self.count, STATES))
         if proof.count("refuted"):
-            self.progress("the errors as formulas", 0.5)
-            formulas = {claim.name: claim.error for claim in self._attempt((), _FORMULA_STATES, formulas=True).claims}
-            claims = []
-            for claim in proof.claims:
-                if claim.status == "refuted":
-                    fractions = rational_witness(claim, proof.ranges)
-                    claim = replace(claim, error=formulas[claim.name], fractions=fractions)
-                claims.append(claim)
-            return replace(proof, claims=tuple(claims))
+            return self._explained(proof)
         if not proof.inside:
             return proof  # nothing is within reach: other states and parameters prove nothing
         proof = self._for_other_parameters(proof)
@@ -199,7 +194,8 @@ class _Course:
                 self.progress("states with roots", 0.9)
                 proof = _completed(proof, self._attempt(self.general, factor * self.count, rooted=groups))
         self.progress("conditions", 0.95)
-        report = examined_conditions(formula, self.variants, proof.drawn, proof.ranges, self.prover.seed)
+        unclaimed = [*proof.uncovered_values, *(f"point {name}" for name in proof.uncovered_points)]
+        report = examined_conditions(formula, self.variants, proof.drawn, proof.ranges, self.prover.seed, unclaimed)
         proof = self._with_found_states(proof, report)
         proof = self._judged_near(proof, self._even_states(proof.ranges))
         self.progress("the signs of roots", 0.98)
@@ -207,6 +203,36 @@ class _Course:
         rare = [dict(zip(names, state, strict=True)) for state in zip(*report.states.values(), strict=True)]
         proof = replace(proof, claims=with_signs(proof.claims, rare))
         return _with_branches(proof, report)
+
+    def _explained(self, proof: Proof) -> Proof:
+        """Return the proof whose refuted claims have their errors as formulas, and witnesses in fractions."""
+        self.progress("the errors as formulas", 0.5)
+        formulas = {claim.name: claim for claim in self._attempt((), _FORMULA_STATES, formulas=True).claims}
+        names = [name for name in angles(self.prover.formula) if name in proof.inexact]
+        general: Proof | None = None
+        claims = []
+        for claim in proof.claims:
+            if claim.status != "refuted":
+                claims.append(claim)
+                continue
+            fractions = rational_witness(claim, proof.ranges)
+            if not fractions and names:
+                # angles as 52 degrees have no exact form: fractions near them are part of the witness
+                if general is None:
+                    self.progress("witnesses in fractions", 0.8)
+                    general = self._attempt(names, _TRIAL_STATES)
+                fractions = self._witness_near(claim.name, general, names)
+            formula = formulas[claim.name]
+            claims.append(replace(claim, error=formula.error, error_terms=formula.error_terms, fractions=fractions))
+        return replace(proof, claims=tuple(claims))
+
+    def _witness_near(self, name: str, general: Proof, parameters: Sequence[str]) -> dict[str, str]:
+        """Return a witness in fractions of a claim, with some parameters near their published values; or none."""
+        claim = next(claim for claim in general.claims if claim.name == name)
+        if claim.status != "refuted":
+            return {}
+        published = {p.name: float(p.value) for p in self.prover.formula.parameters if p.name in parameters}
+        return rational_witness(replace(claim, witness={**claim.witness, **published}), general.ranges, parameters)
 
     def _even_states(self, ranges: Mapping[str, tuple[bool, float, float]]) -> dict[str, Array]:
         """Return {random number: values (k,)} that are spread evenly over the ranges.
@@ -291,8 +317,23 @@ def _proof_of(work: Attempt, states: int) -> Proof:
         recognised=dict(drawing.recognised),
         uncovered=tuple(sorted(work.uncovered)),
         uncovered_points=tuple(work.uncovered_points),
+        uncovered_values=tuple(_uncovered_values(work)),
         ranges=made.ranges,
     )
+
+
+def _uncovered_values(work: Attempt) -> Iterator[str]:
+    """Yield the passive joints, margins, measures and aspects of the equations of whose values nothing is claimed."""
+    formula = work.states.formula
+    robot = work.states.robot
+    names = {joint.name for joint in robot.joints}
+    for name in formula.passive:
+        # only a joint between placed bodies is judged
+        if name not in names or {robot.joint(name).parent, robot.joint(name).child} & work.uncovered:
+            yield f"passive joint {name}"
+    yield from (f"margin {name}" for name in formula.reach)
+    yield from (f"measure {measure.name}" for measure in formula.measures)
+    yield from (f"aspect {aspect.symbol}" for aspect in formula.aspects)
 
 
 def examined_conditions(
@@ -301,6 +342,7 @@ def examined_conditions(
     drawn_parameters: Collection[str],
     limits_of: Mapping[str, tuple[bool, float, float]],
     seed: int,
+    unclaimed: Collection[str] = (),
 ) -> BranchReport:
     """Return what is known of the conditions in the equations.
 
@@ -310,8 +352,10 @@ def examined_conditions(
         drawn_parameters: parameters with random values.
         limits_of: {random number: (whether it is an angle, low, high)}.
         seed: of the random numbers.
+        unclaimed: results of which nothing is claimed, for `examined`; if there are none, conditions that only
+            measures and aspects depend on are left out.
     """
-    conditions = Branches(formula, variants, drawn_parameters)
+    conditions = Branches(formula, variants, drawn_parameters, measures=bool(unclaimed))
     ranges = {name: limits_of[name] for name in conditions.names}
     state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
     limits = np.array([[low, high] for _, low, high in ranges.values()])
@@ -321,7 +365,7 @@ def examined_conditions(
     for place, name in enumerate(conditions.names):
         if name in drawn_parameters:
             published[place] = parameters[name]
-    return examined(conditions, drawn, published, limits)
+    return examined(conditions, drawn, published, limits, unclaimed)
 
 
 def _judged_besides(proof: Proof, found: Proof) -> Proof:
@@ -370,6 +414,15 @@ def _with_branches(proof: Proof, report: BranchReport) -> Proof:
         if len(report.open) > _OPEN_CONDITIONS:
             reason += " and others"
         claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
+    if report.silent:
+        sentence = "no result without a claim has other values at few poses"
+        reason = (
+            f"{len(report.silent)} conditions have an answer that few or none of the drawn states have, and only "
+            f"change results of which nothing is claimed: {', '.join(report.silent[:_OPEN_CONDITIONS])}"
+        )
+        if len(report.silent) > _OPEN_CONDITIONS:
+            reason += " and others"
+        claims.append(unclaimed("results without a claim", sentence, reason))
     if report.without_value:
         sentence = "the equations have a value at each pose within reach"
         state = ", ".join(f"{name} = {value:.6g}" for name, value in report.without_value.items())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from decimal import Decimal
 from fractions import Fraction
 
@@ -14,7 +14,9 @@ _DENOMINATORS = (10, 100, 1000, 10_000, 1_000_000)
 """Largest denominators that are tried, of lengths in m and of tangents of half angles."""
 
 
-def rational_witness(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]]) -> dict[str, str]:
+def rational_witness(
+    claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]], parameters: Collection[str] = ()
+) -> dict[str, str]:
     """Return a state of fractions near the witness of a refuted claim, where it is wrong too; empty if none is found.
 
     An angle is given by the tangent of its half, as "2 atan(1/8)"; then its cosine and sine are fractions as well. The
@@ -24,10 +26,11 @@ def rational_witness(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float,
     Args:
         claim: a refuted claim with the operations of its numbers; without them, the result is empty.
         ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
+        parameters: numbers whose fractions are always the nearest ones.
     """
     if not claim.nodes or not all(name in ranges for name in claim.witness):
         return {}
-    for state in _states(claim, ranges):
+    for state in _states(claim, ranges, parameters):
         numbers = numbers_at(claim.nodes, state)
         margins = numbers_at(claim.reach, state)
         inside = all(margin is not None and margin.value >= Decimal(margin.error) for margin in margins)
@@ -39,7 +42,9 @@ def rational_witness(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float,
     return {}
 
 
-def _states(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]]) -> Iterator[StateOfFractions]:
+def _states(
+    claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]], parameters: Collection[str]
+) -> Iterator[StateOfFractions]:
     """Yield states of fractions near the witness, the simplest ones first."""
     for denominator in _DENOMINATORS:
         state = {}
@@ -47,7 +52,8 @@ def _states(claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]])
             number = value
             if ranges[name][0]:
                 number = math.tan(math.remainder(value, math.tau) / 2)
-            state[name] = Fraction(number).limit_denominator(denominator)
+            largest = _DENOMINATORS[-1] if name in parameters else denominator
+            state[name] = Fraction(number).limit_denominator(largest)
         yield state
 
 
