@@ -210,6 +210,47 @@ def test_an_answer_without_a_value_at_some_states_only_is_searched_at_the_others
     assert abs(verdicts["forward: joint mount"].witness["q1"] - 0.3) < 5e-5
 
 
+def test_an_operation_without_an_exact_form_is_refuted_by_its_values_or_named():
+    robot = twin.load("pa10")
+    verdicts = []
+    for size in (0.001, 0.0):
+
+        def shifted(T, q1, size=size):
+            T = ca.SX(T)
+            T[0, 3] += size * ca.exp(q1) + 1e-3 * ca.log(1 + size * q1**2)
+            return T
+
+        formula = with_forward(robot.formula, shifted)
+        proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+        verdicts.append({claim.name: claim.status for claim in proof.claims}["forward: joint mount"])
+    assert verdicts == ["refuted", "proved"]
+
+    def written_otherwise(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += 1e-3 * (ca.log(2 * ca.exp(ca.sin(q1))) - np.log(2) - ca.sin(q1))
+        return T
+
+    formula = with_forward(robot.formula, written_otherwise)
+    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    reasons = {claim.name: claim.reason for claim in proof.claims if claim.status == "unproved"}
+    assert reasons["forward: joint mount"] == "no exact form: operation exp"
+    assert reasons["forward of inverse"] == "no exact form: operation exp"
+
+
+def test_a_table_is_refused_by_name():
+    robot = twin.load("pa10")
+    table = ca.interpolant("table", "linear", [[-3.0, 0.0, 3.0]], [0.0, 0.001, 0.0])
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += table(q1)
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    with pytest.raises(TwinError, match="formula 'pa10': an equation calls a table or another compiled function"):
+        prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+
+
 @pytest.mark.parametrize("relation", [lambda q, x: ca.logic_and(q <= x, q >= x), lambda q, x: q == x + 0.3])
 def test_a_condition_that_is_true_where_its_margin_is_zero_is_open(relation):
     robot = twin.load("pa10")

@@ -51,7 +51,7 @@ class Attempt:
         shares: share of the states within reach, of each of the functions of the equations.
         roots: (0 or 1 for the first or the second function of the equations, root, its instruction).
         rootless: whether a constant has no root modulo the prime in use.
-        notes: of the function that was repeated last.
+        notes: of the function that was repeated last; its operations without an exact form are those of both.
         reach: the margins of the equations.
         sides: the states with each answer of each condition.
     """
@@ -131,7 +131,8 @@ def _rooted(states: ProofStates, variants: Mapping[str, str], group: RootGroup) 
 def _replayed(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
     """Return the outputs of the equations at a state."""
     inputs = [list(state), list(work.states.parameters.values())]
-    work.notes = Notes()
+    # what has no exact form in the first function is a reason in the second one too
+    work.notes = Notes(inexact=list(work.notes.inexact))
     found = replay(outputs.function, inputs, work.notes)
     work.rootless |= work.notes.rootless
     second = int(bool(work.shares))  # the share of the first function is known when the second one is repeated

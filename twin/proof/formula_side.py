@@ -42,7 +42,7 @@ def from_joints(formula: Formula, variants: Mapping[str, str], measures: bool = 
     symbols = {**flow.from_pose(formula, T), **symbols, POSE_SYMBOL: T}
     symbols = flow.run(formula, variants, symbols, "inverse")
     outputs = {"pose": symbolic.flat(T), **_of_helpers(formula, variants, symbols, measures)}
-    return _function(state, parameters, outputs)
+    return _function(formula, state, parameters, outputs)
 
 
 def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool, measures: bool = False) -> Outputs:
@@ -69,7 +69,7 @@ def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool, 
         outputs["again"] = symbolic.flat(_pose(formula, again))
     symbols = flow.run(formula, variants, symbols, "forward")
     outputs |= _of_helpers(formula, variants, symbols, measures)
-    return _function(state, parameters, outputs)
+    return _function(formula, state, parameters, outputs)
 
 
 def aspects(formula: Formula, variants: Mapping[str, str]) -> ca.Function:
@@ -123,8 +123,15 @@ def _pose(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
     return flow.to_pose(formula, symbols)
 
 
-def _function(state: Mapping[str, ca.SX], parameters: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]) -> Outputs:
+def _function(
+    formula: Formula, state: Mapping[str, ca.SX], parameters: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]
+) -> Outputs:
     columns = [ca.densify(ca.SX(value)) for value in outputs.values()]
     numbers = ca.vertcat(*parameters.values()) if parameters else ca.SX(0, 1)
     function = ca.Function("equations", [ca.vertcat(*state.values()), numbers], columns)
+    if any(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions())):
+        raise KinematicsError(
+            f"formula '{formula.name}': an equation calls a table or another compiled function; no proof can repeat "
+            "its operations: write it as an expression of cosines, sines, roots and conditions"
+        )
     return Outputs(function, tuple(state), tuple(outputs))

@@ -132,7 +132,10 @@ class BoxJudge:
         x = equations.values(p[None])
         if not np.isfinite(x).all():
             place = np.round(p * 1e3, 3).tolist()
-            raise TwinError(f"the equations have no joint values at {place} mm: choose another box")
+            raise TwinError(
+                f"{loops.mechanism.name}: the equations have no joint values at {place} mm, so that no box near it "
+                "can be proved: choose a box that the tool reaches"
+            )
         tool = self._tool(p[None], p[None])
         count = len(loops.names)
         self.groups = []

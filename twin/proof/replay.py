@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.core.spatial import Array
 from twin.proof import values
 from twin.proof.values import Angle, DrawnCondition, RootMark, Truths, Value
 
@@ -176,7 +177,7 @@ def replay(
         elif operation in _BINARY:
             result = _BINARY[operation](memory[sources[0]], memory[sources[1]])
         else:
-            result = values.unknown(np.full(states, np.nan))
+            result = values.unknown(_real(operation, [memory[source] for source in sources]))
         operands = []
         if operation != ca.OP_INPUT:
             operands = [memory[source] for source in sources]
@@ -193,12 +194,23 @@ def replay(
     return outputs
 
 
+def _real(operation: int, operands: Sequence[Value]) -> Array:
+    """Return the real values (k,) of an operation without an exact form, such as a logarithm."""
+    symbols = [ca.SX.sym("x") for _ in operands]
+    apply = ca.SX.unary if len(operands) == 1 else ca.SX.binary
+    function = ca.Function("operation", symbols, [apply(operation, *symbols)])
+    rows = [values.real_of(operand).reshape(1, -1) for operand in operands]
+    return function.call(rows)[0].full()[0]
+
+
 def _note(notes: Notes, operation: int, operands: Sequence[Value], result: Value) -> None:
     """Note which expressions an operation chooses, and whether it is the first that makes a value unknown."""
     if operation in _CHOOSING:
         notes.conditions.append(_CHOOSING[operation](*operands))
     if values.known_at(result).any() or not all(values.known_at(operand).any() for operand in operands):
         return
+    if operation == ca.OP_INPUT:
+        return  # a parameter, or a result of other equations, of which the reason is kept
     notes.inexact.append(f"operation {_NAMES.get(operation, operation)}")
     if operation in _ROOTS and all(_is_constant(operand) for operand in operands):
         notes.rootless = True
