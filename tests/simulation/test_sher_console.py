@@ -272,6 +272,34 @@ def test_blank_lines_are_skipped_and_a_failed_write_takes_no_number(tmp_path, mo
     assert file.read_text() == "user,group,trial,a\n1,x,1,2\n1,x,2,3\n"
 
 
+def test_answers_before_a_trial_are_written_at_once_and_the_trial_completes_their_row(tmp_path):
+    file = tmp_path / "t.csv"
+    table = TrialTable(file, "1", "x")
+    table.add({"a": 2.0})
+    table.add_to_next({"before_a": 1.0})
+    assert file.read_text() == "user,group,trial,a,before_a\n1,x,1,2,\n1,x,,,1\n"
+    assert table.trial == 1
+    # the command was ended before the trial; the next one asks again, and another user is in between
+    TrialTable(file, "2", "y").add({"a": 9.0})
+    again = TrialTable(file, "1", "x")
+    assert again.trial == 1
+    assert not again.has_values(["before_a"])
+    again.add_to_next({"before_a": 5.0})
+    again.add({"a": 3.0})
+    assert file.read_text() == "user,group,trial,a,before_a\n1,x,1,2,\n1,x,2,3,5\n2,y,1,9,\n"
+    again.add({"a": 4.0})
+    assert file.read_text().endswith("1,x,3,4,\n")
+    again.add_to_next({"before_a": 6.0})
+    for user, group in (("3", "x"), ("4", "y")):
+        TrialTable(file, user, group).add({"a": 1.0})
+    said = [f.message for f in compare(file).findings if f.code == "study.trials"]
+    assert said == ["a value of a user is the mean of the user's trials: 6 trials of 4 users"]
+    # the row was removed meanwhile: its answers are still there
+    file.write_text("user,group,trial,a,before_a\n1,x,3,4,\n")
+    again.add({"a": 8.0})
+    assert file.read_text() == "user,group,trial,a,before_a\n1,x,3,4,\n1,x,4,8,6\n"
+
+
 def test_a_console_with_teleoperation_has_one_hand_one_robot_and_a_camera_on_the_base(scene, setup, tmp_path):
     def scene_of(*changes):
         text = scene.file.read_text()

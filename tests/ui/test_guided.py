@@ -63,8 +63,9 @@ class Run:
         monkeypatch.setattr(guided.Examiner, "require_input", lambda examiner: None)
         monkeypatch.setattr(guided.sys, "stdin", io.StringIO())
 
-    def served(self, args, loaded, part, folder, forms):
+    def served(self, args, loaded, part, folder, forms, examiner):
         self.headings.append(part.heading.removeprefix("phase ")[0])
+        self.examiner = examiner
         return part, forms
 
     def go(self, act, *options):
@@ -101,6 +102,7 @@ def test_answers_are_in_the_table_at_once_and_an_ended_run_is_continued(run, tmp
         answered(forms)
         if part.task is not None:
             (tmp_path / f"7-{part.name}.session").touch()
+            run.examiner.complete()
         return part.name != "pegboard-1"
 
     assert run.go(act) == "123"
@@ -137,6 +139,34 @@ def test_the_end_of_a_run_without_the_last_answers_is_not_called_complete(run, t
     said = capsys.readouterr().out
     assert "questionnaires are not answered: the same command asks them again" in said
     assert "complete" not in said
+
+
+def test_a_part_whose_task_was_not_ended_before_ctrl_c_is_repeated(run, tmp_path, capsys):
+    ended = set()
+
+    def act(part, forms):
+        if part.task is not None:
+            (tmp_path / f"7-{part.name}.session").touch()
+            if part.name in ended:
+                run.examiner.complete()
+        return part.task is None
+
+    assert run.go(act) == "123"
+    assert "7-pegboard-1.session is now unfinished-7-pegboard-1.session, and this part is repeated" in (
+        capsys.readouterr().out
+    )
+    assert run.go(act) == "123"
+    assert "is now unfinished-2-7-pegboard-1.session" in capsys.readouterr().out
+    ended.add("pegboard-1")
+    assert run.go(act) == "123"
+    assert "7-pegboard-1.session is kept" in capsys.readouterr().out
+    assert run.go(act) == "3"  # the second run of the peg board
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "7-pegboard-1.session",
+        "unfinished-2-7-pegboard-1.session",
+        "unfinished-7-pegboard-1.session",
+        "unfinished-7-pegboard-2.session",
+    ]
 
 
 def test_an_interrupted_session_is_named_before_the_run(run, tmp_path):

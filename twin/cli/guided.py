@@ -29,6 +29,9 @@ TABLE = "questionnaires.csv"
 UNFINISHED = ".part"
 """Suffix of the session file of an interrupted command."""
 
+SET_ASIDE = "unfinished-"
+"""First part of the name of a session that was ended by Ctrl-C before its task: its part is repeated."""
+
 _READS = 0.2
 """Time in s in which the end of an input without lines, such as /dev/null, is seen."""
 
@@ -43,12 +46,14 @@ class Examiner:
 
     Attributes:
         continued: whether a line, and not Ctrl-C, ended the last part.
+        completed: whether an attempt at the task of the last part has ended, by its task or on the page.
         due: function that returns the number of questionnaires that the participant has not answered yet.
     """
 
     def __init__(self) -> None:
         """Begin to read in a thread of its own."""
         self.continued = False
+        self.completed = False
         self.due: Callable[[], int] = lambda: 0
         self._warned = False
         self._end: Callable[[], object] | None = None
@@ -71,6 +76,10 @@ class Examiner:
         self.continued = False
         self._warned = False
         self._end = lambda: loop.call_soon_threadsafe(stopping.set)
+
+    def complete(self) -> None:
+        """Note that an attempt at the task has ended."""
+        self.completed = True
 
     def _read(self) -> None:
         if sys.stdin is None:
@@ -133,11 +142,15 @@ def guide(args: argparse.Namespace, serve_part: ServePart) -> None:
         forms = _forms(part, table)
         examiner.due = lambda forms=forms: 0 if forms is None else len(forms.due)
         print(f"\n  {part.heading}; press Enter to continue", flush=True)
-        serve_part(scene.name, _served(args, loaded, part, folder, forms), examiner)
+        examiner.completed = False
+        serve_part(scene.name, _served(args, loaded, part, folder, forms, examiner), examiner)
         if not examiner.continued:
             print(f"  the run was ended in phase {part.phase}; the same command continues it")
             for file in _recorded(part, folder, args.participant):
-                print(f"  {file.name} is kept: to repeat this part, move the file to another folder")
+                if examiner.completed:
+                    print(f"  {file.name} is kept: to repeat this part, move the file to another folder")
+                else:
+                    print(f"  the task was not ended: {file.name} is now {_set_aside(file)}, and this part is repeated")
             return
     if examiner.due():
         print("\n  the run is over, but questionnaires are not answered: the same command asks them again")
@@ -149,8 +162,8 @@ def guide(args: argparse.Namespace, serve_part: ServePart) -> None:
 def _left(parts: Sequence[GuidedPart], table: TrialTable, folder: Path, participant: int) -> list[GuidedPart]:
     """Return the parts that the participant has not done yet, each with the questionnaires without an answer.
 
-    A part with a task is done if its session is in the folder. Once a task is done, it is too late for what comes
-    before the tasks.
+    A part with a task is done if its session is in the folder; see `SET_ASIDE`. Once a task is done, it is too late for
+    what comes before the tasks.
 
     Raises:
         TwinError: the participant has done all parts, or a session was interrupted.
@@ -204,6 +217,17 @@ def _recorded(part: GuidedPart, folder: Path, participant: int) -> list[Path]:
     return sorted(files)
 
 
+def _set_aside(session: Path) -> str:
+    """Rename a session so that its part is not done; return its new name, which no other file has."""
+    new = session.with_name(SET_ASIDE + session.name)
+    number = 2
+    while new.exists():
+        new = session.with_name(f"{SET_ASIDE}{number}-{session.name}")
+        number += 1
+    session.rename(new)
+    return new.name
+
+
 def _session(part: GuidedPart, folder: Path, participant: int) -> Path:
     return folder / f"{participant}-{part.name}.session"
 
@@ -221,9 +245,14 @@ def _forms(part: GuidedPart, table: TrialTable) -> QuestionnaireForms | None:
 
 
 def _served(
-    args: argparse.Namespace, loaded: LoadedScene, part: GuidedPart, folder: Path, forms: QuestionnaireForms | None
+    args: argparse.Namespace,
+    loaded: LoadedScene,
+    part: GuidedPart,
+    folder: Path,
+    forms: QuestionnaireForms | None,
+    examiner: Examiner,
 ) -> Callable[[], Served]:
-    """Return the function that creates the content of a part."""
+    """Return the function that creates the content of a part; the examiner is told when an attempt has ended."""
     from twin.cli.commands.session import report
     from twin.ui.headset import served
     from twin.ui.session.exercise import Exercise
@@ -235,5 +264,5 @@ def _served(
         task = scene.tasks[part.task]
         session = _session(part, folder, args.participant)
     shown = scenes.with_organs(replace(loaded, scene=scene), task)
-    exercise = Exercise(task, session, report, part.condition, forms=forms, guided=True)
+    exercise = Exercise(task, session, report, part.condition, forms=forms, ended=examiner.complete, guided=True)
     return lambda: served.of_console(machines.connected(shown, []), exercise, args.packets, args.mqtt, args.mqtt_topic)

@@ -405,7 +405,8 @@ def _read(path: Path) -> Users:
             values.append(_number(cell_of[name], f"{path}:{line}: {name}", name != _SESSION))
     sessions = columns.pop(_SESSION, None)
     measures, findings = scored(path, columns, lines)
-    if columns.pop(_TRIAL, None) is None:
+    numbers = columns.pop(_TRIAL, None)
+    if numbers is None:
         return Users(path.name, groups, sessions, sessions is not None, measures, findings)
     measures.pop(_TRIAL)
     if sessions is not None:
@@ -414,7 +415,9 @@ def _read(path: Path) -> Users:
         raise DescriptionError(f"{path}:1: trials need a column '{_USER}': a user's value is the mean of their trials")
     owners = list(zip(groups, names, strict=True))
     groups, measures = _means(owners, measures)
-    text = f"a value of a user is the mean of the user's trials: {len(lines)} trials of {len(groups)} users"
+    # a row without a number has answers before a trial that was not made
+    made = int(np.isfinite(numbers).sum())
+    text = f"a value of a user is the mean of the user's trials: {made} trials of {len(groups)} users"
     return Users(path.name, groups, None, False, measures, [*findings, info("study.trials", _TRIAL, text)])
 
 

@@ -1,4 +1,7 @@
-"""Table of the trials of a study: a CSV file with one row for each attempt at a task, which `twin study` reads."""
+"""Table of the trials of a study: a CSV file with one row for each attempt at a task, which `twin study` reads.
+
+Answers that come before an attempt are written at once, to a row without a number, which the attempt completes.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ class TrialTable:
         self.other_groups: set[str] = set()
         for row in self._read()[1]:
             if self._is_own(row):
-                self.trial = max(self.trial, _whole(row[TRIAL], path))
+                self.trial = max(self.trial, _number(row, path))
             elif row[USER] == self.user:
                 self.other_groups.add(row[GROUP])
 
@@ -53,17 +56,33 @@ class TrialTable:
         """
         head, rows = self._read()
         trial = self.trial + 1
-        row = {USER: self.user, GROUP: self.group, TRIAL: str(trial)}
+        row = self._begun(rows)
+        row[TRIAL] = str(trial)
         self._fill(head, row, measures)
-        self._fill(head, row, self._next)
-        rows.append(row)
+        self._fill(head, row, self._next)  # again, if the row was removed meanwhile
         self._write(head, rows)
         self.trial = trial  # an error above leaves the number to the next attempt
         self._next = {}
 
     def add_to_next(self, values: Mapping[str, float | None]) -> None:
-        """Keep {column: number} for the row of the next trial."""
+        """Write {column: number} to the row of the next trial, which has no number until the trial is added.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        head, rows = self._read()
+        self._fill(head, self._begun(rows), values)
+        self._write(head, rows)
         self._next |= values
+
+    def _begun(self, rows: list[dict[str, str]]) -> dict[str, str]:
+        """Return the row of the next trial, which is appended to `rows` if there is none yet."""
+        for row in rows:
+            if self._is_own(row) and not row[TRIAL].strip():
+                return row
+        row = {USER: self.user, GROUP: self.group, TRIAL: ""}
+        rows.append(row)
+        return row
 
     def answer(self, answers: Mapping[str, float | None], trial: int | None = None) -> None:
         """Add answers {column: number} to a trial; None: to the newest one.
@@ -75,7 +94,7 @@ class TrialTable:
         number = self.trial if trial is None else trial
         head, rows = self._read()
         for row in reversed(rows):
-            if self._is_own(row) and _whole(row[TRIAL], self.path) == number:
+            if number and self._is_own(row) and _number(row, self.path) == number:
                 self._fill(head, row, answers)
                 self._write(head, rows)
                 return
@@ -88,8 +107,8 @@ class TrialTable:
     def has_values(self, columns: Collection[str]) -> bool:
         """Return whether the newest trial has a value in one of these columns."""
         for row in self._read()[1]:
-            is_newest = self._is_own(row) and _whole(row[TRIAL], self.path) == self.trial
-            if is_newest and any(row.get(name) for name in columns):
+            is_newest = self._is_own(row) and _number(row, self.path) == self.trial
+            if self.trial and is_newest and any(row.get(name) for name in columns):
                 return True
         return False
 
@@ -139,7 +158,11 @@ class TrialTable:
         atomic.write_text(self.path, text.getvalue())
 
 
-def _whole(cell: str, path: Path) -> int:
+def _number(row: Mapping[str, str], path: Path) -> int:
+    """Return the number of the trial of a row; 0: the trial is not made yet."""
+    cell = row[TRIAL].strip()
+    if not cell:
+        return 0
     try:
         return int(cell)
     except ValueError:

@@ -36,6 +36,7 @@ class Exercise:
         fulcrum: which end of the instruments the hands control at the start: the tips ("compensated") or the outer ends
             ("direct"); see `twin.simulation.controllers.pivot`.
         trials: table to which each attempt adds a row; None: no table.
+        ended: function that is called when an attempt has ended, by its task or on the page; None: nothing is called.
         guided: whether other content follows at the same address, so that the page reloads itself.
         forms: questionnaires of the page, whose answers go to the table of trials; None: no questionnaires.
     """
@@ -47,6 +48,7 @@ class Exercise:
     fulcrum: Fulcrum = "compensated"
     trials: TrialTable | None = None
     forms: QuestionnaireForms | None = None
+    ended: Callable[[], None] | None = None
     guided: bool = False
 
 

@@ -26,8 +26,8 @@ def unanswered(trials: TrialTable, when: When, names: Sequence[str]) -> list[str
 class QuestionnaireForms:
     """The questionnaires of a study; answers go to the row of the newest trial, those of "before" to the first one.
 
-    The first trial is the next one of the table when the questionnaires are prepared: answers of "before" wait for its
-    row, and late answers still go to it.
+    The first trial is the next one of the table when the questionnaires are prepared: answers of "before" are
+    written to its row at once, and late answers still go to it.
 
     Attributes:
         due: the forms to answer now, in order, as (when, key).

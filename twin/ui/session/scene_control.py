@@ -109,6 +109,7 @@ class LiveConsole:
         self._make_report = exercise.report
         self._trials = exercise.trials
         self._forms = exercise.forms
+        self._ended = exercise.ended
         self.guided = exercise.guided
         self._trial_problem = ""
         self._first_settings = console_scene.settings(scene, exercise.fulcrum, task)
@@ -291,6 +292,8 @@ class LiveConsole:
         self.planning.reset()
         self.device.leave()
         self._add_trial()
+        if self._ended is not None:
+            self._ended()
         if self.recorder is None:
             return
         self.recorder.close(self.world.tick)
