@@ -34,8 +34,8 @@ from twin.planning.set_point import BANDWIDTH, EDGE_TIME, set_point_cost
 from twin.reference import ReferenceModel, inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
+from twin.simulation.machine.gravity_compensation import holding
 from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
-from twin.simulation.machine.servo import holding
 
 CLEARANCE = 0.1 * MM
 """Required distance in the search: as near to none as its tests allow."""

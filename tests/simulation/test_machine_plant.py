@@ -20,9 +20,10 @@ from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.equations_of_motion import motion
+from twin.simulation.machine.gravity_compensation import compensation, holding
 from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
 from twin.simulation.machine.planned_motion import follow
-from twin.simulation.machine.servo import Servo, compensation, holding
+from twin.simulation.machine.servo import Servo
 
 DATA = tomllib.loads((Path(__file__).parents[1] / "data/raven.toml").read_text())
 HOME = np.array([30 * DEG, 90 * DEG, 0.4, 0, 0, 0, 0])
@@ -245,10 +246,10 @@ def test_no_machine_file_is_said(left, tmp_path):
 
 
 def test_a_robot_without_a_machine_names_what_it_lacks_and_who_has_one(capsys):
-    assert main(["machine", "sils"]) == 2
+    assert main(["machine", "sher"]) == 2
     said = capsys.readouterr().err
-    assert "sils has no machine: beside its TOML file there is no inertia.toml (masses) and no machine.toml" in said
-    assert "pa10, raven_left, raven_right" in said
+    assert "sher has no machine: beside its TOML file there is no machine.toml (motors, gains and limits)" in said
+    assert "pa10, raven_left, raven_right, sils" in said
     assert "/" not in said
 
 

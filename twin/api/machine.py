@@ -29,7 +29,8 @@ def machine_parts(
     """Return the compiled parts of a robot's machines; several machines can share them.
 
     Args:
-        robot: a robot with inertia.toml and machine.toml in its folder, and with an inverse in closed form.
+        robot: a robot with machine.toml in its folder, and with an inverse in closed form. Its masses are those of
+            inertia.toml or, without this file, those of its parts.
         mode: name of the DAC limits in machine.toml; None: the mode of machine.toml.
         overdrive: action for DAC commands above the DAC limits; None: as in machine.toml.
         master_timeout: time in s without a packet after which the pedal counts as up; None: as in machine.toml.
@@ -37,8 +38,8 @@ def machine_parts(
             other faults are corrected; with ("none",), every fault is corrected. None: as in machine.toml.
 
     Raises:
-        TwinError: a file is missing or malformed, the mechanism has loops, the gains make a joint oscillate, a name in
-            `released` is unknown, or `master_timeout` is not above 0.
+        TwinError: a file is missing or malformed, a body has no mass, the inverse is not in closed form, the gains make
+            a joint oscillate, a name in `released` is unknown, or `master_timeout` is not above 0.
     """
     from twin.reference import inertia
     from twin.simulation.dynamics.arm import arm
@@ -49,15 +50,19 @@ def machine_parts(
         raise TwinError(
             f"{robot.name} was loaded from {robot.source.kind}: a machine requires a robot folder with {settings.NAME}"
         )
-    needed = {inertia.NAME: "masses", settings.NAME: "motors, gains and limits"}
-    missing = [f"no {n} ({what})" for n, what in needed.items() if not (robot.files.cad / n).is_file()]
-    if missing:
+    if not (robot.files.cad / settings.NAME).is_file():
         known = sorted(p.parent.name for p in (assets.data_folder() / "cad").glob(f"*/{settings.NAME}"))
         raise TwinError(
-            f"{robot.name} has no machine: beside its TOML file there is {' and '.join(missing)}. Robots of twin with "
-            f"a machine: {', '.join(known)}"
+            f"{robot.name} has no machine: beside its TOML file there is no {settings.NAME} (motors, gains and "
+            f"limits). Robots of twin with a machine: {', '.join(known)}"
         )
-    model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
+    kin = robot.kinematics()
+    if not kin.closed_inverse:
+        raise TwinError(f"{robot.name} has no inverse in closed form, which a machine evaluates in each tick")
+    if (robot.files.cad / inertia.NAME).is_file():
+        model = arm(robot.mechanism, inertia.of_robot(robot.files.cad))
+    else:
+        model = arm(robot.weighed().mechanism)
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
     table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
     if released is not None:
@@ -71,7 +76,7 @@ def machine_parts(
             raise TwinError(f"the time-out of the master is {master_timeout:g} s; it must be above 0")
         kept = table.number.master_timeout.model_copy(update={"value": master_timeout})
         table = table.model_copy(update={"number": table.number.model_copy(update={"master_timeout": kept})})
-    return Parts.of(model, robot.kinematics(), table)
+    return Parts.of(model, kin, table, robot.gaps)
 
 
 def machine(

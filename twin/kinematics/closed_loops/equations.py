@@ -401,7 +401,7 @@ class LoopEquations:
         passive = self._passive[joint.name]
         if stepping:  # to first order, because only the derivative is used
             v = v + ca.cross(passive.step[-3:], v)
-        v = _turned(passive.state[-4:], v)
+        v = turned(passive.state[-4:], v)
         if not point or joint.type != "free":
             return v
         shift = passive.state[:-4]
@@ -410,8 +410,8 @@ class LoopEquations:
         return v + shift
 
 
-def _turned(quat: ca.SX, v: ca.SX) -> ca.SX:
-    """Return v (3,) rotated by a unit quaternion (4,), w first."""
+def turned(quat: ca.SX, v: ca.SX) -> ca.SX:
+    """Return v (3,) rotated by a unit quaternion (4,), w first: from a ball joint's moving axes to its fixed ones."""
     w, x, y, z = ca.vertsplit(quat)
     R = ca.vertcat(
         ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

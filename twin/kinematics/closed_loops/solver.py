@@ -313,23 +313,35 @@ class LoopSolver:
     def _stage(self, number: int, block: EquationBlock, start: list[Array]) -> Stage:
         """Return the stage that solves a block by Newton's method."""
         e = self.equations
-        J = masked_jacobian(e, block)
+        J = masked_jacobian(e.jacobian, block)
         jacobian = ca.Function("J", [e.q, e.states], [ca.densify(J)])
         sample = jacobian(self.q, np.concatenate(start)).full()
         self.samples.append(sample)
         return newton_stage(e, number, block, sample, dict(zip(["q", *self._keys], self._arguments, strict=True)))
 
 
-def masked_jacobian(e: LoopEquations, block: EquationBlock) -> ca.SX:
-    """Return the Jacobian of a block with respect to the steps of its unknowns."""
+def masked_jacobian(jacobian: ca.SX, block: EquationBlock) -> ca.SX:
+    """Return the Jacobian of a block with respect to the steps of its unknowns, from that of all equations."""
     rows = list(block.rows)
     columns = list(block.columns)
     # Entries outside the pattern are 0 in every state, but CasADi does not see it.
     J = ca.SX(len(rows), len(columns))
-    full = e.jacobian[rows, columns]
+    full = jacobian[rows, columns]
     for i, j in np.argwhere(block.pattern).tolist():
         J[i, j] = full[i, j]
     return J
+
+
+def block_solution(jacobian: ca.SX, block: EquationBlock, sample: Array, b: ca.SX) -> ca.SX:
+    """Return the steps x of the unknowns of a block with J x = b; J is the part of `jacobian` for the block.
+
+    `sample` is J in one state. The steps of a block without a unique solution are those of least squares.
+    """
+    J = masked_jacobian(jacobian, block)
+    if block.square and np.linalg.cond(sample) < _SINGULAR:
+        step, _ = linear.square(J, b, block.pattern, sample)
+        return step
+    return linear.least_squares(J, b, block.pattern)
 
 
 def newton_stage(
@@ -344,7 +356,7 @@ def newton_stage(
         sample: Jacobian of the block in one state, by which the pivots are chosen.
         arguments: {name: symbol} of the arguments: q, the state of each passive joint, and further symbols.
     """
-    J = masked_jacobian(e, block)
+    J = masked_jacobian(e.jacobian, block)
     residual = e.residual[list(block.rows)]
     determinant: dict[str, ca.SX] = {}
     if block.square and np.linalg.cond(sample) < _SINGULAR:

@@ -24,6 +24,8 @@ class MachineComparison:
         """Start with machine and model at rest at joint values q (n,)."""
         self.cue = cue
         self._forward = parts.kin.forward
+        self._loops = bool(parts.arm.mechanism.loops)
+        self._near: list[Array | None] = [None, None]  # last poses of the tools, from which loops are closed
         self._share = parts.arithmetic.share
         self.rest(q, q)
 
@@ -55,4 +57,11 @@ class MachineComparison:
         return self.cue.force(self.tips[1] - self.tips[0], self.speeds[1] - self.speeds[0])
 
     def _tips(self, machine: Array, model: Array) -> Array:
-        return np.array([self._forward(machine)[:3, 3], self._forward(model)[:3, 3]])
+        tips = []
+        for i, q in enumerate((machine, model)):
+            if self._loops:
+                self._near[i] = T = self._forward(q, self._near[i])
+            else:
+                T = self._forward(q)
+            tips.append(T[:3, 3])
+        return np.array(tips)

@@ -1,8 +1,10 @@
-"""Symbolic equations of motion of a mechanism without loops, for compilation: M(q) qdd + b(q, qd) = joint efforts.
+"""Symbolic equations of motion of a mechanism, for compilation: M(q) qdd + b(q, qd) = joint efforts.
 
-Newton-Euler recursion in the axes of base (R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, chapter 5).
-M is the derivative of the efforts with respect to the accelerations. The tests compare the equations with
-`twin.reference.dynamics`, which shares no code with this file.
+Newton-Euler recursion along the tree in the axes of base (R. Featherstone, Rigid Body Dynamics Algorithms, Springer
+2008, chapter 5). Passive joints of closed loops follow the active ones (`loop_rates`); by virtual work, their efforts
+count at the active joints, because the forces in the loops do no work. M is the derivative of the efforts with respect
+to the accelerations. The tests compare the equations with `twin.reference.dynamics`, which shares no code with this
+file.
 """
 
 from __future__ import annotations
@@ -14,13 +16,15 @@ import casadi as ca
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.formula import symbolic
+from twin.kinematics.closed_loops.equations import turned
+from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
+from twin.simulation.machine.loop_rates import LoopRates
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,7 @@ class MotionEquations:
         q, qd: symbols (n,) of joint values and rates.
         factors: symbols (m,), one for each tree joint; a factor multiplies mass and inertia tensor of the joint's body.
         fall: symbol (3,) of the gravitational acceleration in base, m/s2.
+        states: symbols of the states of the passive joints of closed loops, as in `LoopSolver`; empty without loops.
         M: (n, n) mass matrix, without rotors.
         b: (n,) Coriolis and centrifugal efforts, and gravity.
     """
@@ -39,8 +44,22 @@ class MotionEquations:
     qd: Any
     factors: Any
     fall: Any
+    states: Any
     M: Any
     b: Any
+
+
+@dataclass
+class _JointMotion:
+    """Coordinate of a joint of the tree with rate and acceleration.
+
+    The coordinate of a ball joint is a unit quaternion (w x y z); rate and acceleration are its angular velocity and
+    the derivative of this velocity, in the axes of the child's joint frame.
+    """
+
+    x: Any
+    xd: Any
+    xdd: Any
 
 
 @dataclass
@@ -54,25 +73,56 @@ class _BodyMotion:
     a: Any
 
 
-def motion(mechanism: Mechanism) -> MotionEquations:
-    """Return the equations of motion of a mechanism without loops; its passive joints follow active ones by couplings.
+def motion(mechanism: Mechanism, solver: LoopSolver | None = None) -> MotionEquations:
+    """Return the equations of motion of a mechanism; its passive joints follow active ones by loops or couplings.
+
+    `solver` closes the loops of the mechanism; None: a new one.
 
     Raises:
-        MechanismError: the mechanism has loops.
+        MechanismError: a passive joint of a mechanism with loops has a type other than revolute, prismatic and
+            spherical, or no loop determines it.
     """
-    if mechanism.loops:
-        raise MechanismError(f"{mechanism.name} has loops: a machine needs a mechanism without loops")
     n = len(mechanism.active)
-    joints = mechanism.tree
     q = ca.SX.sym("q", n)
     qd = ca.SX.sym("qd", n)
     qdd = ca.SX.sym("qdd", n)
-    factors = ca.SX.sym("factors", len(joints))
+    factors = ca.SX.sym("factors", len(mechanism.tree))
     fall = ca.SX.sym("fall", 3)
-    x0, S = _coordinates(mechanism)
-    x = ca.DM(x0) + ca.DM(S) @ q
-    xd = ca.DM(S) @ qd
-    xdd = ca.DM(S) @ qdd
+    states = ca.SX(0, 1)
+    joints: dict[str, _JointMotion] = {}
+    if mechanism.loops:
+        rates = LoopRates(solver or LoopSolver(mechanism), q, qd)
+        states = rates.states
+        # acceleration of the passive joints: a part for the accelerations of the active joints, and a part without
+        followers = rates.gain @ qdd + rates.drift
+        for i, joint in enumerate(mechanism.active):
+            joints[joint.name] = _JointMotion(q[i], qd[i], qdd[i])
+        for name, state, steps in rates.passive:
+            joints[name] = _JointMotion(state, rates.rates[steps], followers[steps])
+        efforts = _tree_efforts(mechanism, joints, factors, fall)
+        tau = ca.vertcat(*[efforts[joint.name] for joint in mechanism.active])
+        tau = tau + rates.gain.T @ ca.vertcat(*[efforts[name] for name, _, _ in rates.passive])
+    else:
+        x0, S = _coordinates(mechanism)
+        x = ca.DM(x0) + ca.DM(S) @ q
+        xd = ca.DM(S) @ qd
+        xdd = ca.DM(S) @ qdd
+        for i, joint in enumerate(mechanism.tree):
+            joints[joint.name] = _JointMotion(x[i], xd[i], xdd[i])
+        efforts = _tree_efforts(mechanism, joints, factors, fall)
+        tau = ca.DM(S).T @ ca.vertcat(*[efforts[joint.name] for joint in mechanism.tree])
+    M = ca.jacobian(tau, qdd)
+    b = ca.substitute(tau, qdd, ca.DM.zeros(n))
+    return MotionEquations(q, qd, factors, fall, states, M, b)
+
+
+def _tree_efforts(
+    mechanism: Mechanism, joints: dict[str, _JointMotion], factors: ca.SX, fall: ca.SX
+) -> dict[str, ca.SX]:
+    """Return the efforts of the joints of the tree, by name: (1,), or (3,) for a ball joint, as if there were no loops.
+
+    `joints` has the motion of each joint; a fixed joint may be missing.
+    """
     # The base accelerates upwards instead of a weight on each body (Featherstone, section 5.3).
     base = _BodyMotion(ca.DM.eye(3), ca.DM.zeros(3), ca.DM.zeros(3), ca.DM.zeros(3), -fall)
     motions = {mechanism.base: base}
@@ -85,8 +135,8 @@ def motion(mechanism: Mechanism) -> MotionEquations:
         inertias[body.name] = body.inertia
         forces[body.name] = ca.SX.zeros(3)
         moments[body.name] = ca.SX.zeros(3)
-    for i, joint in enumerate(joints):
-        z, p, body = _across(joint, motions[joint.parent], x[i], xd[i], xdd[i])
+    for i, joint in enumerate(mechanism.tree):
+        z, p, body = _across(joint, motions[joint.parent], joints[joint.name])
         axes[joint.name] = z, p
         motions[joint.child] = body
         inertia = inertias[joint.child]
@@ -97,41 +147,46 @@ def motion(mechanism: Mechanism) -> MotionEquations:
             N = factors[i] * (I_base @ body.turn + ca.cross(body.w, I_base @ body.w))
             forces[joint.child] = F
             moments[joint.child] = N + ca.cross(body.p + com, F)
-    efforts = ca.SX.zeros(len(joints))
-    for i, joint in reversed(list(enumerate(joints))):
+    efforts = {}
+    for joint in reversed(mechanism.tree):
         z, p = axes[joint.name]
         F = forces[joint.child]
         N = moments[joint.child]
-        if joint.is_angle:
-            efforts[i] = ca.dot(z, N - ca.cross(p, F))
+        if joint.type == "prismatic":
+            efforts[joint.name] = ca.dot(z, F)
         else:
-            efforts[i] = ca.dot(z, F)
+            efforts[joint.name] = z.T @ (N - ca.cross(p, F))
         forces[joint.parent] += F
         moments[joint.parent] += N
-    tau = ca.DM(S).T @ efforts
-    M = ca.jacobian(tau, qdd)
-    b = ca.substitute(tau, qdd, ca.DM.zeros(n))
-    return MotionEquations(q, qd, factors, fall, M, b)
+    return efforts
 
 
-def _across(joint: Joint, parent: _BodyMotion, x: Any, xd: Any, xdd: Any) -> tuple[Any, Any, _BodyMotion]:
-    """Return axis and origin of a joint in base, and the motion of its child, at coordinate x with its derivatives."""
+def _across(joint: Joint, parent: _BodyMotion, moved: _JointMotion) -> tuple[Any, Any, _BodyMotion]:
+    """Return the axes and the origin of a joint in base, and the motion of its child.
+
+    The axes are z (3,), or for a ball joint x, y, z (3, 3) of the child's joint frame.
+    """
     T_parent_joint = joint.T_parent_joint
     T_joint_child = spatial.inverse(joint.T_child_joint)
     R = parent.R @ T_parent_joint[:3, :3]
     r = parent.R @ T_parent_joint[:3, 3]
     z = R[:, 2]
-    if joint.is_angle:
-        R = R @ symbolic.rotation_z(x)
-        w = parent.w + z * xd
-        turn = parent.turn + z * xdd + ca.cross(parent.w, z * xd)
-        a = parent.a + _carried(parent.turn, parent.w, r)
-    else:
-        r = r + z * x
+    if joint.type == "prismatic":
+        r = r + z * moved.x
         w = parent.w
         turn = parent.turn
-        coriolis = 2 * ca.cross(w, z * xd)
-        a = parent.a + _carried(turn, w, r) + z * xdd + coriolis
+        coriolis = 2 * ca.cross(w, z * moved.xd)
+        a = parent.a + _carried(turn, w, r) + z * moved.xdd + coriolis
+    else:
+        if joint.type == "spherical":
+            R = R @ ca.horzcat(*[turned(moved.x, ca.SX(axis)) for axis in np.eye(3)])
+            z = R
+        else:
+            R = R @ symbolic.rotation_z(moved.x)
+        spin = z @ moved.xd
+        w = parent.w + spin
+        turn = parent.turn + z @ moved.xdd + ca.cross(parent.w, spin)
+        a = parent.a + _carried(parent.turn, parent.w, r)
     p = parent.p + r
     s = R @ T_joint_child[:3, 3]
     child = _BodyMotion(R @ T_joint_child[:3, :3], p + s, w, turn, a + _carried(turn, w, s))

@@ -24,6 +24,7 @@ from twin.codegen import Kernel, Stage
 from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
+from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.equations_of_motion import motion
 
@@ -32,6 +33,9 @@ TICK = 1e-3
 
 SWEEPS = 3
 """Number of sweeps over the joints for the Coulomb friction."""
+
+LOOP_SWEEPS = 20
+"""The same for a mechanism with loops, whose joints are strongly coupled."""
 
 
 @dataclass(frozen=True)
@@ -117,11 +121,13 @@ class MotorPlant:
         """Compile the equations of a robot, or load them from the cache.
 
         Raises:
-            MechanismError: the mechanism has loops, or a parameter is impossible.
+            MechanismError: the mechanism has loops (see `loop_plant`), or a parameter is impossible.
         """
+        if arm.mechanism.loops:
+            raise MechanismError(f"{arm.mechanism.name} has loops: use a LoopPlant")
         self._arm = arm
         self.set(physics or Physics.of(arm))
-        self._step = _kernel(arm).single()
+        self._step = tick_kernel(arm).single()
         self._count = len(arm.mechanism.active)
         self._state = np.zeros(2 * self._count)
 
@@ -170,8 +176,13 @@ class MotorPlant:
         self._state = self._step(self._state, torques, self._parameters)
 
 
-def _kernel(arm: Arm) -> Kernel:
-    e = motion(arm.mechanism)
+def tick_kernel(arm: Arm, solver: LoopSolver | None = None) -> Kernel:
+    """Return the compiled tick: (state, motor torques (n,), parameters) -> new joint values and rates (2 n,).
+
+    The state has joint values and rates (2 n,), then the states of the passive joints, which `solver` closes; without
+    loops, there are none.
+    """
+    e = motion(arm.mechanism, solver)
     h = TICK
     n = len(arm.mechanism.active)
     rotors = ca.SX.sym("rotors", n)
@@ -185,13 +196,20 @@ def _kernel(arm: Arm) -> Kernel:
     M = e.M + T_inverse.T @ ca.diag(rotors) @ T_inverse + ca.diag(h * V)
     M_inverse = symmetric_inverse(M)
     v = e.qd + h * (M_inverse @ (T_inverse.T @ torques - e.b - V * e.qd))
+    at_rest = M @ (-v) / h  # efforts after which all joints are at rest
+    sticks = ca.SX(1)
+    for i in range(n):
+        sticks = sticks * (ca.fabs(at_rest[i]) <= C[i])
     friction = [ca.SX(0)] * n
-    for _ in range(SWEEPS):
+    for _ in range(SWEEPS if solver is None else LOOP_SWEEPS):
         for i in range(n):
             stopping = friction[i] - v[i] / (h * M_inverse[i, i])  # effort after which joint i is at rest
             effort = ca.fmax(ca.fmin(stopping, C[i]), -C[i])
             v = v + h * M_inverse[:, i] * (effort - friction[i])
             friction[i] = effort
+    if solver is not None:
+        # The joints of a parallel robot are so strongly coupled that the sweeps alone would let it creep on its brakes.
+        v = ca.if_else(sticks, ca.SX.zeros(n), v)
     q = e.q + h * v
     # A joint that reaches a hard stop stays there at rest, without rebound.
     inside = ca.fmax(ca.fmin(q, high), low)
@@ -201,9 +219,9 @@ def _kernel(arm: Arm) -> Kernel:
         rates.append(ca.if_else(at_stop, 0, v[i]))
     new_state = ca.densify(ca.vertcat(inside, *rates))
     # The kernel has one vector of states and one of parameters, in the order of `Physics.checked`.
-    symbols = ca.vertcat(e.q, e.qd, e.factors, rotors, V, C, e.fall, low, high)
-    state = ca.SX.sym("state", 2 * n)
-    parameters = ca.SX.sym("parameters", symbols.numel() - 2 * n)
+    symbols = ca.vertcat(e.q, e.qd, e.states, e.factors, rotors, V, C, e.fall, low, high)
+    state = ca.SX.sym("state", 2 * n + e.states.numel())
+    parameters = ca.SX.sym("parameters", symbols.numel() - state.numel())
     new_state = ca.substitute(new_state, symbols, ca.vertcat(state, parameters))
     step = ca.Function("tick", [state, torques, parameters], [new_state], {"cse": True})
     sizes = {"state": state.numel(), "torques": n, "parameters": parameters.numel()}

@@ -9,20 +9,14 @@ counter counts the violations of all motors; otherwise, each motor has its own c
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from operator import le
 
-import casadi as ca
 import numpy as np
 
-from twin.codegen import Kernel, Stage
-from twin.core.errors import MechanismError
 from twin.core.spatial import Array
-from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 from twin.simulation.machine.arithmetic import Arithmetic
-from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.settings import Mode, Policy, Settings
 
 
@@ -108,42 +102,3 @@ class Servo:
     def torques(self, counts: Array) -> Array:
         """Return the motor torques (n,) in N m for counts of the DAC (n,)."""
         return counts / self.arithmetic.counts
-
-
-def compensation(settings: Settings, mechanism: Mechanism) -> Callable[[Array], Array]:
-    """Return the function q (n,) -> joint efforts (n,) that balance gravity on the point masses of the settings.
-
-    Without point masses in the settings, the efforts balance gravity on the masses of the mechanism.
-
-    Raises:
-        MechanismError: a point mass names a frame that is not on the body of its joint.
-    """
-    if not settings.compensation:
-        return holding(mechanism)
-    frames = {frame.name: frame for frame in mechanism.frames}
-    children = {joint.name: joint.child for joint in mechanism.tree}
-    masses = {}
-    for point in settings.compensation:
-        body = children[point.joint]
-        frame = frames.get(point.frame)
-        if frame is None or frame.body != body:
-            raise MechanismError(f"compensation of {point.joint}: {body} has no frame '{point.frame}'")
-        T_body_frame = frame.T_body_frame
-        p_body_com = T_body_frame[:3, :3] @ np.array(point.centre) + T_body_frame[:3, 3]
-        masses[body] = Inertia(point.mass, p_body_com, np.zeros((3, 3)))
-    bodies = []
-    for body in mechanism.bodies:
-        bodies.append(replace(body, inertia=masses.get(body.name)))
-    return holding(replace(mechanism, bodies=tuple(bodies)))
-
-
-def holding(mechanism: Mechanism) -> Callable[[Array], Array]:
-    """Return the compiled function q (n,) -> joint efforts (n,) that balance gravity on a mechanism's masses."""
-    e = motion(mechanism)
-    # At rest, only gravity is left of the efforts b.
-    b = ca.substitute(e.b, e.qd, ca.DM.zeros(e.qd.shape))
-    b = ca.substitute(b, e.factors, ca.DM.ones(e.factors.shape))
-    b = ca.substitute(b, e.fall, ca.DM(mechanism.gravity))
-    g = ca.Function("gravity", [e.q], [ca.densify(ca.simplify(b))], {"cse": True})
-    stage = Stage(g, ("q",), ("g",))
-    return Kernel([stage], {"q": e.q.numel()}, ["g"], single=True).single()

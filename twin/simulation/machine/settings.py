@@ -18,7 +18,7 @@ from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, Vecto
 NAME = "machine.toml"
 """Name of the machine file in a robot's CAD folder."""
 
-_Unit = Literal["1", "count", "s", "Hz", "rad", "rad/s"]
+_Unit = Literal["1", "count", "s", "Hz", "rad", "rad/s", "m/s"]
 
 Mode = Literal["advanced", "moderate", "beginner"]
 Policy = Literal["none", "soft", "hard"]
@@ -38,6 +38,9 @@ _UNITS: dict[str, _Unit] = {
     "equal_cycles": "1",
     "master_timeout": "s",
     "largest_speed": "rad/s",
+    "largest_travel_speed": "m/s",
+    "tool_speed": "m/s",
+    "tool_turn": "rad/s",
     "plc_timeout": "s",
     "velocity_cutoff": "Hz",
     "homing_speed": "1",
@@ -47,7 +50,12 @@ _UNITS: dict[str, _Unit] = {
 
 
 class SoftwareParameters(Table):
-    """Parameters of the control software; the file's notes explain them."""
+    """Parameters of the control software; the file's notes explain them.
+
+    `largest_travel_speed` is the limit for prismatic joints with a brake, `largest_speed` that for revolute ones;
+    without it, the speed of prismatic joints is not checked. `tool_speed` and `tool_turn` limit the increments that a
+    master of this program sends (`twin serve ROBOT --machine`, `twin machine --ros`).
+    """
 
     counts_per_turn: Number
     stop_dac: Number
@@ -59,6 +67,9 @@ class SoftwareParameters(Table):
     velocity_cutoff: Number
     homing_speed: Number
     grasp_step: Number
+    largest_travel_speed: Number | None = None
+    tool_speed: Number | None = None
+    tool_turn: Number | None = None
 
 
 class DacLimits(Table):
@@ -162,7 +173,9 @@ class Settings(Table):
         """Return the numbers of the control software and the joints' friction with their provenance."""
         parameters = []
         for name in SoftwareParameters.model_fields:
-            number: Number = getattr(self.number, name)
+            number: Number | None = getattr(self.number, name)
+            if number is None:
+                continue
             parameters.append(Parameter(name, number.value, number.unit, number.value, number.provenance, number.note))
         for joint in self.joint:
             name = f"{joint.name}.coulomb"
@@ -183,7 +196,8 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
         )
     table = load_toml(path, Settings)
     for name, unit in _UNITS.items():
-        if getattr(table.number, name).unit != unit:
+        number = getattr(table.number, name)
+        if number is not None and number.unit != unit:
             raise error_at(path, ("number", name, "unit"), f"{name} is in {unit}")
     if table.released.whole_counts and table.number.counts_per_turn.value < 2 * np.pi:
         text = "with released.whole_counts, a turn needs at least 6.28 counts: fewer are rounded down to 0 per rad"

@@ -19,7 +19,7 @@ the machine deviates from its model. Faults act on the signals of `LOCATIONS`:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import le
 from typing import Any
@@ -33,11 +33,13 @@ from twin.kinematics import Kinematics
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.arithmetic import Arithmetic
+from twin.simulation.machine.gravity_compensation import GravityEfforts, LoopHolding, compensation
 from twin.simulation.machine.itp import FIELDS, Packet
 from twin.simulation.machine.levels import Level, Plc, Reader
+from twin.simulation.machine.loop_plant import LoopPlant
 from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
 from twin.simulation.machine.receiver import Receiver
-from twin.simulation.machine.servo import Servo, compensation
+from twin.simulation.machine.servo import Servo
 from twin.simulation.machine.settings import Settings
 from twin.simulation.machine.stability import require_stable
 from twin.simulation.machine.wire import SENT, Wire
@@ -88,6 +90,7 @@ class Parts:
         arithmetic: the control software's arithmetic with the gains of the settings.
         gravity: function from joint values (n,) to the joint efforts (n,) of the gravity compensation.
         home: (n,) joint values of the posture `home`.
+        gaps: (lower joint, upper joint, least distance in m) of carriages on one rail.
     """
 
     arm: Arm
@@ -95,8 +98,9 @@ class Parts:
     settings: Settings
     plant: MotorPlant
     arithmetic: Arithmetic
-    gravity: Callable[[Array], Array]
+    gravity: GravityEfforts
     home: Array
+    gaps: tuple[tuple[str, str, float], ...] = ()
 
     @property
     def places(self) -> dict[str, tuple[str, ...]]:
@@ -116,12 +120,12 @@ class Parts:
         }
 
     @classmethod
-    def of(cls, arm: Arm, kin: Kinematics, settings: Settings) -> Parts:
-        """Compile the equations and the plant of a robot.
+    def of(cls, arm: Arm, kin: Kinematics, settings: Settings, gaps: Iterable[tuple[str, str, float]] = ()) -> Parts:
+        """Compile the equations and the plant of a robot; `gaps`: see `Parts.gaps`.
 
         Raises:
-            MechanismError: the mechanism has loops, or lacks a frame of the settings; or the gains make a joint
-                oscillate.
+            MechanismError: the mechanism lacks a frame of the settings; or the gains make a joint oscillate; or its
+                passive joints cannot be simulated.
             WorldError: the mechanism has no posture `home`.
         """
         mechanism = arm.mechanism
@@ -129,13 +133,16 @@ class Parts:
             raise WorldError(f"{mechanism.name} has no posture 'home', to which a machine moves at its start")
         home = mechanism.posture("home")
         require_stable(arm, settings, home)
-        plant = MotorPlant(arm, Physics.of(arm, settings.coulomb(mechanism)))
+        gaps = tuple(gaps)
+        physics = Physics.of(arm, settings.coulomb(mechanism))
+        plant = LoopPlant(arm, physics, gaps) if mechanism.loops else MotorPlant(arm, physics)
         # A machine evaluates one pose per tick; compiled now, the first tick takes no longer than the others.
-        kin.program.forward.compile_one()
+        if kin.closed_forward:
+            kin.program.forward.compile_one()
         kin.program.inverse.compile_one()
         arithmetic = Arithmetic.of(settings, mechanism)
         gravity = compensation(settings, mechanism)
-        return cls(arm, kin, settings, plant, arithmetic, gravity, home)
+        return cls(arm, kin, settings, plant, arithmetic, gravity, home, gaps)
 
 
 class Machine:
@@ -195,6 +202,9 @@ class Machine:
         self._pedal = False
         n = len(self._mechanism.active)
         self._counts = np.zeros(n)
+        self._gravity = _own(parts.gravity)
+        self._home_tool = self._tool_at(parts.home, None)
+        self._tool = self._tool_at(self.plant.q, self._home_tool)  # the last pose that the software knew
         self._motors: Array | None = None  # known from the first reading of the encoders on
         self._speeds = np.zeros(n)
         self.q = self.plant.q.copy()
@@ -223,7 +233,15 @@ class Machine:
         # A brake is a Coulomb friction in addition to that of the joint.
         self._free = self.plant.physics
         self._braked = replace(self._free, coulomb=self._free.coulomb + brakes)
-        self._fast = np.flatnonzero(self._angles & (brakes > 0)).tolist()
+        self._fast: list[tuple[int, float, str]] = []  # joints whose speed is checked, with limit and unit
+        number = settings.number
+        for i in np.flatnonzero(brakes > 0).tolist():
+            if self._angles[i]:
+                self._fast.append((i, number.largest_speed.value, "turns at {:.3g} rad/s"))
+            elif number.largest_travel_speed is not None:
+                self._fast.append((i, number.largest_travel_speed.value, "moves at {:.3g} m/s"))
+        names = [joint.name for joint in self._mechanism.active]
+        self._gaps = [(names.index(lower), names.index(upper), least) for lower, upper, least in self.parts.gaps]
         self._close = np.where(brakes == 0, _HOMED[0], np.where(self._angles, *_HOMED[1:]))
         self._still = np.where(brakes == 0, np.inf, np.where(self._angles, *_STILL))
 
@@ -245,6 +263,8 @@ class Machine:
         self._initialised = True
         self._pedal = False
         self._target = None
+        self._gravity = _own(self.parts.gravity)
+        self._tool = self._tool_at(q, self._tool)
         self.servo.reset()
         self._motors = self._encoders() * self.parts.arithmetic.angle
         self._speeds = np.zeros_like(self._speeds)
@@ -339,7 +359,7 @@ class Machine:
         if level in _ON:
             error = self._mechanism.motors(aim[n : 2 * n])
             error_rate = self._mechanism.motors(aim[2 * n :])
-            self.dac = self.servo.counts_of(error, error_rate, self.parts.gravity(self.q))
+            self.dac = self.servo.counts_of(error, error_rate, self._gravity(self.q))
         else:
             self.dac = np.zeros_like(self.q)
 
@@ -363,16 +383,16 @@ class Machine:
         self._rates = np.zeros_like(self.q)
         self._target = None
         if self.level == Level.PEDAL_DN:
-            self._target = self.parts.kin.forward(self.q)
+            self._tool = self._tool_at(self.q, self._tool)
+            self._target = self._tool.copy()
 
     def _check_speed(self) -> None:
         if self.level not in _ON:
             return
-        limit = self.parts.settings.number.largest_speed.value
-        for i in self._fast:
+        for i, limit, text in self._fast:
             if not abs(self.qd[i]) <= limit:  # true also for NaN
                 name = self._mechanism.active[i].name
-                self.servo.stop = f"{name} turns at {self.qd[i]:.3g} rad/s (limit {limit:g})"
+                self.servo.stop = f"{name} {text.format(self.qd[i])} (limit {limit:g})"
                 return
 
     def _home(self, t: float) -> Array:
@@ -390,6 +410,7 @@ class Machine:
         still = np.abs(self.qd) <= self._still
         if s == 1 and close.all() and still.all():
             self._initialised = True
+            self._tool = self._home_tool
         fraction = 10 * s**3 - 15 * s**4 + 6 * s**5
         return start + fraction * (home - start)
 
@@ -419,11 +440,31 @@ class Machine:
             self.held += 1
             return
         joints = q.tolist()
-        if not (all(map(le, self._low, joints)) and all(map(le, joints, self._high))):
+        if not (all(map(le, self._low, joints)) and all(map(le, joints, self._high))) or self._is_closed_off(T, joints):
             self.held += 1
             return
         self._target = T
+        self._tool = T
         self.wanted = q
+
+    def _is_closed_off(self, T: Array, joints: list[float]) -> bool:
+        """Return whether carriages on one rail come too close at T, or a robot with loops comes near a singularity.
+
+        There, the loops of a parallel robot no longer hold its platform, or change to another assembly.
+        """
+        for lower, upper, least in self._gaps:
+            if joints[upper] - joints[lower] < least:
+                return True
+        if not self._mechanism.loops:
+            return False
+        alarms = self.parts.kin.singularity_alarm(Ts=T[None])
+        return any(alarm.any() for alarm in alarms.values())
+
+    def _tool_at(self, q: Array, near: Array | None) -> Array:
+        """Return the pose (4, 4) of the tool at joint values q (n,); of several assemblies, that of the pose `near`."""
+        if not self._mechanism.loops:
+            return self.parts.kin.forward(q)
+        return self.parts.kin.forward(q, near)
 
     # -- faults and power --------------------------------------------------------------------------------
 
@@ -466,6 +507,13 @@ class Machine:
         # Setting checks all parameters; so set only when the brakes change.
         if self.plant.physics is not physics:
             self.plant.set(physics)
+
+
+def _own(gravity: GravityEfforts) -> GravityEfforts:
+    """Return the gravity compensation for one machine: with loops, it remembers how these were closed."""
+    if isinstance(gravity, LoopHolding):
+        return gravity.another()
+    return gravity
 
 
 def _by_signal(faults: Iterable[Fault]) -> dict[str, list[Fault]]:
