@@ -79,6 +79,7 @@ def test_compiled_dynamics_with_loops_agree_with_the_reference(parts):
         assert np.abs(np.array(b).ravel() - bias).max() <= 1e-11 * np.abs(bias).max()
 
 
+@pytest.mark.slow
 def test_the_plant_moves_as_mujoco_does(parts):
     """Free motion for 0.1 s; MuJoCo moves the exported MJCF, in steps of 0.25 ms instead of 1 ms."""
     arm = parts.arm
@@ -115,6 +116,7 @@ def test_increments_move_the_platform_of_the_independent_model(robot, parts):
     np.testing.assert_allclose(T[:3, :3], start[:3, :3], atol=5e-4)
 
 
+@pytest.mark.slow
 def test_brakes_hold_the_platform_in_spite_of_its_strongly_coupled_joints(parts):
     """Three sweeps of the friction law, as for a serial arm, would let it creep by 2 mm in 1.5 s."""
     driven = Driven(parts)
@@ -125,6 +127,7 @@ def test_brakes_hold_the_platform_in_spite_of_its_strongly_coupled_joints(parts)
     assert np.abs(driven.machine.plant.q - q).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_no_target_beyond_a_singularity_or_a_gap_is_followed(parts):
     driven = Driven(parts)
     driven.run(100)
@@ -140,6 +143,7 @@ def test_no_target_beyond_a_singularity_or_a_gap_is_followed(parts):
         assert machine.wanted[names.index(upper)] - machine.wanted[names.index(lower)] >= least
 
 
+@pytest.mark.slow
 def test_carriages_that_meet_touch_and_go_on_together(parts):
     plant = parts.plant.another(Physics.of(parts.arm))
     names = [joint.name for joint in parts.arm.mechanism.active]
@@ -155,6 +159,7 @@ def test_carriages_that_meet_touch_and_go_on_together(parts):
     assert closest >= least - 1e-12
 
 
+@pytest.mark.slow
 def test_a_fast_carriage_stops_the_machine(parts):
     driven = Driven(parts)
     driven.run(100)
@@ -166,6 +171,7 @@ def test_a_fast_carriage_stops_the_machine(parts):
     assert "m/s (limit 0.2)" in driven.machine.reason
 
 
+@pytest.mark.slow
 def test_two_machines_of_the_same_parts_do_not_disturb_each_other(parts):
     """Each remembers how its loops were closed: one alone gives the same bytes as one beside another."""
     alone, beside, other = Driven(parts), Driven(parts), Driven(parts, mass=1.2)

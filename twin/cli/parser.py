@@ -248,6 +248,12 @@ def port_number(text: str) -> int:
     return int(text)
 
 
+def host_and_port(text: str) -> tuple[str, int]:
+    """Convert [HOST:]PORT to host and port; default 127.0.0.1."""
+    host, _, port = text.rpartition(":")
+    return host or "127.0.0.1", port_number(port)
+
+
 def count(text: str) -> int:
     """Convert a text, such as 1000 or 1e7, to a whole number."""
     value = float(text)

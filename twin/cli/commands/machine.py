@@ -1,4 +1,4 @@
-"""`twin machine`: run a robot as a separate machine, with packets by UDP and states by TCP."""
+"""`twin machine`: run a robot as a separate machine, with packets by UDP, states by TCP, and topics for ROS clients."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from twin.cli.parser import Command, port_number
+from twin.cli.parser import Command, host_and_port, port_number
 from twin.core.errors import TwinError
 from twin.core.units import DEG
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   twin machine raven_left --port 36000 --state-port 36001 --start
+  twin machine sils --start                     six carriages that keep the loops of a parallel robot closed
+  twin machine sils --start --ros 9090          also for programs of ROS systems, without ROS (docs/ros.md)
   twin machine raven_left --mass-error 5 --friction-error 20 --overdrive hard"""
 
 
@@ -24,6 +26,8 @@ def arguments(command: Command) -> None:
     command.robot()
     for name, text in (("--port", "UDP port of the packets"), ("--state-port", "TCP port of the states")):
         command.add_argument(name, type=port_number, default=0, help=f"{text} (default 0: any free port)")
+    text = "port for programs of ROS systems by the protocol rosbridge (docs/ros.md)"
+    command.text("--ros", "[HOST:]PORT", text, type=host_and_port)
     command.flag("--start", "press the start button of the machine as soon as it runs")
     command.number("--duration", "S", "running time in seconds (default: run until Ctrl-C)")
     command.software()
@@ -70,11 +74,18 @@ def run(args: argparse.Namespace) -> int:
         duration = args.duration
     if args.start:
         arm.start()
+    beside = None
     try:
-        server.run(duration, said)
+        if args.ros is not None:
+            from twin.cli.machine_ros import RosProcess
+
+            beside = RosProcess(args.robot, server, args.ros, said)
+        server.run(duration, said, beside.listen if beside is not None else lambda: False)
     except KeyboardInterrupt:
         said("stopped")
     finally:
+        if beside is not None:
+            beside.close()
         server.close()
     pace = server.pace.summary()
     receiver = arm.receiver

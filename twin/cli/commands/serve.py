@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from twin.cli.parser import Command, port_number
+from twin.cli.parser import Command, host_and_port, port_number
 
 EXAMPLES = """\
   twin serve sils                     for a Quest by USB cable, first: adb reverse tcp:8765 tcp:8765
@@ -32,13 +32,13 @@ def arguments(command: Command) -> None:
     command.text("--record", "FILE", "record the session: requests, states and frames, as JSON")
     command.text("--replay", "FILE", "replay a session recorded by --record, frame by frame")
     text = "UDP port for hand states from other programs, for a scene with a console (docs/console.md, Packets)"
-    command.text("--packets", "[HOST:]PORT", text, type=_packets)
+    command.text("--packets", "[HOST:]PORT", text, type=host_and_port)
     text = "MQTT broker for the motion scale of a scene with a console (default port 1883)"
     command.text("--mqtt", "HOST[:PORT]", text, type=_broker)
     text = "topic of the motion scale; messages to TOPIC/set change the scale (default twin/<scene>/scale)"
     command.text("--mqtt-topic", "TOPIC", text)
     text = "port for programs of ROS systems by the protocol rosbridge, for a scene with a console (docs/ros.md)"
-    command.text("--ros", "[HOST:]PORT", text, type=_packets)
+    command.text("--ros", "[HOST:]PORT", text, type=host_and_port)
     command.text("--session", "FILE", "record the motion of the hands at a console; twin session replays the file")
     command.text("--cert", "FILE", "certificate (PEM) for https, which headsets require for AR")
     command.text("--key", "FILE", "private key (PEM) of the certificate, if it is not in the same file")
@@ -56,12 +56,6 @@ def arguments(command: Command) -> None:
     command.text("--guided", "FOLDER", text)
     command.text("--user", "NAME", "name of the user in the table of --trials (default 1)")
     command.text("--group", "NAME", "group of the user in the table of --trials (default simulation)")
-
-
-def _packets(text: str) -> tuple[str, int]:
-    """Convert [HOST:]PORT to host and port; default 127.0.0.1."""
-    host, _, port = text.rpartition(":")
-    return host or "127.0.0.1", port_number(port)
 
 
 def _broker(text: str) -> tuple[str, int]:

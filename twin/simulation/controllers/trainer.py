@@ -205,6 +205,11 @@ class Smooth:
         self._w = np.zeros(3)
         self._jaw = jaw
 
+    @property
+    def opening(self) -> float:
+        """Opening of the jaws in rad after all increments sent so far."""
+        return self._jaw
+
     def values(self, goal: Array, jaw: float) -> Array:
         """Return the values (9,) of the next packet, with the pedal down, to a goal (4, 4) and a jaw opening in rad."""
         dt = self._dt

@@ -86,6 +86,7 @@ class Operation(LiveConsole):
         self.packets: PacketHands | None = None
         self.tablet: ScaleTopic | None = None
         self.ros: RosBridge | None = None
+        self.topics: ConsoleTopics | None = None
         self._connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
         super().__init__(loaded, exercise)
@@ -206,7 +207,8 @@ class Operation(LiveConsole):
 
     def bridge(self, rules: AccessRules) -> RosBridge:
         """Return the server for clients of ROS systems that the rules accept; the caller starts and closes it."""
-        self.ros = RosBridge(ConsoleTopics(self, lambda: self._forces), rules)
+        self.topics = ConsoleTopics(self, lambda: self._forces)
+        self.ros = RosBridge(self.topics, rules)
         return self.ros
 
     def close(self) -> None:
@@ -230,8 +232,8 @@ class Operation(LiveConsole):
         if self._tick >= 0:
             passed = (tick - self._tick) / RATE
         self._tick = tick
-        if self.ros is not None:
-            self.ros.topics.before_frame(passed)
+        if self.topics is not None:
+            self.topics.before_frame(passed)
         scale = self.reading["scale"]
         for text in self.advance(passed):
             self._send(text)
@@ -308,8 +310,8 @@ class Operation(LiveConsole):
         by_packets = False
         if self.packets is not None:
             by_packets = self._exchange(self.packets, parts)
-        if self.ros is not None:
-            self._take_ros(self.ros.topics.hands, parts, by_packets)
+        if self.topics is not None:
+            self._take_ros(self.topics.hands, parts, by_packets)
 
     def _take_ros(self, hands: RosHands, parts: int, by_packets: bool) -> None:
         """Use hand states of ROS clients in the next steps of the World; `by_packets`: whether UDP has sent some."""

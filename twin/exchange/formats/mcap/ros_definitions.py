@@ -11,6 +11,7 @@ from functools import cache
 DEFINITIONS = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "crtk_msgs/OperatingState": "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy",
+    "crtk_msgs/StringStamped": "std_msgs/Header header\nstring string",
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
     "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
     "geometry_msgs/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose",

@@ -66,6 +66,6 @@ def transforms(t: float, poses: Mapping[str, Array]) -> JsonObject:
     return {"transforms": found}
 
 
-def operating_state(t: float, state: str, is_busy: bool) -> JsonObject:
-    """Return crtk_msgs/OperatingState of a robot that needs no homing."""
-    return {"header": header(t), "state": state, "is_homed": True, "is_busy": is_busy}
+def operating_state(t: float, state: str, is_busy: bool, is_homed: bool = True) -> JsonObject:
+    """Return crtk_msgs/OperatingState of a robot; a robot that needs no homing counts as homed."""
+    return {"header": header(t), "state": state, "is_homed": is_homed, "is_busy": is_busy}

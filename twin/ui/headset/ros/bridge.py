@@ -1,4 +1,4 @@
-"""WebSocket server of the protocol rosbridge v2, by which programs of ROS systems move and watch a console.
+"""WebSocket server of the protocol rosbridge v2, by which programs of ROS systems move and watch robots.
 
 Messages are JSON text; a subscription may ask for CBOR. There is one queue place a topic and client: a client that
 receives slowly gets the newest message, never an old one.
@@ -28,7 +28,7 @@ from twin.ui.access.requests import WebSocketLimits, check_request, end, listen
 from twin.ui.access.responses import error_response
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset.ros import operations
-from twin.ui.headset.ros.topics import ConsoleTopics
+from twin.ui.headset.ros.topic_table import TopicTable
 
 MESSAGES = (4000.0, 8000.0)
 """Limit of WebSocket frames from one client: (per second, burst); two hands at 500 Hz with grips send 2000."""
@@ -113,15 +113,15 @@ class _Client:
 
 
 class RosBridge:
-    """Server of the topics of a console.
+    """Server of the topics of a console or of a machine.
 
     Attributes:
         port: port on which the server listens; valid after `start`.
         hurry: function that is called after a message that moves a robot.
     """
 
-    def __init__(self, topics: ConsoleTopics, rules: AccessRules) -> None:
-        """Prepare to serve the topics of a console to clients that the rules accept."""
+    def __init__(self, topics: TopicTable, rules: AccessRules) -> None:
+        """Prepare to serve topics to clients that the rules accept."""
         self.topics = topics
         self.port = 0
         self.hurry: Callable[[], object] = lambda: None
@@ -145,14 +145,8 @@ class RosBridge:
         await end(self._server)
 
     def state(self) -> JsonObject:
-        """Return port, number of clients, client of each hand, and number of refused poses, as an entry of `state`."""
-        hands = self.topics.hands
-        return {
-            "port": self.port,
-            "clients": len(self._clients),
-            "from": hands.senders(),
-            "ignored": hands.refused,
-        }
+        """Return port, number of clients, and what the topics say about them, as an entry of `state`."""
+        return {"port": self.port, "clients": len(self._clients), **self.topics.about()}
 
     # -- clients --------------------------------------------------------------------------------------
 

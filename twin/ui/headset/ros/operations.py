@@ -181,6 +181,16 @@ class JointState(_Message):
     position: Annotated[list[float], Field(min_length=1, max_length=64)]
 
 
+class StateCommand(_Message):
+    """crtk_msgs/StringStamped of the topic state_command.
+
+    `enable` and `home` press the start button of a machine, with which it moves to home; `disable` presses the stop
+    button; `pause` releases the pedal.
+    """
+
+    string: Literal["enable", "home", "disable", "pause"]
+
+
 _M = TypeVar("_M", bound=_Message)
 
 

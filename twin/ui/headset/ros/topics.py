@@ -17,55 +17,18 @@ from twin.core.errors import DeviceError, TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.exchange.formats.mcap import ros_messages as ros
-from twin.exchange.formats.mcap.ros_definitions import full_name, full_text
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.devices.packets import grip_angle, handle_pose
 from twin.simulation.world import Signals
 from twin.ui.headset.ros.hands import ROS, RosHands
 from twin.ui.headset.ros.operations import Float64, JointState, Joy, PoseStamped, checked_message
+from twin.ui.headset.ros.topic_table import InputTopic, OutputTopic, TopicTable
 from twin.ui.session.pens import Pens
 from twin.ui.session.scene_control import HeldError, LiveConsole
 
-SERVICES = (
-    "/rosapi/get_time",
-    "/rosapi/services",
-    "/rosapi/topic_type",
-    "/rosapi/topics",
-    "/rosapi/topics_and_raw_types",
-)
-"""Services that clients use to list topics, as those of the node rosapi."""
-
 _PRESSED = 1
 """Value of a pressed button in sensor_msgs/Joy."""
-
-
-@dataclass(frozen=True)
-class InputTopic:
-    """A topic to which clients publish.
-
-    Attributes:
-        type: name of the message type, such as geometry_msgs/PoseStamped.
-        take: function of (client, message) that uses a message; it returns why the message is refused, or "".
-        moves: whether the message moves a robot, so that the next picture is due at once.
-    """
-
-    type: str
-    take: Callable[[str, dict[str, Any]], str]
-    moves: bool = False
-
-
-@dataclass(frozen=True)
-class OutputTopic:
-    """A topic to which this program publishes.
-
-    Attributes:
-        type: name of the message type, such as geometry_msgs/PoseStamped.
-        make: function that returns the newest message.
-    """
-
-    type: str
-    make: Callable[[], JsonObject]
 
 
 @dataclass(frozen=True)
@@ -76,24 +39,21 @@ class _Goal:
     T_world_tool: Array
 
 
-class ConsoleTopics:
-    """Inputs, outputs and services of the console of a scene.
+class ConsoleTopics(TopicTable):
+    """Topics of the console of a scene.
 
     Attributes:
         hands: converter of messages to hand states.
-        inputs: topics to which clients publish, by name.
-        outputs: topics to which this program publishes, by name.
     """
 
     def __init__(self, console: LiveConsole, forces: Callable[[], Mapping[str, Sequence[float]]]) -> None:
         """Set up the topics of a console; `forces` returns the newest force (3,) on each hand, in N, in {H}."""
+        super().__init__(lambda: console.world.t)
         self._console = console
         self._forces = forces
         self.hands = RosHands(console.device, lambda: console.world.t, lambda: console.ended)
         self._pens = Pens(console)
         self._goals: dict[str, _Goal] = {}  # the newest of each hand that no frame has used yet
-        self.inputs: dict[str, InputTopic] = {}
-        self.outputs: dict[str, OutputTopic] = {}
         for number, hand in enumerate(HANDS):
             if hand in console.table.hands:
                 self._add_hand(number, hand)
@@ -120,7 +80,7 @@ class ConsoleTopics:
             return ""
 
         def force() -> JsonObject:
-            return ros.wrench_stamped(self._t, "picture", np.array(self._forces()[hand]))
+            return ros.wrench_stamped(self.t, "picture", np.array(self._forces()[hand]))
 
         self.inputs[f"{name}/measured_cp"] = InputTopic("geometry_msgs/PoseStamped", pose, moves=True)
         self.inputs[f"{name}/gripper/measured_js"] = InputTopic("sensor_msgs/JointState", gripper)
@@ -169,18 +129,18 @@ class ConsoleTopics:
         jaw_joints = [joint for joint, moves_arm in zip(joints, arm, strict=True) if not moves_arm]
 
         def joint_states(signal: str, names: list[str], chosen: np.ndarray) -> Callable[[], JsonObject]:
-            return lambda: ros.joint_state(self._t, names, self._signals[signal][chosen])
+            return lambda: ros.joint_state(self.t, names, self._signals[signal][chosen])
 
         def measured_cp() -> JsonObject:
             q = self._signals[f"{robot}.encoder"]
             goal = self._signals[f"{robot}.goal"].reshape(4, 4)
-            return ros.pose_stamped(self._t, _base(robot), member.kin.forward(q, goal))
+            return ros.pose_stamped(self.t, _base(robot), member.kin.forward(q, goal))
 
         def setpoint_cp() -> JsonObject:
-            return ros.pose_stamped(self._t, _base(robot), self._signals[f"{robot}.goal"].reshape(4, 4))
+            return ros.pose_stamped(self.t, _base(robot), self._signals[f"{robot}.goal"].reshape(4, 4))
 
         def state() -> JsonObject:
-            return ros.operating_state(self._t, self._state(), self._follows(robot))
+            return ros.operating_state(self.t, self._state(), self._follows(robot))
 
         joint_type = "sensor_msgs/JointState"
         pose_type = "geometry_msgs/PoseStamped"
@@ -224,10 +184,6 @@ class ConsoleTopics:
     # -- values -----------------------------------------------------------------------------------------
 
     @property
-    def _t(self) -> float:
-        return self._console.world.t
-
-    @property
     def _signals(self) -> Signals:
         return self._console.world.signals
 
@@ -253,7 +209,7 @@ class ConsoleTopics:
             poses[_base(robot)] = T_world_base
             for link, T_base_link in links.items():
                 poses[f"{robot}/{link}"] = T_world_base @ T_base_link
-        return ros.transforms(self._t, poses)
+        return ros.transforms(self.t, poses)
 
     def before_frame(self, passed: float) -> None:
         """Send the states of tools that `servo_cp` moves; `passed` is the time in s since the last call.
@@ -268,45 +224,16 @@ class ConsoleTopics:
         self._goals.clear()
         self._pens.say(passed)
 
+    def about(self) -> JsonObject:
+        """Return the client of each hand, and the number of refused poses."""
+        return {"from": self.hands.senders(), "ignored": self.hands.refused}
+
     def leave(self, client: str) -> None:
         """Forget a client that has disconnected: what it moves stops."""
         self.hands.leave(client)
         self._goals = {hand: goal for hand, goal in self._goals.items() if goal.client != client}
         if self._pens.client == _servo_owner(client):
             self._pens.release()
-
-    # -- services ---------------------------------------------------------------------------------------
-
-    def call(self, service: str, args: dict[str, Any] | list[Any] | None) -> JsonObject:
-        """Return the answer of a service of the node rosapi.
-
-        Raises:
-            DeviceError: there is no such service, or an argument is missing or unknown.
-        """
-        types = self.types
-        if service == "/rosapi/topics":
-            return {"topics": list(types), "types": [full_name(kind) for kind in types.values()]}
-        if service == "/rosapi/topics_and_raw_types":
-            texts = [full_text(kind) for kind in types.values()]
-            names = [full_name(kind) for kind in types.values()]
-            return {"topics": list(types), "types": names, "typedefs_full_text": texts}
-        if service == "/rosapi/topic_type":
-            topic = _argument(args, "topic")
-            kind = types.get(topic)
-            return {"type": full_name(kind) if kind else ""}
-        if service == "/rosapi/services":
-            return {"services": list(SERVICES)}
-        if service == "/rosapi/get_time":
-            return {"time": ros.time_of(self._t)}
-        raise DeviceError(f"there is no service {service}; there are {', '.join(SERVICES)}")
-
-    @property
-    def types(self) -> dict[str, str]:
-        """Type of each topic, by name."""
-        found = {name: topic.type for name, topic in self.outputs.items()}
-        for name, topic in self.inputs.items():
-            found[name] = topic.type
-        return dict(sorted(found.items()))
 
 
 def _servo_owner(client: str) -> str:
@@ -317,10 +244,3 @@ def _servo_owner(client: str) -> str:
 def _base(robot: str) -> str:
     """Return the name of the frame of a robot's base."""
     return f"{robot}/base"
-
-
-def _argument(args: dict[str, Any] | list[Any] | None, name: str) -> str:
-    value = args.get(name) if isinstance(args, dict) else next(iter(args or ()), None)
-    if not isinstance(value, str):
-        raise DeviceError(f"the argument {name} is missing: give a text")
-    return value

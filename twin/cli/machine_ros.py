@@ -1,0 +1,63 @@
+"""The process that serves a machine to ROS clients, as `twin machine --ros` starts it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from twin.cli.address import free_port
+from twin.core.errors import TwinError
+from twin.core.processes import Apart
+from twin.simulation.machine.link import Address
+from twin.simulation.machine.machine_server import HOST, Server
+
+
+class RosProcess:
+    """Process with the server for ROS clients; it ends with `close`, or with this program."""
+
+    def __init__(self, robot: str, server: Server, listens: tuple[str, int], said: Callable[[str], None]) -> None:
+        """Start the process; `said` is called with the address when the server listens (see `listen`).
+
+        Args:
+            robot: name or folder of the robot.
+            server: the machine with its ports.
+            listens: (host, port) for ROS clients; port 0: any free one.
+            said: function that prints a line.
+
+        Raises:
+            TwinError: the port is in use, or the host is no address of this computer.
+        """
+        from twin.ui.headset.ros import machine_bridge
+
+        host, port = listens
+        try:
+            port = free_port(host, port)
+        except TwinError as error:
+            text = "the port is in use, or the host is not an address of this computer; choose another one"
+            raise TwinError(f"--ros {host}:{port}: {text}") from error
+        self._said = said
+        address = Address(HOST, server.port, server.state_port)
+        self._process = Apart(machine_bridge.run, str(robot), address, host, port)
+
+    def listen(self) -> bool:
+        """Print what the process says; return False: the machine goes on.
+
+        Raises:
+            TwinError: the process cannot serve the machine, or has ended.
+        """
+        line = self._process.line
+        try:
+            while line.poll():
+                kind, text = line.recv()
+                if kind == "failed":
+                    raise TwinError(f"--ros: {text}")
+                if kind == "ready":
+                    text = f"rosbridge for ROS clients: {text}"
+                self._said(text)
+        except (EOFError, OSError) as error:
+            raise TwinError("--ros: the process that serves ROS clients has ended") from error
+        return False
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.close()
+        self._process.line.close()

@@ -1,0 +1,189 @@
+"""Move the tool of a machine to goal poses by packets with small increments, as the machine's master.
+
+The machine adds the increments to the pose that its tool has when the pedal goes down. Therefore the pedal goes down
+first; the increments begin when a state says that the machine is in PEDAL_DN, from its desired joint values.
+If the machine holds a target as out of reach, or packets get lost, the master waits until the machine has answered all
+packets, and begins again from the pose that the machine has.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.errors import DescriptionError, KinematicsError
+from twin.core.spatial import Array
+from twin.simulation.controllers.trainer import Smooth, TrainerLimits
+from twin.simulation.machine.itp import ahead, number_of, pack
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.link import MachineLink
+from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.settings import NAME
+from twin.simulation.machine.simulated_machine import Parts
+from twin.simulation.machine.state_packets import State
+
+_UP = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0])
+_DOWN = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 1])
+"""Packets without motion, with the pedal up and down."""
+
+_LAST = 100
+"""Number of packets with the pedal up that are sent after a motion; then another master may take the machine."""
+
+_STILL = 100
+"""Number of packets without motion after which the pose that has been sent is compared with that of the machine."""
+
+_TURN = 1e-8
+"""Half angle in rad per packet below which a packet counts as one without motion."""
+
+_CLOSE = 5e-6
+"""Difference in m or rad of these poses up to which nothing is corrected; the increments are whole micrometres."""
+
+
+class MachineMaster:
+    """Sends the packets of one machine.
+
+    Attributes:
+        link: connection to the machine.
+        parts: compiled parts of a machine of this robot, for its equations and settings.
+    """
+
+    def __init__(self, link: MachineLink, parts: Parts) -> None:
+        """Begin without a goal.
+
+        Raises:
+            DescriptionError: the machine file does not say how fast the tool may be moved.
+        """
+        number = parts.settings.number
+        if number.tool_speed is None or number.tool_turn is None:
+            raise DescriptionError(
+                f"{parts.arm.mechanism.name}: {NAME} needs [number.tool_speed] and [number.tool_turn], the largest "
+                "speeds of a tool that is moved to goals"
+            )
+        unused = (0.0, 0.0, 0.0, 0.0, 0.0)
+        limits = TrainerLimits(number.tool_speed.value, number.tool_turn.value, *unused)
+        self.link = link
+        self.parts = parts
+        self._smooth = Smooth(limits, number.grasp_step.value, TICK)
+        self._auxiliary = np.flatnonzero(parts.kin.auxiliary)[:1]
+        self._near: Array | None = None  # the last pose, from which a robot with loops finds the next one
+        self._goal: Array | None = None
+        self._jaw: float | None = None  # desired opening; None: as it is
+        self._begun = False
+        self._held = 0  # targets that the machine had held when the increments began
+        self._held_goal: Array | None = None  # on whose way the machine held a target
+        self._still = 0  # packets without motion since the last one with motion
+        self._up = _LAST  # packets with the pedal up since the end of the motion
+        self._count = 0
+        self._moved = 0  # number of the last packet with motion
+
+    @property
+    def leads(self) -> bool:
+        """Whether there is a goal."""
+        return self._goal is not None
+
+    def lead(self, T_base_tool: Array, jaw: float | None = None) -> None:
+        """Press the pedal, and move the tool to a pose (4, 4), and the jaws, if any, to an opening in rad."""
+        self._goal = np.array(T_base_tool, float)
+        if jaw is not None:
+            self._jaw = jaw
+
+    def rest(self) -> None:
+        """Release the pedal: the machine stops where it is."""
+        if self._goal is not None:
+            self._up = 0
+        self._goal = None
+        self._jaw = None
+        self._begun = False
+        self._held_goal = None
+
+    @property
+    def held(self) -> bool:
+        """Whether the machine holds the goal as out of reach; another goal is tried."""
+        return self._goal is not None and self._held_goal is not None and np.array_equal(self._goal, self._held_goal)
+
+    def tool(self, q: Array) -> Array:
+        """Return the pose (4, 4) of the tool at joint values q (n,) of the machine.
+
+        Raises:
+            KinematicsError: no pose belongs to the joint values.
+        """
+        kin = self.parts.kin
+        if not self.parts.arm.mechanism.loops:
+            return kin.forward(q)
+        if self._near is None:
+            self._near = kin.forward(self.parts.home)
+        self._near = kin.forward(q, self._near)
+        return self._near
+
+    def step(self, ticks: int) -> None:
+        """Send the packets of a number of ticks."""
+        for _ in range(ticks):
+            values = self._values()
+            if values is None:
+                return
+            self._count += 1
+            settings = self.parts.settings
+            self.link.send(pack(number_of(self._count), settings.arm, values, settings.packet_version))
+
+    def _values(self) -> Array | None:
+        """Return the values (9,) of the next packet; None: there is nothing to say."""
+        if self._goal is None:
+            if self._up >= _LAST:
+                return None
+            self._up += 1
+            return _UP
+        state = self.link.state
+        if state is None or state.level == Level.INIT:
+            self._begun = False
+            return _UP
+        if state.level == Level.E_STOP:
+            self.rest()
+            return _UP
+        if state.level == Level.PEDAL_UP or not state.pedal:
+            self._begun = False
+            return _DOWN
+        if not self._begun and not self._begin(state):
+            return _DOWN
+        disagrees = state.held > self._held  # the machine has not moved by all increments that were sent
+        if disagrees and self._held_goal is None:
+            self._held_goal = self._goal.copy()
+        if self._still >= _STILL:
+            self._follow_up(state)
+        if disagrees or self.held:
+            self._still += 1
+            return _DOWN
+        self._held_goal = None
+        return self._increments(self._goal)
+
+    def _increments(self, goal: Array) -> Array:
+        """Return the values (9,) of a packet on the way to a goal (4, 4)."""
+        jaw = self._smooth.opening if self._jaw is None else self._jaw
+        values = self._smooth.values(goal, jaw)
+        if values[:3].any() or values[7] or np.abs(values[4:7]).max() > _TURN:
+            self._moved = self._count + 1
+            self._still = 0
+        else:
+            self._still += 1
+        return values
+
+    def _begin(self, state: State) -> bool:
+        """Begin the increments at the pose of the machine's desired joint values; return whether this is possible."""
+        try:
+            T = self.tool(state.wanted)
+        except KinematicsError:
+            return False
+        self._smooth.begin(T, float(state.wanted[self._auxiliary].sum()))
+        self._begun = True
+        self._held = state.held
+        self._still = 0
+        return True
+
+    def _follow_up(self, state: State) -> None:
+        """Begin again from the machine's pose if, after all packets, it is not the pose that was sent."""
+        if ahead(state.sequence, number_of(self._moved)) < 0:
+            return
+        try:
+            T = self.tool(state.wanted)
+        except KinematicsError:
+            return
+        if state.held > self._held or np.abs(T - self._smooth.sent).max() > _CLOSE:
+            self._begin(state)
