@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command, host_and_port, port_number
@@ -12,7 +13,8 @@ from twin.core.units import DEG
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
-    from twin.simulation.machine.simulated_machine import Parts
+    from twin.simulation.machine.machine_server import Server
+    from twin.simulation.machine.simulated_machine import Machine, Parts
 
 EXAMPLES = """\
   twin machine raven_left --port 36000 --state-port 36001 --start
@@ -43,7 +45,6 @@ def run(args: argparse.Namespace) -> int:
     """Run the machine for --duration or until Ctrl-C; print the delays of its control ticks. The exit code is 0."""
     from twin import api
     from twin.api.machine import machine as made
-    from twin.cli import show
     from twin.simulation.machine.machine_server import HOST, Server
 
     if args.duration is not None and not args.duration > 0:
@@ -87,10 +88,18 @@ def run(args: argparse.Namespace) -> int:
         if beside is not None:
             beside.close()
         server.close()
+    _tell(args, robot.name, arm, server, said)
+    return 0
+
+
+def _tell(args: argparse.Namespace, name: str, arm: Machine, server: Server, said: Callable[[str], None]) -> None:
+    """Print the packets and the delays of the ticks of a machine that has run, or the same as JSON."""
+    from twin.cli import show
+
     pace = server.pace.summary()
     receiver = arm.receiver
     found = {
-        "robot": robot.name,
+        "robot": name,
         "level": arm.plc.level.name,
         "reason": arm.reason,
         "accepted": receiver.accepted,
@@ -100,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     }
     if args.json:
         print(show.as_json(show.record("machine", found)))
-        return 0
+        return
     packets = f"packets: {receiver.accepted} accepted, {receiver.refused} refused"
     if receiver.reason:
         packets += f": {receiver.reason}"
@@ -109,7 +118,6 @@ def run(args: argparse.Namespace) -> int:
         f"{pace['ticks']} ticks, {pace['late']} more than 1 ms late; delay p50 {pace['p50_ms']:.2f} ms, "
         f"p99 {pace['p99_ms']:.2f} ms, largest {pace['max_ms']:.2f} ms"
     )
-    return 0
 
 
 def _parts(robot: Robot, args: argparse.Namespace) -> Parts:

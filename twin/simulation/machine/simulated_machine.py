@@ -90,7 +90,7 @@ class Parts:
         arithmetic: the control software's arithmetic with the gains of the settings.
         gravity: function from joint values (n,) to the joint efforts (n,) of the gravity compensation.
         home: (n,) joint values of the posture `home`.
-        gaps: (lower joint, upper joint, least distance in m) of carriages on one rail.
+        gaps: (lower joint, upper joint, minimum distance in m) of carriages on one rail.
     """
 
     arm: Arm
