@@ -1,8 +1,8 @@
 """Simulate motors and links of a machine with closed loops: the compiled tick of `motor_plant`, then the loops close.
 
 After a tick, Newton's method closes the loops at the new values of the active joints. Two carriages on one rail that
-would come closer than their minimum distance touch instead: they go on with their mean rate, without rebound. If no state
-of the passive joints closes the loops, the linkage jams: the joints stay where they are, at rest.
+would come closer than their minimum distance touch instead: they go on with their mean rate, without rebound. If no
+state of the passive joints closes the loops, the linkage jams: the joints stay where they are, at rest.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class LoopPlant(MotorPlant):
         self._state = np.concatenate([moved, states])
 
     def _touch(self, moved: Array, lower: int, upper: int, least: float) -> None:
-        """Keep two carriages at their minimum distance, if their new joint values and rates (2 n,) bring them closer."""
+        """Keep two carriages at their minimum distance, if new joint values and rates (2 n,) bring them closer."""
         n = self._count
         overlap = least - (moved[upper] - moved[lower])
         closing = moved[n + lower] - moved[n + upper]
