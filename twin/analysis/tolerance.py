@@ -28,6 +28,7 @@ from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import um
 from twin.core.result import Part, Result, TextTable
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 from twin.kinematics.closed_loops import LoopSolver, linear
@@ -579,7 +580,7 @@ def _states(robot: Robot, protocol: str | None, progress: Progress) -> list[tupl
     states = []
     if protocol:
         trajectory = plan(robot, protocol, progress)
-        for k in np.unique(np.linspace(0, len(trajectory.t) - 1, _ALONG).astype(int)):
+        for k in spread(len(trajectory.t), _ALONG):
             states.append((f"t = {trajectory.t[k]:.2f} s", trajectory.q[k]))
         return states
     for name in robot.mechanism.postures:

@@ -13,6 +13,7 @@ from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, loaded, names, silent
 from twin.core import assets
 from twin.core.errors import ProtocolError, TwinError
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
@@ -214,7 +215,7 @@ def _states(mechanism: Mechanism) -> DrawnStates:
 
     model = ReferenceModel(mechanism)
     run = joint_range(model, _DRAWN).run
-    chosen = np.unique(np.linspace(0, len(run.x) - 1, _COMPARED).astype(int))
+    chosen = spread(len(run.x), _COMPARED)
     joints: dict[str, Array] = {}
     for i, joint in enumerate(mechanism.active):
         joints[joint.name] = run.q[chosen, i]

@@ -90,8 +90,14 @@ class FrameSpec(Table):
 
     def features(self, *keys: str) -> tuple[str, ...]:
         """Return the names of all features that the entries `keys` of the frame use, each name once."""
-        values = (getattr(self, key) for key in keys)
-        return tuple(dict.fromkeys(n for v in values for n in (v if isinstance(v, list) else [v] if v else [])))
+        names: list[str] = []
+        for key in keys:
+            value = getattr(self, key)
+            if isinstance(value, list):
+                names += value
+            elif value:
+                names.append(value)
+        return tuple(dict.fromkeys(names))
 
 
 class MassSpec(Sourced):

@@ -256,7 +256,9 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
     try:
         for _ in range(_STEPS):
             r = misfit(x)
-            columns = [(misfit(x + step) - misfit(x - step)) / 2e-6 for step in 1e-6 * np.eye(6)]
+            columns = []
+            for step in 1e-6 * np.eye(6):
+                columns.append((misfit(x + step) - misfit(x - step)) / 2e-6)
             J = np.stack(columns, axis=1)
             x = x - np.linalg.pinv(J, rcond=1e-5) @ r
         faces, frames = put(x)

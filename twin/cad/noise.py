@@ -79,7 +79,10 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
     if three parts or more must be at fault. `findings` are those of `meeting.meetings`.
     """
     joints = tuple(dict.fromkeys(finding.where for finding in findings))
-    measured_joints = [joint for joint in d.joint if any(spec.position_mm is None for _, spec in joint.sides)]
+    measured_joints = []
+    for joint in d.joint:
+        if any(spec.position_mm is None for _, spec in joint.sides):
+            measured_joints.append(joint)
     if len(joints) < max(_LEAST, len(measured_joints) / 2) or _of_two_parts(d, joints):
         return None
     sizes: dict[str, list[float]] = {}  # offsets and angles have different codes

@@ -226,7 +226,7 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
     def name_of(index: int) -> str:
         return _repair(gltf["nodes"][index].get("name", f"part{index}"))
 
-    taken = set(map(name_of, range(len(gltf["nodes"]))))
+    taken = {name_of(index) for index in range(len(gltf["nodes"]))}
 
     def walk(index: int, T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
         nonlocal error
@@ -236,7 +236,8 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
             T = T @ T_step
             if not np.array_equal(T_step, np.eye(4)):
                 # Single precision has 23 binary digits after the first.
-                error = max(error, float(np.abs(T[:3]).max()) * 2.0**-23)
+                largest = float(np.abs(T[:3]).max())
+                error = max(error, largest * 2.0**-23)
         name = name_of(index)
         if "mesh" in node:
             part = _part(gltf, binary, gltf["meshes"][node["mesh"]], name, path, T)

@@ -332,7 +332,8 @@ def _meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
             if found.path is not None:
                 continue
             if found.outside:
-                package = address.partition("://")[2].lstrip("/").partition("/")[0]
+                _, _, path_in_tree = address.partition("://")
+                package, _, _ = path_in_tree.lstrip("/").partition("/")
                 outside[package] = outside.get(package, 0) + 1
                 continue
             text = f"mesh '{address}' does not exist"

@@ -64,7 +64,8 @@ class CheckFinding:
         message = _LINE.sub("", self.message)
         parts = (self.rule, self.file, self.subject, message, str(self.occurrence))
         # names of files need not be UTF-8
-        return hashlib.sha256("\0".join(parts).encode("utf-8", "surrogateescape")).hexdigest()[:32]
+        data = "\0".join(parts).encode("utf-8", "surrogateescape")
+        return hashlib.sha256(data).hexdigest()[:32]
 
     def as_finding(self) -> Finding:
         """Return the finding in the form of all results."""

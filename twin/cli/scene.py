@@ -48,8 +48,10 @@ def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedS
     from twin.simulation import tissue_scene
     from twin.ui.session.organs import OrganFeed
 
-    touching = tissue_scene.touching(loaded.scene).items()
-    links = {name: [loaded.robots[name].mechanism.body(b) for b in bodies] for name, bodies in touching}
+    links = {}
+    for name, bodies in tissue_scene.touching(loaded.scene).items():
+        mechanism = loaded.robots[name].mechanism
+        links[name] = [mechanism.body(body) for body in bodies]
     return replace(loaded, feed=OrganFeed(found, links))
 
 

@@ -230,7 +230,9 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str
     columns = terminal_width()
     drawn = table_lines(rows_of_text, indent, None if fit else columns)
     if header:
-        widths = [max(len(cell) for cell in cells) for cells in zip(*rows_of_text, strict=True)]
+        widths = []
+        for column in zip(*rows_of_text, strict=True):
+            widths.append(max(len(cell) for cell in column))
         rule = indent + "  ".join("-" * width for width in widths)
         if columns is not None and len(rule) > columns:
             rule = indent + "-" * (columns - len(indent))

@@ -79,7 +79,12 @@ def _child(command: Callable[[], int], writing: int, parent: int) -> int:
 
     _end_with(parent)
     faulthandler.enable()  # a crash of a native library prints the Python line that called it
-    name_exits(lambda text: os.write(writing, f"{text}\n".encode()[-_LONGEST:]))
+
+    def report(text: str) -> None:
+        line = f"{text}\n".encode()
+        os.write(writing, line[-_LONGEST:])
+
+    name_exits(report)
     try:
         code = command()
     except SystemExit as end:  # of argparse, after --help and --version; one raised by a command is an error there

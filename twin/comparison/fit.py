@@ -610,11 +610,6 @@ def _tree(joints: tuple[tuple[int, int, bool], ...]) -> tuple[list[int], list[li
     return order, below
 
 
-def _across(direction: Array) -> Array:
-    """Return the axis of base (3,) that is most nearly perpendicular to a direction."""
-    return np.eye(3)[int(np.argmin(np.abs(direction)))]
-
-
 def _turn(direction: Array, target: Array) -> Array:
     """Return the rotation vector (3,) of the smallest rotation from one unit vector to another."""
     cross = _cross(direction, target)
@@ -623,7 +618,7 @@ def _turn(direction: Array, target: Array) -> Array:
     if sine < 1e-12:
         if cosine > 0:
             return np.zeros(3)
-        across = _across(direction)
+        across = spatial.unit_across(direction)
         across = across - direction * (direction @ across)
         return np.pi * across / np.linalg.norm(across)
     return np.arctan2(sine, cosine) * cross / sine

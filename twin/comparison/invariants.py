@@ -7,6 +7,7 @@ on their link, which sets of signs are impossible, and which zeros a set of sign
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -16,6 +17,8 @@ from twin.comparison.fit import Problem
 from twin.comparison.frames import carriers
 from twin.comparison.side import TURNING
 from twin.core.spatial import Array
+
+_SIGNS = (1.0, -1.0)
 
 SLACK = 3.0
 """Factor of the tolerances: a fit spreads errors over several joints."""
@@ -204,7 +207,7 @@ class Local:
         for k, i in self.different.items():
             yield Contradiction(self.turned[k] | {k}, self._of_pair(i, k) - {k})
         for rule in self.between:
-            signs = [(a, b, c) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)]
+            signs = itertools.product(_SIGNS, _SIGNS, _SIGNS)
             if not any(rule.possible(chosen) for chosen in signs):
                 yield Contradiction(self._of_three(rule))
 
@@ -356,7 +359,7 @@ def _product(
     possible = []
     parallel = min(first[1], second[1]) < _PARALLEL
     angle_limit = SLACK * problem.angle_tolerance
-    for product in (1.0, -1.0):
+    for product in _SIGNS:
         angle = np.arctan2(first[1], product * first[0])
         target = np.arctan2(second[1], second[0])
         if abs(angle - target) > angle_limit:

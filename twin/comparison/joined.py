@@ -87,10 +87,14 @@ def _with_wholes(
         if len(chosen) < missing and used.isdisjoint(parts.indices):
             chosen.append(parts)
             used |= set(parts.indices)
-    for names, whole in [([side.axes[i].name for i in parts.indices], parts.whole) for parts in chosen]:
+    # by name: each replacement changes the indices
+    replacements: list[tuple[list[str], Axis]] = []
+    for parts in chosen:
+        replacements.append(([side.axes[i].name for i in parts.indices], parts.whole))
+    for parts_by_name, whole in replacements:
         if kind == "revolute":
             whole = _as_parallel(whole, side, other, tolerance)
-        side = _replaced(side, names, whole)
+        side = _replaced(side, parts_by_name, whole)
     return side
 
 
@@ -156,8 +160,13 @@ def _together(outer: JointGroup, inner: JointGroup) -> JointGroup:
 
 def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
     """Yield the indices of joints one behind another whose links between them carry nothing else."""
-    coupled = {name for coupling in side.couplings for name in coupling.ratios}
-    touching = Counter(group for axis in side.axes for group in (axis.parent, axis.child))
+    coupled: set[str] = set()
+    for coupling in side.couplings:
+        coupled.update(coupling.ratios)
+    touching: Counter[int] = Counter()  # {group: number of joints on it}
+    for axis in side.axes:
+        touching[axis.parent] += 1
+        touching[axis.child] += 1
     tool_group = side.frames[side.tool][0] if side.tool in side.frames else None
     behind = {axis.parent: i for i, axis in enumerate(side.axes) if not axis.closing}
     for start, axis in enumerate(side.axes):
@@ -181,8 +190,9 @@ def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
             continue
         # Only with right angles on both middle links, which no posture changes, do three hinges reach every rotation.
         # The first and the third hinge may be parallel: that is a singular posture of a ball.
-        cosines = [abs(float(axes[k].direction @ axes[k + 1].direction)) for k in (0, 1)]
-        if max(cosines) > ANGLE_PER_LENGTH * tolerance:
+        first, second, third = (axis.direction for axis in axes)
+        cosine = max(abs(float(first @ second)), abs(float(second @ third)))
+        if cosine > ANGLE_PER_LENGTH * tolerance:
             continue
         centre = _nearest_point(axes)
         if max(_distance(centre, axis) for axis in axes) > tolerance:

@@ -11,6 +11,7 @@ here all joints are treated alike, and the posture in which a side is drawn does
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -301,9 +302,16 @@ def _explanations(problem: Problem) -> list[tuple[JointPlace, ...]]:
         if explanation is not None:
             known.append(explanation)
     # what moves on one link is a simpler explanation than what moves on both
-    known.sort(key=lambda found: sum(place.where == "both" for place in found))
-    fewest = [sum(place.where == "both" for place in found) for found in known[:1]]
-    return [found for found in known if sum(place.where == "both" for place in found) == fewest[0]]
+    simplest: list[tuple[JointPlace, ...]] = []
+    fewest = math.inf
+    for explanation in known:
+        on_both = sum(place.where == "both" for place in explanation)
+        if on_both < fewest:
+            simplest = []
+            fewest = on_both
+        if on_both == fewest:
+            simplest.append(explanation)
+    return simplest
 
 
 def _at(joint: int, wheres: Sequence[Where]) -> list[tuple[int, Where]]:

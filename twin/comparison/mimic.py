@@ -297,11 +297,12 @@ class _Linkages:
     def _free(self) -> list[int]:
         """Return the joints of the linkage's tree that close its loops."""
         followers = followed_of(self.linkage)
-        return [
-            i
-            for i in range(len(self.linkage.tree))
-            if i != self.driver and i not in self.held and not (i in followers or self._leads(i))
-        ]
+        free = []
+        for i in range(len(self.linkage.tree)):
+            coupled = i in followers or self._leads(i)
+            if i != self.driver and i not in self.held and not coupled:
+                free.append(i)
+        return free
 
     def _leads(self, i: int) -> bool:
         """Return whether a joint moves with the driver by a coupling."""
@@ -387,7 +388,10 @@ class _Linkages:
                 if found is None:
                     return None
                 x = solved[k] = found
-        loops = np.array([self._with_driver(float(sign * stroke[k]), free, solved[k]) for k in range(_STATES)])
+        closed = []
+        for k in range(_STATES):
+            closed.append(self._with_driver(float(sign * stroke[k]), free, solved[k]))
+        loops = np.array(closed)
         at_zero = self._with_driver(0.0, free, x0)
         motions = self.linkage.poses(np.vstack([at_zero, loops]))
         # the linkage's motions since the state zero of the driver, in the base of the coupled side
@@ -498,9 +502,9 @@ def _off(X: Array, points: Array, goal: Array, along: Array) -> Array:
 
 def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> Array:
     """Return the motion (4, 4) that turns `direction` onto `target` and best brings points (n, 3) onto others."""
-    across = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    across_target = np.eye(3)[int(np.argmin(np.abs(target)))]
-    R0 = spatial.frame_from_axes(target, across_target) @ spatial.frame_from_axes(direction, across).T
+    R_direction = spatial.frame_from_axes(direction, spatial.unit_across(direction))
+    R_target = spatial.frame_from_axes(target, spatial.unit_across(target))
+    R0 = R_target @ R_direction.T
     own = (points - points.mean(axis=0)) @ R0.T
     other = goal - goal.mean(axis=0)
     other = other - np.outer(other @ target, target)

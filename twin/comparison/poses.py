@@ -177,7 +177,8 @@ def _matched(rows: PoseRows, label: str, side: RobotSide) -> Array:
     missing = [name for name in wanted if plain(name) not in known]
     if side.tool_poses is not None:
         missing = [name for name in missing if _moves_tool(side, name)]
-    extra = [name for name in rows.joints if plain(name) not in {plain(joint) for joint in order}]
+    own = {plain(joint) for joint in order}
+    extra = [name for name in rows.joints if plain(name) not in own]
     columns: dict[str, int] = {}
     if not missing and not extra:
         columns = {name: known[plain(name)] for name in order if plain(name) in known}
@@ -343,7 +344,10 @@ class _Chain:
                 ratios, offset = coupled[i]
                 self.values[:, k] = states @ ratios + offset - axis.drawn
         self.M = side.frames[side.tool][1]
-        self.frames = [spatial.frame_from_axes(axis.direction, _across(axis.direction)) for axis in self.path]
+        self.frames: list[Array] = []
+        for axis in self.path:
+            across = spatial.unit_across(axis.direction)
+            self.frames.append(spatial.frame_from_axes(axis.direction, across))
 
     def place(self, k: int, values: Array) -> Array:
         """Return the motion (4, 4) of joint k on its parent link for a rotation vector and a shift in its frame."""
@@ -367,10 +371,6 @@ class _Chain:
         if (k, sign) not in self.kept:
             self.kept[k, sign] = joint_motion(self.path[k], sign * self.values[:, k])
         return self.kept[k, sign]
-
-
-def _across(direction: Array) -> Array:
-    return np.eye(3)[int(np.argmin(np.abs(direction)))]
 
 
 _ZERO = 0
@@ -730,11 +730,21 @@ class _Comparison:
                 signs = np.ones(model.count)
                 signs[list(chosen)] = -1.0
                 T = model.poses(signs, np.zeros(model.count), {})
-                x = min(self._starts(T), key=lambda start: float(np.abs(self.residual(start, signs, ())).sum()))
-                states.append((float((self.residual(x, signs, ()) ** 2).sum()), signs, x))
+                x = self._best_start(T, signs)
+                cost = float((self.residual(x, signs, ()) ** 2).sum())
+                states.append((cost, signs, x))
         states.sort(key=lambda found: found[0])
         fitted = [self.fit(signs, (), x) for _, signs, x in states[:_TRIED]]
         return [plain, *fitted]
+
+    def _best_start(self, T: Array, signs: Array) -> Array:
+        """Return the start with the smallest sum of absolute residuals for poses T of the model's tool."""
+        starts = list(self._starts(T))
+        sums = []
+        for start in starts:
+            r = self.residual(start, signs, ())
+            sums.append(float(np.abs(r).sum()))
+        return starts[int(np.argmin(sums))]
 
     def _promising(self, state: _State, every: Sequence[Change], size: int) -> Iterator[_State]:
         """Yield fits with `size` changes, those with the smallest linear estimate of their remainder first."""
@@ -747,9 +757,9 @@ class _Comparison:
             if len({joint for _, joint in chosen}) < size:
                 continue
             J = np.hstack([state.J, *(columns[change] for change in chosen)])
-            step = np.linalg.lstsq(
-                J.T @ J + 1e-12 * float((J**2).sum()) * np.eye(J.shape[1]), J.T @ state.r, rcond=None
-            )
+            damping = 1e-12 * float((J**2).sum())
+            normal = J.T @ J + damping * np.eye(J.shape[1])
+            step = np.linalg.lstsq(normal, J.T @ state.r, rcond=None)
             remainder = state.r - J @ step[0]
             # a place has six values, a zero one: of similar remainders the zero is the smaller change
             values = sum(6 if kind == _PLACE else 1 for kind, _ in chosen)

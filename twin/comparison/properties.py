@@ -363,8 +363,11 @@ def followed_of(side: RobotSide) -> dict[int, tuple[Array, float]]:
 
 
 def _same_motion(first: tuple[Array, float], second: tuple[Array, float]) -> bool:
-    limits = RATIO * np.maximum(np.abs(first[0]), np.abs(second[0]))
-    return bool(np.all(np.abs(first[0] - second[0]) <= limits + 1e-9)) and abs(first[1] - second[1]) <= LIMIT
+    ratios, offset = first
+    other_ratios, other_offset = second
+    limits = RATIO * np.maximum(np.abs(ratios), np.abs(other_ratios)) + 1e-9
+    same_ratios = bool(np.all(np.abs(ratios - other_ratios) <= limits))
+    return same_ratios and abs(offset - other_offset) <= LIMIT
 
 
 def _coupling(problem: Problem, motion: tuple[Array, float] | None) -> str:

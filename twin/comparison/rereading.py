@@ -450,7 +450,8 @@ def _solved(
         step = _STEP * max(min(abs(change), abs(value)), 1e-3)
     if edited is None or slope is None or not goal.agrees(edited):
         return _elsewhere(side, data, number, goal)
-    return _rounded(side, data, number, goal, value, float(np.abs(slope).max())) or (value, edited)
+    steepest = float(np.abs(slope).max())
+    return _rounded(side, data, number, goal, value, steepest) or (value, edited)
 
 
 def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal) -> tuple[float, RobotSide] | None:

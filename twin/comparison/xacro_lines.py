@@ -41,7 +41,8 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
 
 def _attribute(text: str, what: str) -> str:
     """Return the value of the attribute in a line; the whole line if it does not have the attribute."""
-    words = [re.escape(word) for word in what.partition("[")[0].split()[-2:]]
+    name, _, _ = what.partition("[")
+    words = [re.escape(word) for word in name.split()[-2:]]
     if len(words) < 2:
         return text
     element, attribute = words

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -113,16 +113,21 @@ class Result(ABC):
         """Write data files other than the JSON (curves as CSV, point clouds); the base class writes none."""
 
 
+def _html_row(tag: str, cells: Iterable[object]) -> str:
+    """Return a row of a table; `tag` is "th" for its header, else "td"."""
+    text = "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells)
+    return f"<tr>{text}</tr>"
+
+
 def _html_of(part: Part) -> str:
     """Return one part of a text as HTML."""
     if isinstance(part, TextTable):
         rows = []
         if part.header:
-            rows.append("".join(f"<th>{escape(str(cell))}</th>" for cell in part.header))
+            rows.append(_html_row("th", part.header))
         for row in part.rows:
-            rows.append("".join(f"<td>{escape(str(cell))}</td>" for cell in row))
-        lines = "".join(f"<tr>{cells}</tr>" for cells in rows)
-        return f"<table>{lines}</table>"
+            rows.append(_html_row("td", row))
+        return f"<table>{''.join(rows)}</table>"
     if isinstance(part, Finding):
         text = f"{part.severity}: {part.message}"
         if part.suggestion:

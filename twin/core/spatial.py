@@ -208,6 +208,12 @@ def cubic(s: Array | float, a: Array, b: Array, slope_a: Array, slope_b: Array) 
     return a + s * (slope_a + s * (3 * (b - a) - 2 * slope_a - slope_b + s * (2 * (a - b) + slope_a + slope_b)))
 
 
+def unit_across(direction: ArrayLike) -> Array:
+    """Return the axis x, y or z (3,) that is most nearly perpendicular to a direction; of equal ones the first."""
+    nearest = int(np.argmin(np.abs(np.asarray(direction, float))))
+    return np.eye(3)[nearest]
+
+
 def frame_from_axes(z: ArrayLike, x: ArrayLike) -> Array:
     """Return the rotation (3, 3) whose third column is along z, and first column along the component of x normal to z.
 

@@ -160,7 +160,7 @@ class _Rows(PlainRows):
         if self.casadi:
             arguments = self.arguments(symbols, lambda x: x, lambda *q: ca.vertcat(*q))
         else:
-            arguments = self.arguments(symbols, from_sx, lambda *q: np.array([from_sx(x) for x in q], object))
+            arguments = self.arguments(symbols, from_sx, _array_of_symbols)
         return self.run(arguments)
 
     def run(self, arguments: Mapping[str, Value]) -> object:
@@ -190,6 +190,11 @@ class _Rows(PlainRows):
                 found = value.shape  # what the author wrote; shapes in CasADi have two dimensions
             raise self.error(f"{self.name}(): '{name}' has shape {found}; it must be {what}")
         return out
+
+
+def _array_of_symbols(*q: symbolic.SX) -> np.ndarray:
+    """Return an array (n,) of objects for CasADi symbols."""
+    return np.array([from_sx(x) for x in q], object)
 
 
 def _split(value: object) -> list[Value] | None:

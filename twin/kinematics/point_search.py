@@ -480,7 +480,7 @@ def _turns(a: Array, b: Array) -> Array:
     w = np.cross(a, b)
     sine = np.linalg.norm(w, axis=1)
     cosine = b @ a
-    unit = np.eye(3)[int(np.argmin(np.abs(a)))]
+    unit = spatial.unit_across(a)
     across = np.cross(a, unit)
     w[sine < 1e-12] = across  # parallel: no rotation, or half a turn about any axis across
     w /= np.linalg.norm(w, axis=1)[:, None]

@@ -87,7 +87,11 @@ class AnatomyTable(Sourced):
 
     @property
     def _R_world_drawing(self) -> Array:  # noqa: N802
-        return np.column_stack([np.eye(3)["xyz".index(a[-1])] * (-1.0 if a[0] == "-" else 1.0) for a in self.axes])
+        columns = []
+        for axis in self.axes:
+            unit = np.eye(3)["xyz".index(axis[-1])]
+            columns.append(-unit if axis[0] == "-" else unit)
+        return np.column_stack(columns)
 
     def to_world(self, p_drawing: Array) -> Array:
         """Return the points (n, 3) in the World for points (n, 3) in the drawing, all in m.
@@ -131,10 +135,12 @@ def tissues(
             surface = Surface(name, vertices, parts[0].triangles, table.edge_mm * MM)
         except TwinError as error:
             raise TwinError(f"{file}: {error}") from None
-        pins = tuple(Pin(p.name, np.array(p.low_mm) * MM, np.array(p.high_mm) * MM) for p in table.pin)
+        pins = []
+        for pin in table.pin:
+            pins.append(Pin(pin.name, np.array(pin.low_mm) * MM, np.array(pin.high_mm) * MM))
         tissue = Tissue(
             name, surface, table.cells, table.young_kpa * 1e3, table.poisson, table.damping_s, table.density_kg_m3,
-            table.friction, pins, parts[0].color_rgba, table.upright,
+            table.friction, tuple(pins), parts[0].color_rgba, table.upright,
         )  # fmt: skip
         out.append(tissue)
     return tuple(out)

@@ -66,7 +66,7 @@ class ContactTable(Sourced):
 def movable(name: str, o: ObjectTable) -> Movable:
     """Return the `Movable` that a table describes, in SI units."""
     axis = np.array(o.axis, float)
-    R = spatial.frame_from_axes(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    R = spatial.frame_from_axes(axis, spatial.unit_across(axis))
     factor = 0.5 if o.shape == "box" else 1.0
     return Movable(
         name,

@@ -89,7 +89,9 @@ class Bend:
         """
         off = self.nodes - self.nodes[0]
         U, S, Vt = np.linalg.svd(off.reshape(len(off), -1), full_matrices=False)
-        needed = next(s for s in range(len(S) + 1) if np.abs((U[:, s:] * S[s:]) @ Vt[s:]).max(initial=0.0) <= _EXACT)
+        needed = 0
+        while np.abs((U[:, needed:] * S[needed:]) @ Vt[needed:]).max(initial=0.0) > _EXACT:
+            needed += 1
         by_node = Vt[:needed].reshape(needed, off.shape[1], 3)
         factors = U[:, :needed] * S[:needed]
         both = np.concatenate([by_node, -by_node]), np.concatenate([factors, -factors], axis=1).clip(0.0)

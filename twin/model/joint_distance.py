@@ -40,7 +40,8 @@ def distances(mechanism: Mechanism) -> list[Distance]:
     for a, b in combinations(mechanism.joints, 2):
         shared = _shared(a, b)
         if len(shared) == 1:
-            apart = float(np.linalg.norm(_on(a, shared[0])[:3, 3] - _on(b, shared[0])[:3, 3]))
+            between = _on(a, shared[0])[:3, 3] - _on(b, shared[0])[:3, 3]
+            apart = float(np.linalg.norm(between))
             if apart > _SAME:
                 out.append(Distance(shared[0], a.name, b.name, apart))
     return out
@@ -61,7 +62,11 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     a, b = mechanism.joint(joint), mechanism.joint(other)
     shared = _shared(a, b)
     if joint == other or len(shared) != 1:
-        what = "are the same" if joint == other else "share no body" if not shared else f"share {' and '.join(shared)}"
+        what = f"share {' and '.join(shared)}"
+        if joint == other:
+            what = "are the same"
+        elif not shared:
+            what = "share no body"
         partners = sorted({d.other if d.joint == joint else d.joint for d in _of(mechanism, joint)})
         raise MechanismError(
             f"{mechanism.name}: joints '{joint}' and '{other}' {what}, so they have no distance; "
@@ -78,8 +83,12 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
             f"{where}: the origins coincide ({apart / UM:.3g} um) and define no line; choose other joints"
         )
     T[:3, 3] = origin + line * (distance / apart)
-    moved = replace(a, T_parent_joint=T) if a.parent == shared[0] else replace(a, T_child_joint=T)
-    return replace(mechanism, joints=tuple(moved if j.name == joint else j for j in mechanism.joints))
+    if a.parent == shared[0]:
+        moved = replace(a, T_parent_joint=T)
+    else:
+        moved = replace(a, T_child_joint=T)
+    joints = tuple(moved if each is a else each for each in mechanism.joints)
+    return replace(mechanism, joints=joints)
 
 
 def line_of(mechanism: Mechanism, distance: Distance) -> Array:

@@ -64,7 +64,8 @@ class Tissue:
             return spatial.pose(p=v.min(axis=0))
         axes = np.linalg.svd(v - v.mean(axis=0), full_matrices=False)[2]
         # the sign of a principal axis is arbitrary; it is chosen so that the largest component is positive
-        axes *= np.sign(np.take_along_axis(axes, np.argmax(np.abs(axes), axis=1)[:, None], 1))
+        largest = np.argmax(np.abs(axes), axis=1)
+        axes *= np.sign(np.take_along_axis(axes, largest[:, None], 1))
         axes[2] = np.cross(axes[0], axes[1])
         T = spatial.pose(axes.T)
         T[:3, 3] = axes.T @ ((v @ axes.T).min(axis=0))
@@ -84,7 +85,8 @@ class Tissue:
     @cached_property
     def nodes(self) -> Array:
         """Nodes (k, 3) in m at rest, in the World; the index along the third axis of the grid changes fastest."""
-        index = np.stack(np.meshgrid(*(np.arange(c + 1) for c in self.cells), indexing="ij"), axis=-1).reshape(-1, 3)
+        counts = tuple(count + 1 for count in self.cells)
+        index = np.moveaxis(np.indices(counts), 0, -1).reshape(-1, 3)
         T = self.T_world_grid
         return (index * self.cell) @ T[:3, :3].T + T[:3, 3]
 
@@ -129,7 +131,8 @@ class Tissue:
         for pin in self.pins:
             here = ((self.nodes >= pin.low) & (self.nodes <= pin.high)).all(axis=1)
             if not here.any():
-                low, high = (np.round(x / MM).tolist() for x in (self.nodes.min(axis=0), self.nodes.max(axis=0)))
+                low = np.round(self.nodes.min(axis=0) / MM).tolist()
+                high = np.round(self.nodes.max(axis=0) / MM).tolist()
                 raise TwinError(f"tissue '{self.name}': pin '{pin.name}' holds none of the {len(self.nodes)} nodes of "
                                 f"the grid, which are between {low} and {high} mm; enlarge its box")  # fmt: skip
             found |= here

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
@@ -86,8 +87,7 @@ def distances(
         t: (k,) times in s.
         check: called between the steps; an exception of `check` ends the computation.
     """
-    count = min(_SHOWN, len(t))
-    rows = np.unique(np.linspace(0, len(t) - 1, count).round().astype(int))
+    rows = spread(len(t), _SHOWN)
     mechanisms = {}
     poses = {}
     for name, (mechanism, T_world_base) in arms.items():

@@ -201,7 +201,10 @@ class FmtSearch:
 
         Blocked connections are excluded from the search.
         """
-        rows = [int(np.flatnonzero((self._q == corner).all(axis=1))[0]) for corner in corners]
+        rows = []
+        for corner in corners:
+            equal = (self._q == corner).all(axis=1)
+            rows.append(int(np.flatnonzero(equal)[0]))
         blocked = False
         for k, (i, j) in enumerate(pairwise(rows)):
             if not self.space.free_between(corners[k], corners[k + 1]):

@@ -198,7 +198,9 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
         "start": start,
         "no_patient": p.no_patient or f"the patient, if there is one, is part of scene {scene.name}",
     }
-    trocars = {trocar: [_number(x / MM) for x in position] for trocar, position in p.trocars.items()}
+    trocars = {}
+    for trocar, position in p.trocars.items():
+        trocars[trocar] = [_number(x / MM) for x in position]
     if "" in trocars:  # the only trocar has no name
         out["trocar_mm"] = trocars[""]
     elif trocars:

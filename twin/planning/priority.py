@@ -180,7 +180,8 @@ class Behind(Space):
 
         The tests of paths assume that speeds change little within 1/512 of a path, as they do on the path `first`.
         """
-        fastest = np.abs(path(np.linspace(0.0, 1.0, _SAMPLES), 1)[:, -1]).max()
+        derivatives = path(np.linspace(0.0, 1.0, _SAMPLES), 1)
+        fastest = np.abs(derivatives[:, -1]).max()
         count = max(int(np.ceil(fastest - 1e-9)), 1)
         borders = np.linspace(0.0, 1.0, count + 1)
         whole = Composed(self.first, path)
@@ -188,11 +189,16 @@ class Behind(Space):
 
     def why(self, q: Array) -> str:
         """Return why q (n + 1,) is not free, with values and limits; "" if it is free."""
-        return self.whole.why(self.lifted(np.asarray(q, float)[None])[0])
+        return self.whole.why(self._lifted_one(q))
 
     def named(self, q: Array) -> str:
         """Return the joint values of all arms at q (n + 1,) as text."""
-        return self.whole.named(self.lifted(np.asarray(q, float)[None])[0])
+        return self.whole.named(self._lifted_one(q))
+
+    def _lifted_one(self, q: Array) -> Array:
+        """Return `lifted` of one q (n + 1,)."""
+        (one,) = self.lifted(np.asarray(q, float)[None])
+        return one
 
 
 def beside(

@@ -73,6 +73,7 @@ def fit(function: Callable[[Array], Array]) -> ChebyshevPath:
             if not done:  # coefficients at the level of the noise
                 smallest = np.maximum(smallest, 3 * tail)
             keep = np.abs(c) > smallest
-            degree = int(np.max(np.nonzero(keep.any(axis=1))[0], initial=0))
+            kept_degrees = np.flatnonzero(keep.any(axis=1))
+            degree = int(np.max(kept_degrees, initial=0))
             return ChebyshevPath(np.where(keep, c, 0.0)[: max(degree + 1, 2)], tail)
         count = 2 * count - 1

@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
@@ -39,7 +40,7 @@ def html_of(title: str, facts: str, names: Sequence[str], qs: Array, qds: Array,
 
 def _curve(values: Array) -> str:
     """Return a curve as SVG that fills its picture; a constant value is a line in the middle."""
-    chosen = values[np.unique(np.linspace(0, len(values) - 1, _POINTS).astype(int))]
+    chosen = values[spread(len(values), _POINTS)]
     low = chosen.min()
     span = np.ptp(chosen)
     heights = np.full(len(chosen), 0.5)

@@ -16,6 +16,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding, disagreement
 from twin.core.quantity import Quantity
+from twin.core.sampling import spread
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, ROUNDING
 from twin.reference.degeneracy import Degeneracy
@@ -113,7 +114,7 @@ class Boundary:
         """
         self.model, self.stated = model, stated
         self._error = error
-        some = states[np.unique(np.linspace(0, len(states) - 1, _STARTS).astype(int))]
+        some = states[spread(len(states), _STARTS)]
         run = model.collect(some)
         self._given = run
         self.motions = Degeneracy(model, some)
@@ -250,7 +251,10 @@ class Boundary:
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
         """Return the states (k, nq) at which walks (sequences of Newton steps) found a zero of row i."""
         ends = np.concatenate([w.states[w.ended == "zero"] for w in walks])
-        return ends[np.abs(self._at(ends)[:, i]) <= NEARLY * self._size[i]] if len(ends) else ends
+        if not len(ends):
+            return ends
+        values = np.abs(self._at(ends)[:, i])
+        return ends[values <= NEARLY * self._size[i]]
 
     def _degenerate(self, i: int, zeros: Array) -> Mask:
         """Return (k,) bool: whether the mechanism is degenerate at zeros (k, nq) of row i, within the error of lengths.

@@ -20,6 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.reference.model import GAP_TOLERANCE, ReferenceModel
@@ -348,9 +349,7 @@ class Closing:
     def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
         """Return the result of `along` for q (k, n) at the stations; about `ahead` stations are solved one by one."""
         X = np.tile(x, (len(q), 1))
-        last = len(q) - 1
-        count = min(ahead, last) + 1
-        done = np.unique(np.linspace(0, last, count).astype(int))
+        done = spread(len(q), ahead + 1)
         for i, j in pairwise(done.tolist()):
             check()
             tangent = self.rates(X[[i]]) @ (q[j] - q[i])

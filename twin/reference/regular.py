@@ -95,7 +95,8 @@ def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
     X, _ = minimise(model.tree, starts, model.loops_only, columns)
     X = X[np.isfinite(X).all(axis=1)]
     # a mechanism whose loops are inconsistent keeps a gap: a nearby state may have twice the gap of x
-    own_gap = float(model.collect(x[None]).gaps[..., 0].max(initial=0.0))
+    own_gaps = model.collect(x[None]).gaps[..., 0]
+    own_gap = float(own_gaps.max(initial=0.0))
     limit = max(1e-9, 2 * own_gap)
     gaps = model.collect(X).gaps[..., 0].max(axis=1, initial=0.0)
     return list(X[gaps <= limit])

@@ -316,7 +316,10 @@ def _allowed_one(node: JsonObject) -> str:
     if kind in ("number", "integer"):
         text = "a number" if kind == "number" else "a whole number"
         signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-        bounds = [f"{sign} {node[key]:g}" for key, sign in signs.items() if key in node]
+        bounds = []
+        for key, sign in signs.items():
+            if key in node:
+                bounds.append(f"{sign} {node[key]:g}")
         if bounds:
             text += " " + " and ".join(bounds)
         return text

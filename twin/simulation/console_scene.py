@@ -244,7 +244,8 @@ def _jaws(
         k = auxiliary[0]
         own = limits[arm.robot]
         low = max(float(own.lower[k]), 0.0)
-        yield GripToJaw(hand, arm.robot, Jaw(low, float(own.upper[k]), float(q[arm.robot][k]), dt))
+        jaw = Jaw(low, float(own.upper[k]), float(q[arm.robot][k]), dt)
+        yield GripToJaw(hand, arm.robot, jaw)
 
 
 def _operated(setup: Setup, q: Mapping[str, Array]) -> tuple[operating_scene.OperatingField, list[Block]]:
@@ -396,7 +397,7 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     if scene.trainer is not None:
         about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
     if setup.haptics is not None:
-        about.append(list(map(plain, astuple(surface(scene)))))
+        about.append([plain(value) for value in astuple(surface(scene))])
     grasps = task is not None and task.kind.grasps
     if (setup.felt or grasps) and scene.contact is not None:
         about.append(scene.contact.model_dump(include={"solid", "friction", "jaw_effort_n_mm"}))

@@ -368,8 +368,11 @@ class _Check:
             turns = self._turns(joint, q[:, i], true[:, i])
             off = q[:, i] - true[:, i] - 2 * np.pi * turns
             self.out.series[f"residual_driven.{joint}"] = np.abs(off)
-            right_alone = alone is not None and float(np.abs(alone[:, i] - true[:, i]).max()) <= limit
-            because = blamed.row if right_alone else ""
+            because = ""
+            if alone is not None:
+                error_alone = float(np.abs(alone[:, i] - true[:, i]).max())
+                if error_alone <= limit:
+                    because = blamed.row
             equation = _equation_of(kin, joint)
             if because:
                 cause = blamed.cause

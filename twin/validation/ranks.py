@@ -433,7 +433,10 @@ def _means(
     for name, values in measures.items():
         means[name] = []
         for user in users:
-            own = [value for value, owner in zip(values, owners, strict=True) if owner == user and math.isfinite(value)]
+            own = []
+            for value, owner in zip(values, owners, strict=True):
+                if owner == user and math.isfinite(value):
+                    own.append(value)
             means[name].append(float(np.mean(own)) if own else math.nan)
     return [group for group, _ in users], means
 

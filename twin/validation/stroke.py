@@ -321,7 +321,9 @@ def _serial(true: Array, q: Array) -> Curve:
     x = np.linalg.lstsq(A, p.reshape(-1), rcond=None)[0]
     fitted = (A @ x).reshape(k, 3)
     # Every point of the axis is a pivot: the one nearest to the origin of the base is shown.
-    axis = np.linalg.svd(spatial.log_so3(R @ R[k // 2].T))[2][0]
+    turns = spatial.log_so3(R @ R[k // 2].T)
+    _, _, directions = np.linalg.svd(turns)
+    axis = directions[0]
     pivot = x[:3] - axis * (axis @ x[:3])
     listed = ", ".join(f"{coordinate * 1e3:.2f}" for coordinate in pivot)
     return Curve(fitted - p, np.zeros(k), f"pivot at ({listed}) mm")

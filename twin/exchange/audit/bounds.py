@@ -45,7 +45,9 @@ def audit_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
             if shared:
                 raise ValueError(f"a side gives a value to {', '.join(shared)}, which is a variable")
             known = known | {name: values[_place(i, values)] for name, i in side["joints"].items()}
-            entries = [[np.broadcast_to(values[_place(i, values)], STATES) for i in row] for row in side["pose"]]
+            entries = []
+            for row in side["pose"]:
+                entries.append([np.broadcast_to(values[_place(i, values)], STATES) for i in row])
             poses.append(np.moveaxis(np.array(entries, float), -1, 0))
         else:
             poses.append(_chain(side["chain"], known))
@@ -105,7 +107,8 @@ def _evaluated(rows: Sequence[Sequence[Any]], known: Mapping[str, Array]) -> lis
         elif name == "variable":
             values.append(known[operands[0]])
         else:
-            values.append(_OPERATIONS[name](*(values[_place(i, values)] for i in operands)))
+            numbers = [values[_place(i, values)] for i in operands]
+            values.append(_OPERATIONS[name](*numbers))
     return values
 
 

@@ -11,6 +11,7 @@ from twin.core.errors import TwinError
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import read_bytes
 from twin.core.json_types import JsonObject
+from twin.core.sampling import spread
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
@@ -148,7 +149,7 @@ def _largest_difference(shown: _Played, name: str, mesh: UsdGeom.Mesh, rate: flo
     when = ""
     if not codes:
         return worst, when
-    for k in np.unique(np.linspace(0, len(codes) - 1, _TIMES).astype(int)):
+    for k in spread(len(codes), _TIMES):
         t = codes[k] / rate
         expected = np.array(points.Get(codes[k]), float)
         vertices = shown.vertices(name, t)

@@ -587,7 +587,8 @@ def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float, float]
         axis = turns[0].direction
         angle = float(np.linalg.norm(R @ axis - axis, axis=1).max())
     elif not turns:
-        angle = float(poses.angle(R, np.broadcast_to(np.eye(3), R.shape)).max())
+        unturned = np.broadcast_to(np.eye(3), R.shape)
+        angle = float(poses.angle(R, unturned).max())
     shift = R @ point + T[:, :3, 3] - point
     for line in lines:
         if line.kind == "slide":

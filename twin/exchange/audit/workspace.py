@@ -58,7 +58,9 @@ def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
 def _drawn(data: Mapping[str, Any], generator: np.random.Generator) -> tuple[Reals, Reals]:
     """Return random points (k, 3) of the volume of the boxes, and the joint values (k, joints) of their boxes."""
     boxes = data["boxes"]
-    low, high, joints = (np.array([box[k] for box in boxes], float) for k in range(3))
+    low = np.array([box[0] for box in boxes], float)
+    high = np.array([box[1] for box in boxes], float)
+    joints = np.array([box[2] for box in boxes], float)
     if low.shape != (len(boxes), 3) or high.shape != low.shape or joints.shape != (len(boxes), len(data["joints"])):
         raise ValueError("a box has no lower and upper corner, or not the values of all joints")
     if not (np.isfinite([low, high]).all() and np.isfinite(joints).all() and (low < high).all()):
@@ -102,8 +104,10 @@ def _play(data: Mapping[str, Any], tolerance: float) -> float:
     """Return the largest gap in m of loops that follow from others, if each frame of a loop is off by a tolerance."""
     frames = [0]
     for closure in data["closures"]:
-        steps = [step for path in closure["paths"] for step in path["steps"] if step[0] in ("frame", "inverse")]
-        frames.append(len(steps))
+        count = 0
+        for path in closure["paths"]:
+            count += sum(step[0] in ("frame", "inverse") for step in path["steps"])
+        frames.append(count)
     return max(frames) * math.sqrt(3) * tolerance
 
 

@@ -70,7 +70,8 @@ def _sorted(place: Callable[[Places], int | None]) -> tuple[Format, ...]:
         position = place(format.places)
         if position is not None:
             having.append((position, format.name, format))
-    return tuple(format for _, _, format in sorted(having, key=lambda row: row[:2]))
+    having.sort(key=lambda row: row[:2])
+    return tuple(format for _, _, format in having)
 
 
 @cache
@@ -109,7 +110,10 @@ def rank(kind: str) -> int:
 
 def family_rank(kind: str) -> int:
     """Return the smallest rank of the kinds of file in the format of a kind; an unknown kind comes last."""
-    return min(variant.rank for variant in _kinds()[kind][0].variants) if kind in _kinds() else 99
+    if kind not in _kinds():
+        return 99
+    format, _ = _kinds()[kind]
+    return min(variant.rank for variant in format.variants)
 
 
 def leading(kind: str) -> bool:

@@ -64,7 +64,8 @@ class Round:
         away = offset - (offset @ self.face.direction)[..., None] * self.face.direction
         on = np.all(np.abs(np.linalg.norm(away, axis=-1) - self.face.radius) < _APART, axis=1)
         normal = np.cross(corners[on, 1] - corners[on, 0], corners[on, 2] - corners[on, 0])
-        return int(np.sign(np.sum(normal * away[on].mean(axis=1))))
+        outwards = np.sum(normal * away[on].mean(axis=1))
+        return int(np.sign(outwards))
 
 
 @dataclass(frozen=True, eq=False)

@@ -307,7 +307,7 @@ def _along_axis(
     # For a pin, whose rotation is free, only flats that are parallel within rounding count.
     _, tilt = MEETING if kind == "revolute" else GROSS
     flats = _flats((parts[p.body], parts[c.body]), (z_parent, z_child), tilt)
-    x = np.eye(3)[int(np.argmin(np.abs(z_parent)))]  # the axis of the CAD that is farthest from z
+    x = spatial.unit_across(z_parent)  # the axis of the CAD that is farthest from z
     if flats:
         _, flat = flats[0]
         x = flat.direction

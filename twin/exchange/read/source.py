@@ -190,7 +190,8 @@ def along(axis: Array) -> Array:
     z = z / np.linalg.norm(z)
     if np.array_equal(z, [0.0, 0.0, 1.0]):
         return np.eye(4)
-    return spatial.pose(spatial.frame_from_axes(z, np.eye(3)[int(np.argmin(np.abs(z)))]))
+    R = spatial.frame_from_axes(z, spatial.unit_across(z))
+    return spatial.pose(R)
 
 
 def possible(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:

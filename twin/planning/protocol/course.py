@@ -101,8 +101,10 @@ class Course:
 def rotation(angles: Array, order: RotationOrder) -> Array:
     """Return rotation matrices R (..., 3, 3) for angles (..., 3) in rad about the axes of `order`."""
     angles = np.asarray(angles)
-    first, second, third = (spatial.exp_so3(angles[..., i, None] * _AXES[axis]) for i, axis in enumerate(order))
-    return first @ second @ third
+    R = np.eye(3)
+    for i, axis in enumerate(order):
+        R = R @ spatial.exp_so3(angles[..., i, None] * _AXES[axis])
+    return R
 
 
 def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:

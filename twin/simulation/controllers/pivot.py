@@ -89,7 +89,7 @@ def turned(a: Array, b: Array) -> Array:
     middle = a + b
     size = float(np.linalg.norm(middle))
     if size < 1e-8:  # half a turn about any axis across a
-        least = np.eye(3)[int(np.argmin(np.abs(a)))]
+        least = spatial.unit_across(a)
         across = spatial.frame_from_axes(a, least)[:, 0]
         return spatial.exp_so3(np.pi * across)
     across_a = np.eye(3) - np.outer(a, 2 * a)

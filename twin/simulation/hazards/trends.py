@@ -181,7 +181,11 @@ class Trends(Result):
     @property
     def grows(self) -> bool:
         """Whether the mean deviation grows with the motion scale, with each servo."""
-        return all((np.diff([row.mean for row in rows]) > 0).all() for rows in self.by_servo.values())
+        for rows in self.by_servo.values():
+            means = [row.mean for row in rows]
+            if not (np.diff(means) > 0).all():
+                return False
+        return True
 
     @property
     def within(self) -> bool:

@@ -55,7 +55,8 @@ class Wire:
                 if fault.start <= moment < fault.stop:
                     delay += int(np.asarray(fault.value))
             elif len(data) == PACKET.size:
-                changed = int(fault.change(moment, np.array([float(number)]))[0])
+                (value,) = fault.change(moment, np.array([float(number)]))
+                changed = int(value)
                 if changed != number:
                     data = renumbered(data, changed)
         if delay and copies:

@@ -78,7 +78,11 @@ def of_arms(kept: Recording, table: ConsoleTable, tips: Mapping[str, Array]) -> 
         table: the console.
         tips: {arm: positions (k, 3) of its tip in m in the World, at the times of `kept`}.
     """
-    return [_arm(kept, hand, name, tips[name]) for hand in table.hands for name in getattr(table, hand)]
+    measured = []
+    for hand in table.hands:
+        for name in getattr(table, hand):
+            measured.append(_arm(kept, hand, name, tips[name]))
+    return measured
 
 
 def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:

@@ -202,7 +202,8 @@ def perform(
             rows = tape.take()
             writer.add(rows)
             keep.add(rows)
-            i = min(max(int(world.signals["surgeon.target"][0]), 0), len(names) - 1)
+            target = int(world.signals["surgeon.target"][0])
+            i = min(max(target, 0), len(names) - 1)
             progress(names[i], i / len(names))
     return Ran(
         keep.recording(),

@@ -294,7 +294,10 @@ def _write(block: Block, out: Mapping[str, ArrayLike], memory: Mapping[str, Arra
 def _initial_values(blocks: Iterable[Block], hazards: Iterable[Hazard]) -> dict[str, ArrayLike]:
     """Return the initial values of all signals; a signal with hazards has a second one, which its block writes."""
     blocks = tuple(blocks)
-    writers = _require_distinct(name for block in blocks for name in block.outputs)
+    written: list[str] = []
+    for block in blocks:
+        written += block.outputs
+    writers = _require_distinct(written)
     initial: dict[str, ArrayLike] = {}
     for block in blocks:
         initial |= block.outputs

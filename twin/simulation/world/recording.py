@@ -80,7 +80,8 @@ class Recording:
     def samples(self, names: Iterable[str]) -> Iterator[dict[str, Array]]:
         """Yield {signal: values (n,)} for each row, in order."""
         series = {name: self[name] for name in names}
-        return ({name: values[k] for name, values in series.items()} for k in range(len(self.rows)))
+        for k in range(len(self.rows)):
+            yield {name: values[k] for name, values in series.items()}
 
     def to_bytes(self) -> bytes:
         """Return the content of the file."""

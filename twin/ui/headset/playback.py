@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.json_types import JsonMapping, JsonObject
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.ui.headset.protocol import pose_of
 from twin.ui.session.desk import Desk
@@ -48,7 +49,7 @@ def path(track: StreamedPlayback | None) -> JsonObject:
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
     tip = track.playback.tip
-    rows = np.unique(np.linspace(0, len(tip) - 1, min(PATH_POINTS, len(tip))).round().astype(int))
+    rows = spread(len(tip), PATH_POINTS)
     return {"type": "path", "protocol": track.playback.protocol, "points": np.round(tip[rows], 6).ravel().tolist()}
 
 

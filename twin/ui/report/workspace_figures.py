@@ -8,6 +8,7 @@ import numpy as np
 
 from twin.analysis.workspace import PoseGrid, Workspace
 from twin.core.json_types import JsonMapping
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.ui.report.style import INK, PALETTE, sheet, styled
@@ -141,5 +142,5 @@ def _draw_sizes(ax: Axes, values: Array, cell: float, **style: Any) -> None:
     if not count:
         ax.plot([], [], **style)
         return
-    shown = np.unique(np.linspace(0, count - 1, 400).astype(int))  # the page contains all points
+    shown = spread(count, 400)  # the page contains all points
     ax.plot(ordered[shown], cell * (count - shown), **style)

@@ -237,7 +237,8 @@ def _residual(
     errors = []
     for name, position in actual.items():
         if np.isfinite(points[name]).all():
-            errors.append(EquationError(float(np.linalg.norm(points[name] - position)), f"point {name}"))
+            distance = float(np.linalg.norm(points[name] - position))
+            errors.append(EquationError(distance, f"point {name}"))
     if desk.model.redundant:
         if kin.closed_forward:
             distance = float(np.linalg.norm(kin.forward(q)[:3, 3] - T[:3, 3]))
@@ -261,7 +262,9 @@ def _residual(
 def _has_value(kin: Kinematics, q: Array) -> bool:
     """Return whether the forward equations have a solution at q (n,); True without forward equations."""
     try:
-        return not kin.closed_forward or bool(np.isfinite(kin.forward(q)).all())
+        if not kin.closed_forward:
+            return True
+        return bool(np.isfinite(kin.forward(q)).all())
     except KinematicsError:
         return False
 

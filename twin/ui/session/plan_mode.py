@@ -164,7 +164,8 @@ class PlanMode:
                 "hands of the console"
             )
         if robot in self._machines:
-            phase = TrainerPhase(int(self._world().signals[f"{robot}.phase"][0]))
+            (value,) = self._world().signals[f"{robot}.phase"]
+            phase = TrainerPhase(int(value))
             if phase > TrainerPhase.REHEARSE:
                 name = phase.name.lower()
                 raise TwinError(f"the trainer of {robot} is in '{name}': choose Engage or Rehearse, then plan")

@@ -18,6 +18,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import CancelledError, TwinError
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import MM
 
@@ -212,9 +213,10 @@ def plan(
     names = tuple(links[0])
     shown = np.array([[row[n] for n in names] for row in links])
     yield PlannedMotion(arm.kin.forward_many(q), shown, names, _tips(arm, trees))
-    for part in np.array_split(np.unique(np.linspace(0, len(s) - 1, _PLACES).astype(int)), _PLACES // 8):
+    for part in np.array_split(spread(len(s), _PLACES), _PLACES // 8):
         check()
-        yield Clear(times[part], np.array([arm.space.nearest(x)[0] for x in q[part]]))
+        distances = [arm.space.nearest(x)[0] for x in q[part]]
+        yield Clear(times[part], np.array(distances))
     seen = arm.space.interruptible(check).certify(path)
     yield Proven(seen.proven, seen.found, seen.bodies)
 

@@ -146,7 +146,8 @@ def shows_all(scene: RawStage, body: Usd.Prim) -> bool:
 
 def mesh_points(mesh: UsdGeom.Mesh) -> Array:
     """Return the points (n, 3) of a mesh, in the prim's frame and unit."""
-    return np.array(mesh.GetPointsAttr().Get() or []).reshape(-1, 3).astype(float)
+    points = mesh.GetPointsAttr().Get() or []
+    return np.array(points, float).reshape(-1, 3)
 
 
 def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:

@@ -107,7 +107,8 @@ def second(tensor: Array) -> Array:
 def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
     """Return the pseudo-inertia (4, 4), dimensionless: lengths in radii of gyration, masses relative to `mass`."""
     P = Inertia(mass, first / mass, _about_centre(tensor, first, mass)).pseudo()
-    length = np.sqrt(max(abs(float(np.trace(P[:3, :3]))), 1e-300) / mass)
+    second_moment = abs(float(np.trace(P[:3, :3])))
+    length = np.sqrt(max(second_moment, 1e-300) / mass)
     scale = np.array([1 / length, 1 / length, 1 / length, 1.0])
     return P * np.outer(scale, scale) / mass
 

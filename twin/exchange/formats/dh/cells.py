@@ -99,7 +99,8 @@ def _stated(text: str) -> dict[str, str]:
     for line in text.splitlines():
         found = _COMMENT.match(line)
         if found:
-            stated[found[1].lower().rstrip("s").replace("unit", "units")] = found[2]
+            key = found[1].lower().rstrip("s")
+            stated[key.replace("unit", "units")] = found[2]
     return stated
 
 

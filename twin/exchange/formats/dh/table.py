@@ -430,7 +430,8 @@ class _Reader:
             marked = "revolute" if turns else "prismatic" if slides else ""
             if "kind" in self.columns:
                 word = row.cells[self.columns["kind"]]
-                kind = _KINDS.get(re.sub("^jointmodel|m?dh$", "", _plain(word).lower().replace(" ", "")))
+                name = _plain(word).lower().replace(" ", "")
+                kind = _KINDS.get(re.sub("^jointmodel|m?dh$", "", name))
                 if kind is None:
                     text = f"there is no kind of joint '{word}'; use revolute, prismatic, fixed, R, P, 0, 1 or 2"
                     self.fail(row.line, text)

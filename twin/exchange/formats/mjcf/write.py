@@ -305,8 +305,10 @@ class _Writer:
         actuator = ET.SubElement(self.root, "actuator")
         control = []
         m = self.mechanism
-        homes = m.motors(np.array([self.home.q_full[j.name] for j in m.active])).tolist()
-        efforts = m.motor_efforts(np.array([self.efforts[j.name] for j in m.active])).tolist()
+        q_home = np.array([self.home.q_full[joint.name] for joint in m.active])
+        joint_efforts = np.array([self.efforts[joint.name] for joint in m.active])
+        homes = m.motors(q_home).tolist()
+        efforts = m.motor_efforts(joint_efforts).tolist()
         for joint, name, home, effort in zip(m.active, m.motor_names, homes, efforts, strict=True):
             direct = name == joint.name
             servo, limits = (joint.drive, joint.limits) if direct else (m.actuator(name), m.actuator(name).limits)
@@ -338,7 +340,8 @@ def _place(T: Array) -> dict[str, str]:
 def _inertial(element: ET.Element, inertia: Inertia) -> None:
     I = inertia.I_com  # noqa: E741 - the symbol of the field
     # Twelve significant digits, not decimals, because real products of inertia can be a few 1e-9 kg m2.
-    full = " ".join(f"{v:.12g}" for v in (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]))
+    six = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
+    full = " ".join(f"{value:.12g}" for value in six)
     ET.SubElement(element, "inertial", pos=numbers(inertia.p_body_com), mass=f"{inertia.mass:.12g}", fullinertia=full)
 
 

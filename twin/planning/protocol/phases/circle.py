@@ -115,7 +115,8 @@ class Circle(Phase):
         """Return the insertion depth in m at the path parameter s; NaN if no RCM is registered."""
         if course.rcm is None:
             return course.depth0
-        return float(np.linalg.norm(self.motion(course, np.array([s])).p[0] - course.rcm))
+        p = self.motion(course, np.array([s])).p[0]
+        return float(np.linalg.norm(p - course.rcm))
 
     def parameters(self) -> Iterator[Parameter]:
         """Yield the three coordinates of the circle's centre, with their provenance."""

@@ -111,7 +111,10 @@ def _table(text: str) -> tuple[list[str], Array]:
     for joint in joints:
         if joints.count(joint) > 1:
             raise ValueError(f"joint '{joint}' has two columns")
-    rows = [[float(x) for x in line] for line in csv.reader(lines[1:]) if line]
+    rows = []
+    for line in csv.reader(lines[1:]):
+        if line:
+            rows.append([float(x) for x in line])
     for k, row in enumerate(rows):
         if len(row) != len(head) or not np.isfinite(row).all():
             raise ValueError(f"row {k + 1} must have {len(head)} finite numbers")

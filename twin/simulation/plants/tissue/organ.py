@@ -264,4 +264,5 @@ def require_valid(t: Tissue) -> None:
 
 
 def _numbers(values: np.ndarray | Sequence[float]) -> str:
-    return " ".join(f"{x!r}" for x in np.asarray(values).ravel().tolist())
+    numbers = np.asarray(values).ravel().tolist()
+    return " ".join(repr(number) for number in numbers)

@@ -187,8 +187,10 @@ class _Box:
 
     def draw(self, triangle: Array, owner: int, shade: float) -> None:
         """Draw a triangle (3, 3) where it is nearer than the surfaces drawn before."""
-        begin = np.maximum(np.floor(triangle[:, :2].min(axis=0)).astype(int), self.low)
-        end = np.minimum(np.ceil(triangle[:, :2].max(axis=0)).astype(int), self.high)
+        lowest = np.floor(triangle[:, :2].min(axis=0)).astype(int)
+        highest = np.ceil(triangle[:, :2].max(axis=0)).astype(int)
+        begin = np.maximum(lowest, self.low)
+        end = np.minimum(highest, self.high)
         a, b, c = triangle[:, :2]
         depth_a, depth_b, depth_c = triangle[:, 2]
         area = _turn(b - a, c - a)

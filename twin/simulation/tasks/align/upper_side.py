@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from twin.core.errors import TwinError
+from twin.core.sampling import spread
 from twin.core.spatial import Array
 
 _GREEN = 0.02
@@ -136,7 +137,7 @@ def _longest_line(x: Array, y: Array) -> tuple[np.ndarray, float]:
     """Find the line that contains most columns; return ((k,) bool: whether each column is on the line, slope)."""
     best = np.zeros(len(x), bool)
     slope = 0.0
-    picks = np.unique(np.linspace(0, len(x) - 1, 24).astype(int))
+    picks = spread(len(x), 24)
     for i, a in enumerate(picks):
         for b in picks[i + 1 :]:
             rise = (y[b] - y[a]) / (x[b] - x[a])

@@ -370,7 +370,8 @@ def _check_servo(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:
     for start in (0.0, ref):
         low, high = m.jnt_range[j] - start
         beyond.append(max(float(low - ordered[0]), float(ordered[1] - high)))
-    if min(beyond) > LIMIT_TOL * max(1.0, float(np.abs(m.jnt_range[j]).max())):
+    largest = float(np.abs(m.jnt_range[j]).max())
+    if min(beyond) > LIMIT_TOL * max(1.0, largest):
         text = (
             f"actuator '{name}': ctrlrange {ordered[0]:.6g} .. {ordered[1]:.6g} goes beyond the range of its joint by "
             f"{min(beyond):.6g}: relative to ref it is {low:.6g} .. {high:.6g}."

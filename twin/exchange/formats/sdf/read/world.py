@@ -171,7 +171,11 @@ def _file(uri: str, beside: Path) -> Path | None:
     """
     if _remote(uri):
         uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead
-    return next((f for n in (f"{uri}/model.sdf", f"{uri}.sdf", uri) if (f := find(n, beside)) is not None), None)
+    for name in (f"{uri}/model.sdf", f"{uri}.sdf", uri):
+        found = find(name, beside)
+        if found is not None:
+            return found
+    return None
 
 
 def _missing(uri: str) -> type[SourceError]:

@@ -74,7 +74,8 @@ def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) ->
     for stay in stays:
         # The frame on the shaft is not stated: it is the one whose axis stays nearest to the RCM.
         distances = stay.missed(stay.point)
-        frame = min(distances, key=lambda n: float(distances[n].max()))
+        largest = {name: float(values.max()) for name, values in distances.items()}
+        frame = min(largest, key=largest.__getitem__)
         k = int(np.argmax(distances[frame]))
         missed = float(distances[frame][k])
         moment = f"t = {stay.times[k]:.4g} s"
@@ -167,7 +168,8 @@ def _stays(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> li
             stays.append(_Stay(str(phases[i]), points[i], must, clip.times[inside], lines))
     stated = data.get("rcm")
     if isinstance(stated, list) and len(stated) == 3 and with_rcm:
-        distance = float(np.linalg.norm(np.subtract(stated, points[with_rcm[0]])))
+        offset = np.subtract(stated, points[with_rcm[0]])
+        distance = float(np.linalg.norm(offset))
         if distance > POSITION_TOL:
             text = f"entry 'rcm' is {quantity(distance, 'm')} from the RCM of the first phase that has an RCM."
             ledger.wrong("tracks.rcm", text, "rcm", size=um(distance))

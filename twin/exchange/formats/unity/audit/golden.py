@@ -148,10 +148,11 @@ class _Vectors:
         """Return {vector name: error} for the phase names at given times; 0 if all names are correct, else infinity."""
         names = []
         for t in self.data["phase_time"]:
-            begun = [
-                name for name, start in zip(self.track["phases"], self.track["phase_start"], strict=True) if start <= t
-            ]
-            names.append(begun[-1])
+            current = ""
+            for name, start in zip(self.track["phases"], self.track["phase_start"], strict=True):
+                if start <= t:
+                    current = name
+            names.append(current)
         return {"phase_name": 0.0 if names == self.data["phase_name"] else np.inf}
 
     def stream(self) -> dict[str, float]:

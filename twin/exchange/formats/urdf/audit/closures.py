@@ -86,8 +86,7 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
         return None
     out = []
     for pair, kind in zip(pairs, types, strict=True):
-        known = isinstance(pair, list) and len(pair) == 2 and all(isinstance(n, str) and n in links for n in pair)
-        if not known or kind not in _KINDS:
+        if not _are_links(pair, links) or kind not in _KINDS:
             text = (
                 f"{path.name}: {str(pair)[:80]} of type {str(kind)[:20]} is not a pair of links with the type 6d or 3d."
             )
@@ -103,6 +102,13 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
     if "coupling" in data:
         couplings = _couplings(path, data["coupling"], joints, ledger)
     return FileClosures(tuple(out), frozenset(str(n) for n in driven), values, couplings)
+
+
+def _are_links(pair: object, links: Collection[str]) -> bool:
+    """Return whether a value is a list of two names of links."""
+    if not isinstance(pair, list) or len(pair) != 2:
+        return False
+    return all(isinstance(name, str) and name in links for name in pair)
 
 
 def _couplings(

@@ -630,7 +630,8 @@ class _Urdf:
             for joint in joints:
                 if joint not in names:
                     raise SourceError(f"{self.closure_file}: coupling: {unknown('joint', joint, names.known())}")
-            out.append(Coupling(identifier(name), tuple(names[j] for j in joints), ratios, total))
+            coupled = tuple(names[joint] for joint in joints)
+            out.append(Coupling(identifier(name), coupled, ratios, total))
         return out
 
     def _loops(self, names: Names, closing: Collection[str]) -> list[Joint]:

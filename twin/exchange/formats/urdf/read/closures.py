@@ -175,7 +175,7 @@ def _data(path: Path) -> Any:
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
-        raise SourceError(f"{path}: the file is not YAML: {' '.join(str(error).split())[:200]}") from error
+        raise SourceError(_not_yaml(path, error)) from error
     content = _json(text)
     if content:  # without the package yaml, which is optional
         return content
@@ -186,7 +186,12 @@ def _data(path: Path) -> Any:
             raise SourceError(f"{path}: aliases (*name) are not supported; write the full list instead")
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:
-        raise SourceError(f"{path}: the file is not YAML: {' '.join(str(error).split())[:200]}") from error
+        raise SourceError(_not_yaml(path, error)) from error
+
+
+def _not_yaml(path: Path, error: Exception) -> str:
+    reason = " ".join(str(error).split())
+    return f"{path}: the file is not YAML: {reason[:200]}"
 
 
 def _list(path: Path, data: dict, key: str) -> list:

@@ -308,7 +308,8 @@ def _single(
 ) -> None:
     endless = kind == "revolute" and joint.limits is None
     out = ET.SubElement(root, "joint", name=name, type="continuous" if endless else kind)
-    ET.SubElement(out, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(spatial.euler_angles(T[:3, :3], "zyx")[::-1]))
+    yaw_pitch_roll = spatial.euler_angles(T[:3, :3], "zyx")
+    ET.SubElement(out, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(yaw_pitch_roll[::-1]))
     ET.SubElement(out, "parent", link=links[0])
     ET.SubElement(out, "child", link=links[1])
     if kind in ("fixed", "floating"):

@@ -133,7 +133,8 @@ class StageWorld:
         """Return {name in `prims`: T_world_prim (k, 4, 4)} at k time codes, in metres with z up."""
         times = [Usd.TimeCode(code) for code in codes.tolist()]
         moving = {name: prim for name, prim in prims.items() if _codes(prim)}
-        moved = dict(zip(moving, self.placed(self.maps(list(moving.values()), times)), strict=True))
+        poses_of_moving = self.placed(self.maps(list(moving.values()), times))
+        moved = dict(zip(moving, poses_of_moving, strict=True))
         placed = {}
         for name, prim in prims.items():
             if name in moved:

@@ -70,7 +70,8 @@ def check_drive_targets(
         return
     gravity = physics.gravity
     if gravity is None:  # the layers of a robot have no physics scene
-        gravity = np.array(stage.GetDefaultPrim().GetAttribute("twin:gravity").Get() or _EARTH, float)
+        stated = stage.GetDefaultPrim().GetAttribute("twin:gravity").Get()
+        gravity = np.array(stated or _EARTH, float)
     efforts: dict[str, float] | None = None
     if not moving:
         try:
@@ -147,7 +148,8 @@ def _targets(stage: Usd.Stage, meters: float) -> dict[str, _Target]:
 def _nearest_turn(q: float, wanted: float, low: float, high: float) -> float:
     """Return the angle q, plus full turns, within limits if possible, and there nearest to another angle."""
     near = q + 2 * np.pi * np.round((wanted - q) / (2 * np.pi))
-    allowed = [q + 2 * np.pi * k for k in range(-2, 3) if low - 1e-6 <= q + 2 * np.pi * k <= high + 1e-6]
+    turned = q + 2 * np.pi * np.arange(-2, 3)
+    allowed = [float(angle) for angle in turned if low - 1e-6 <= angle <= high + 1e-6]
     if not np.isfinite([low, high]).all() or not allowed:
         return float(near) if abs(near) <= 2 * np.pi else q
     return min(allowed, key=lambda angle: abs(angle - wanted))

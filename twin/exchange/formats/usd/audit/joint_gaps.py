@@ -104,7 +104,8 @@ def _frame(
 def _locked(prim: Usd.Prim) -> list[int]:
     """Return the axes of the joint's frame (0, 1, 2 for x, y, z) along which translation is locked."""
     if prim.IsA(UsdPhysics.PrismaticJoint):
-        free = AXES.get(str(UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()), 2)
+        axis = UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()
+        free = AXES.get(str(axis), 2)
         return [i for i in range(3) if i != free]
     if prim.GetTypeName() == "PhysicsJoint":
         return [i for i in range(3) if is_locked(prim, SIX[i])]
