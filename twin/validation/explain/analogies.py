@@ -1,8 +1,9 @@
-"""Write similar expressions of a file with the names that nobody reads: a missing term or factor leaves such names.
+"""Write similar expressions of a file with other names: a missing term or factor often stands in a similar row.
 
 Formulas often have rows or functions of the same form, with other names. If a term is missing, the names that only this
 term used have no reader any more. Each expression of the file is therefore evaluated with these names instead of its
-own; the values, at many poses, then decide whether it is what is missing.
+own. Expressions of other rows are also evaluated with the names that only the row at hand has, instead of those that
+only the other row has. The values, at many poses, then decide whether an expression is what is missing.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import ast
 import copy
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, permutations
@@ -35,7 +36,10 @@ _MOST_UNREAD = 4
 """Maximum number of names without a reader; with more of them, the function is not one with a missing term."""
 
 _MOST_TRIED = 2500
-"""Maximum number of expressions that are evaluated for one statement."""
+"""Maximum number of expressions that are evaluated for one statement, of each kind."""
+
+_MOST_FOREIGN = 3
+"""Maximum number of names that only another row has."""
 
 
 _OF_VECTORS = {"norm_2", "sumsqr", "dot", "cross", "vertcat"}
@@ -44,11 +48,12 @@ _OF_VECTORS = {"norm_2", "sumsqr", "dot", "cross", "vertcat"}
 
 @dataclass(frozen=True)
 class _Template:
-    """An expression of the file: its text, its code, and the names that may be replaced."""
+    """An expression of the file: its text, its code, the names that may be replaced, and all names of its row."""
 
     text: str
     code: CodeType
     names: tuple[str, ...]
+    row: frozenset[str] = frozenset()
 
 
 def scalar_values(code: CodeType, shift: Shift) -> Array | None:
@@ -126,30 +131,48 @@ def unread_names(source: Source, statement: Statement, fixed: Sequence[Edit] = (
 
 
 def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequence[Edit] = ()) -> list[Atom]:
-    """Return expressions of the file, written with names that nobody reads, with their values (k,) at the poses.
+    """Return expressions of the file, written with other names, with their values (k,) at the poses.
 
-    Expressions that use all these names come first. `shift` has the values of the names, `fixed` are edits of the file
-    that are made in any case.
+    Expressions with names that nobody reads come first, those that use all these names before the others; then those
+    of other rows, with the names of this row. `shift` has the values of the names, `fixed` are edits of the file that
+    are made in any case.
     """
     unread = []
     for name in sorted(unread_names(source, statement, fixed)):
         if scalar_values(compile(name, "<explain>", "eval"), shift) is not None:
             unread.append(name)
-    if not 0 < len(unread) <= _MOST_UNREAD:
-        return []
+    if len(unread) > _MOST_UNREAD:
+        unread = []
     _, usable = source.names_at(statement)
     usable = usable | comprehension_targets(statement.node).keys()
     text = apply(source.data, [edit for edit in fixed if edit.path == source.path], 0, len(source.data))
     out: dict[str, Atom] = {}
-    tried = 0
     with np.errstate(all="ignore"):
-        for template, replacements in _replacements(_templates(text, source.name), unread, usable):
-            tried += len(replacements)
-            if tried > _MOST_TRIED:
-                break
-            for written, values in _of_replacements(template, replacements, shift):
-                out.setdefault(written, Atom(written, values))
+        for choices in (
+            _replacements(_templates(text, source.name), unread, usable),
+            _of_other_rows(_row_templates(text, source.name), statement.reads & usable),
+        ):
+            tried = 0
+            for template, replacements in choices:
+                tried += len(replacements)
+                if tried > _MOST_TRIED:
+                    break
+                for written, values in _of_replacements(template, replacements, shift):
+                    out.setdefault(written, Atom(written, values))
     return list(out.values())
+
+
+def _of_other_rows(templates: Sequence[_Template], own: Set[str]) -> Iterator[tuple[_Template, list[dict[str, str]]]]:
+    """Yield expressions of other rows and choices of names {old: new} to write in them.
+
+    Names that only the other row has are replaced by names that only this row has; `own` are the names of this row.
+    """
+    for template in templates:
+        foreign = [name for name in template.names if name not in own]
+        instead = sorted(own - template.row)
+        if not 0 < len(foreign) <= min(len(instead), _MOST_FOREIGN):
+            continue
+        yield template, [dict(zip(foreign, places, strict=True)) for places in permutations(instead, len(foreign))]
 
 
 def _replacements(
@@ -201,6 +224,27 @@ def _templates(text: str, own: str) -> tuple[_Template, ...]:
             if names and len(names) <= _MOST_NAMES and len(written) <= _LONGEST:
                 out.setdefault(written, _Template(written, compile(written, "<explain>", "eval"), names))
     return tuple(out.values())
+
+
+@lru_cache(maxsize=16)
+def _row_templates(text: str, own: str) -> tuple[_Template, ...]:
+    """Return the expressions of the rows of the function `own` in a file, the longest first, each once."""
+    found: dict[str, _Template] = {}
+    for function in ast.parse(text).body:
+        if not isinstance(function, ast.FunctionDef) or function.name != own:
+            continue
+        for statement in function.body:
+            row = frozenset(
+                n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
+            )
+            for node in ast.walk(statement):
+                if not isinstance(node, ast.BinOp | ast.Call):
+                    continue
+                written = ast.unparse(node)
+                names = _own_names(node)
+                if names and len(names) <= _MOST_NAMES and len(written) <= _LONGEST:
+                    found.setdefault(written, _Template(written, compile(written, "<explain>", "eval"), names, row))
+    return tuple(sorted(found.values(), key=lambda template: (-len(template.text), template.text)))
 
 
 class _Inlined(ast.NodeTransformer):

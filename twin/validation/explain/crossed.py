@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, combinations, product
+from itertools import combinations
 from pathlib import Path
 from types import CodeType
 
@@ -25,7 +25,9 @@ from twin.formula.scalar import Value
 from twin.validation.explain.candidate import TOKENS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Site
-from twin.validation.explain.numeric import Matrix, unguarded
+from twin.validation.explain.many_values import form, stacked, tiled
+from twin.validation.explain.numeric import unguarded
+from twin.validation.explain.operand_pairs import Evaluated, operand_pairs
 from twin.validation.explain.plain import copied
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.rows import Key
@@ -35,11 +37,11 @@ from twin.validation.explain.undefined_names import ByteRange, replaces, undefin
 _MOST = 100_000
 """Maximum number of pairs in one evaluation."""
 
-_MOST_IN_ONE = 4000
-"""Maximum number of pairs in the same statement."""
-
 _VECTOR, _LONGEST, _MOST_TEXTS = 3, 60, 24
 """Number of entries of a vector; length and number of expressions of the file that are added as terms or factors."""
+
+_MOST_PRODUCTS = 60
+"""Maximum number of products of a scalar and a vector that are added as terms."""
 
 _MOST_FOUND = 60
 """Maximum number of pairs that are yielded of two statements."""
@@ -62,9 +64,6 @@ _REFINE = 6
 """Numbers of start values of the swivel angle, and of steps of Gauss-Newton from the best of them."""
 
 _Scope = dict[str, Value]
-
-_Run = tuple[list[tuple[Edit, ...]], list[tuple[Edit, ...]], dict[Key, Array]]
-"""Edits of the second statement, edits of the first one, and residuals of rows; see `Crossed._run`."""
 
 
 @dataclass
@@ -122,13 +121,23 @@ class Crossed:
 
     def together(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in one statement after which a row agrees at one pose."""
-        for edits in (self._tokens, self._all):
-            for site in self.sites:
-                if deadline.passed:
-                    return
-                mine = edits[site.statement.index]
-                if self._undefined.keys() <= {site.statement.index}:
-                    yield from self._pairs(site.statement, site.statement, mine, mine, deadline)
+        for site in self.sites:
+            if deadline.passed:
+                return
+            if not self._undefined.keys() <= {site.statement.index}:
+                continue
+            runs = []
+            with unguarded(), np.errstate(all="ignore"):
+                for angle in self._angles:
+                    scope = self._before(site.statement, angle)
+                    if scope is None:
+                        break
+                    edits = self._all[site.statement.index]
+                    runs.append(list(operand_pairs(site, edits, scope, self._rest, deadline)))
+            if len(runs) == len(self._angles):
+                for others, ones in self._found(runs):
+                    one, other = (*ones, *others)
+                    yield one, other
 
     def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
@@ -212,12 +221,26 @@ class Crossed:
             if isinstance(parent, ast.Assign) and node in parent.targets:
                 continue
             if whole:
-                for text in vectors:
+                for text in [*vectors, *self._scaled(site, scope)]:
                     yield _inserted(site, end, f" + {text}")
                     yield _inserted(site, end, f" - {text}")
             if (whole or summand) and not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
                 for text in scalars:
                     yield _inserted(site, start, f"{text} * ")
+
+    def _scaled(self, site: Site, scope: _Scope) -> list[str]:
+        """Return the products of a scalar and a vector that the function's names stand for."""
+        scalars: list[str] = []
+        vectors: list[str] = []
+        names = {*site.source.arguments, *(name for s in site.source.statements for name in s.writes)}
+        for name in sorted(names & site.pool.names & site.pool.arguments):
+            kind = form(scope.get(name), 1)
+            if kind == "scalar":
+                scalars.append(name)
+            elif kind == (_VECTOR, 1):
+                vectors.append(name)
+        products = [f"{scalar} * {vector}" for vector in vectors for scalar in scalars]
+        return products if len(products) <= _MOST_PRODUCTS else []
 
     def _known_texts(self, site: Site, scope: _Scope) -> tuple[list[str], list[str]]:
         """Return the (vectors, calls that are scalars) of the file, with names that a statement can use."""
@@ -235,12 +258,12 @@ class Crossed:
                 if len(text) > _LONGEST:
                     break
                 try:
-                    form = _form(eval(text, dict(scope)), 1)
+                    text_form = form(eval(text, dict(scope)), 1)
                 except Exception:  # values of other forms than in the function from which the text is
                     continue
-                if form == (_VECTOR, 1):
+                if text_form == (_VECTOR, 1):
                     vectors.append(text if texts[text] else f"({text})")
-                elif form == "scalar" and texts[text]:
+                elif text_form == "scalar" and texts[text]:
                     scalars.append(text)
         return vectors[:_MOST_TEXTS], scalars[:_MOST_TEXTS]
 
@@ -271,16 +294,23 @@ class Crossed:
         seconds: Sequence[Edit],
         deadline: Deadline,
     ) -> Iterator[tuple[Edit, Edit]]:
-        """Yield pairs of an edit of `first` and one of `second`; both may be the same statement."""
+        """Yield pairs of an edit of `first` and one of `second`."""
         if not firsts or not seconds:
             return
         trials = [(edit,) for edit in firsts]
-        if first is second:
-            trials = _disjoint(firsts, self._undefined.get(first.index, ()))
         runs = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
                 runs.append(list(self._run(first, second, trials, seconds, angle, deadline)))
+        for others, ones in self._found(runs):
+            one, other = (*ones, *others)
+            yield one, other
+
+    def _found(self, runs: Sequence[Sequence[Evaluated]]) -> Iterator[tuple[tuple[Edit, ...], tuple[Edit, ...]]]:
+        """Yield (edits of the second place, edits of the first one) after which a row agrees, for each swivel angle.
+
+        `runs` are the results of `_run` or `operand_pairs`, for each angle.
+        """
         count = 0
         for parts in zip(*runs, strict=False):
             others, ones, _ = parts[0]
@@ -291,8 +321,7 @@ class Crossed:
                 if count > _MOST_FOUND:
                     return
                 i, j = divmod(n, len(ones))
-                one, other = (*ones[j], *others[i])
-                yield one, other
+                yield others[i], ones[j]
 
     def _run(
         self,
@@ -302,7 +331,7 @@ class Crossed:
         seconds: Sequence[Edit],
         angle: float | None,
         deadline: Deadline,
-    ) -> Iterator[_Run]:
+    ) -> Iterator[Evaluated]:
         """Yield edits of the second statement, edits of the first, and the residuals (pairs, entries) of rows.
 
         All edits of the first statement come with the first edit of the second one, then with the next one.
@@ -313,11 +342,6 @@ class Crossed:
         for values in self._first_values(first, trials, scope, angle, deadline):
             size = len(values.edits)
             changed = self._entered(first, values, scope, 1)
-            if first is second:
-                found = self._rest(first, changed, size)
-                if found is not None:
-                    yield [()], values.edits, found
-                continue
             between = self.step.source.statements[first.index + 1 : second.index]
             if not self._between(between, changed):
                 continue
@@ -374,7 +398,7 @@ class Crossed:
                 written = [own[name] for name in names]
             except Exception:  # an edit may be any invalid text: a name without value, vectors of other lengths
                 continue
-            forms = tuple(_form(value, size) for value in written)
+            forms = tuple(form(value, size) for value in written)
             if None in forms:
                 continue
             values = by_form.setdefault(forms, _Values())
@@ -410,10 +434,10 @@ class Crossed:
     def _entered(self, statement: Statement, values: _Values, scope: _Scope, size: int) -> _Scope:
         """Return a scope with the values of all edits, each of which has `size` values, as one array."""
         count = len(values.edits)
-        out = {name: _tiled(value, size, count) for name, value in scope.items()}
+        out = {name: tiled(value, size, count) for name, value in scope.items()}
         names = (OUT,) if statement.returns else statement.writes
         for n, name in enumerate(names):
-            out[name] = _stacked([written[n] for written in values.written], size)
+            out[name] = stacked([written[n] for written in values.written], size)
         return out
 
     def _rest(self, statement: Statement, scope: _Scope, size: int) -> dict[Key, Array] | None:
@@ -445,29 +469,6 @@ def _inserted(site: Site, at: int, new: str) -> Edit:
     source = site.source
     line = source.line_of(at)
     return Edit(source.path, line, at, at, "", new, "missing", site.statement.index, source.name)
-
-
-def _disjoint(edits: Sequence[Edit], needed: Sequence[ByteRange]) -> list[tuple[Edit, ...]]:
-    """Return the pairs of edits that do not touch each other, as many as are tried.
-
-    Each of the ranges `needed` must be replaced by one of both edits.
-    """
-    pairs: list[tuple[Edit, ...]] = []
-    usual = sorted(edits, key=lambda e: TOKENS.index(e.kind) if e.kind in TOKENS else 99)
-    replacing = [edit for edit in usual if any(replaces(edit, part) for part in needed)]
-    if needed:
-        others = [edit for edit in usual if edit not in replacing]
-        tried = chain(combinations(replacing, 2), product(replacing, others))
-    else:
-        tried = combinations(usual, 2)
-    for one, other in tried:
-        if not (one.end < other.start or other.end < one.start):
-            continue
-        if all(replaces(one, part) or replaces(other, part) for part in needed):
-            pairs.append((one, other))
-            if len(pairs) == _MOST_IN_ONE:
-                break
-    return pairs
 
 
 def _agreeing(found: Sequence[Mapping[Key, Array]], rows: Sequence[Key]) -> list[int]:
@@ -537,38 +538,3 @@ def _may_vanish(mean: Array, along: Array, across: Array) -> NDArray[np.bool_]:
         y = np.where(plane, (ab * am - aa * bm) / det, np.where(aa >= bb, 0.0, -bm / bb))
     rest = np.abs(mean + along * x[:, None] + across * y[:, None]).max(axis=1)
     return (rest <= _NEAR) & (~plane | (np.abs(x**2 + y**2 - 1) <= _ROUND))
-
-
-def _form(value: Value, size: int) -> Value:
-    """Return what values must have in common to be one array; None for values that cannot be part of one."""
-    if isinstance(value, Matrix):
-        return value.shape if len(value.a) in (1, size) else None
-    if isinstance(value, list | tuple):
-        forms = tuple(_form(entry, size) for entry in value)
-        return None if None in forms else (type(value), forms)
-    if isinstance(value, bool | int | float | np.ndarray | np.number) and np.shape(value) in ((), (1,), (size,)):
-        return "scalar" if np.asarray(value).dtype != object else None
-    return None
-
-
-def _stacked(values: Sequence[Value], size: int) -> Value:
-    """Return values of the same form, each of which has 1 or `size` values, as one array."""
-    first = values[0]
-    if isinstance(first, Matrix):
-        return Matrix(np.concatenate([np.broadcast_to(v.a, (size, *first.shape)) for v in values]))
-    if isinstance(first, list | tuple):
-        return type(first)(_stacked([v[i] for v in values], size) for i in range(len(first)))
-    return np.concatenate([np.broadcast_to(np.asarray(v, float), (size,)) for v in values])
-
-
-def _tiled(value: Value, size: int, count: int) -> Value:
-    """Return `size` values, repeated for each of `count` edits; a single value holds for all of them."""
-    if size == 1:
-        return value
-    if isinstance(value, Matrix) and len(value.a) == size:
-        return Matrix(np.tile(value.a, (count, 1, 1)))
-    if isinstance(value, list | tuple):
-        return type(value)(_tiled(entry, size, count) for entry in value)
-    if isinstance(value, np.ndarray) and value.shape == (size,):
-        return np.tile(value, count)
-    return value

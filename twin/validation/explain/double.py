@@ -23,6 +23,7 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain.batch import Batch, Choice, Cut
 from twin.validation.explain.candidate import evaluated
+from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression import Expression, Site
 from twin.validation.explain.numeric import unguarded
@@ -176,6 +177,14 @@ class Double:
                     continue
                 for second in search.edits(site.source, site.statement):
                     yield first, second
+
+    @cached_property
+    def counterparts(self) -> list[Edit]:
+        """The edits that put back what a similar expression of the file has more; see `counterpart_edits`."""
+        out: list[Edit] = []
+        for site in self.sites:
+            out += counterpart_edits(site.source, site.statement)
+        return out
 
     def _assigns(self, site: Site, rows: Sequence[Key]) -> bool:
         """Return whether a statement assigns one of the rows itself."""

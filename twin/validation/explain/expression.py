@@ -174,7 +174,7 @@ class Expression:
             self.site.statement.index,
             source.name,
         )
-        code = _compiled(apply(source.data, [*change, hole], *self._span))
+        code = expression_code(apply(source.data, [*change, hole], *self._span))
         values = self.value((), (start, end))
         if code is None or values is None:
             return None
@@ -273,7 +273,7 @@ class Expression:
         """Return the values (k,) of the text in `span` after the edits in it; None if it is not a scalar."""
         start, end = span
         inside = [edit for edit in change if start <= edit.start and edit.end <= end]
-        code = _compiled(apply(self.site.source.data, inside, start, end))
+        code = expression_code(apply(self.site.source.data, inside, start, end))
         return None if code is None else self._run(code, None)
 
     def own(self, part: ast.expr) -> Array | None:
@@ -325,7 +325,7 @@ def _size(values: Array | None) -> float:
 
 
 @lru_cache(maxsize=8192)
-def _compiled(text: str) -> CodeType | None:
+def expression_code(text: str) -> CodeType | None:
     """Return the code of an expression; None if the text is not valid."""
     try:
         return compile(f"({text}\n)", "<explain>", "eval")

@@ -18,10 +18,10 @@ from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.source import Edit
 from twin.validation.explain.trials import Trials
 
-_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.7, 0.3, 0.4, 0.3, 0.5, 1.0)
+_DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.2, 0.7, 0.3, 0.2, 0.4, 0.3, 0.5, 1.0)
 """Maximum parts of the remaining time for the kinds of such pairs, in the order of `found`."""
 
-_IN_ONE, _IN_TWO = 2, 3
+_IN_ONE, _IN_TWO = 3, 4
 """Indices of the kinds of pairs in scalar expressions, which are tried first for equations that return a pose."""
 
 _POSE, _POSE_PART = 12, 0.4
@@ -79,10 +79,12 @@ class PairSearch:
 
         stages: list[_Stage] = [
             lambda double, rows, end: double.beside(known, rows, end, composed=True),
+            lambda double, rows, end: double.beside(double.counterparts, rows, end),
             lambda double, rows, end: double.required(known, rows, end),
             lambda double, rows, end: double.in_one(rows, end),
             lambda double, rows, end: double.in_two(rows, end),
             lambda double, rows, end: double.in_one_with_term(rows, end),
+            lambda double, rows, end: double.required(double.counterparts, rows, end),
             self._in_one_statement,
             lambda double, rows, end: double.beside(parted(double)[0], rows, end),
             lambda double, rows, end: double.beside(parted(double)[1], rows, end),

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.validation.explain.candidate import CALLS, FORMS, OPERATORS, REST, TOKENS, Candidate, Found
+from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
 from twin.validation.explain.edits import edits, pool
@@ -254,6 +255,26 @@ class Search(Trials):
                     out.append(candidate)
         return out
 
+    def counterparts(self, rows: Sequence[Key]) -> list[Candidate]:
+        """Evaluate the edits that put back what similar expressions of the file have more."""
+        out: list[Candidate] = []
+        tried: set[Edit] = set()
+        for step, statement in self.own_sites(rows):
+            places = [(step.source, statement)]
+            for helper in self.judge.helpers(step):
+                places += [(helper.source, inner) for inner in helper.source.statements]
+            for source, place in places:
+                for edit in counterpart_edits(source, place):
+                    if edit in tried:
+                        continue
+                    if self.deadline.passed:
+                        return out
+                    tried.add(edit)
+                    candidate = self.everywhere([step, *self.callers(source, step)], [edit])
+                    if candidate is not None:
+                        out.append(candidate)
+        return out
+
     # -- groups ---------------------------------------------------------------------------------------------
 
     def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
@@ -301,6 +322,7 @@ class Search(Trials):
             if n == _REQUIRED_AFTER and left:
                 self._until = self.deadline
                 self._refute()  # first, because no value is required of expressions without a right one
+                self._singles += self.counterparts(left)
                 self._singles += self.required(left)
                 left = self._covered()
                 by_required = not left

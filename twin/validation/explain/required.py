@@ -360,8 +360,9 @@ def written(
     if not factor and np.isfinite(ratio).all():
         for term in factors(ratio, atoms):
             yield made(f"{term} * {whole}", "missing")
-        for term in factors(1 / ratio, atoms):
-            yield made(f"{whole} / ({term})", "missing")
+        if ratio.all():
+            for term in factors(1 / ratio, atoms):
+                yield made(f"{whole} / ({term})", "missing")
         for term in roots(ratio, atoms, root):
             yield made(f"{term} * {whole}", "missing")
 

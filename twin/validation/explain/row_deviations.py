@@ -11,9 +11,9 @@ import contextlib
 import copy
 import inspect
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from types import FunctionType
+from types import CodeType, FunctionType
 
 import numpy as np
 
@@ -38,6 +38,10 @@ Residuals = dict[Place, Array]
 
 With a noisy CAD, the unit is the largest difference that noise explains; see `Judge`.
 """
+
+
+_NO_VALUE = object()
+"""What stands for the value of an element of a returned tuple that uses an unknown name or a wrong index."""
 
 
 class Judge:
@@ -178,11 +182,17 @@ class Judge:
         try:
             for statement, code in zip(step.source.statements, step.codes, strict=True):
                 step.before.append(plain.copied(scope))
-                exec(code, scope)
+                try:
+                    exec(code, scope)
+                except (NameError, IndexError) as error:
+                    step.without_value = self._by_element(step, statement, (), scope, error)
+                    step.stuck = True
+                    self.notes.append(f"{label} fails in line {statement.line}: {error}")
                 self._check(step, statement, statement.writes, scope, found)
             step.gave = self._outputs(step, scope, found)
         except (NameError, IndexError) as error:
             # A misspelt name or a wrong index is a fault of the formula, so the rows count as wrong.
+            step.without_value = frozenset({(statement.index, -1)})
             self._stuck(step, statement, found)
             self.notes.append(f"{label} fails in line {statement.line}: {error}")
         except Exception as error:
@@ -191,6 +201,36 @@ class Judge:
             return False
         self.residuals |= found
         return True
+
+    def _by_element(
+        self, step: Step, statement: Statement, edits: Iterable[Edit], scope: dict[str, Value], error: Exception
+    ) -> frozenset[tuple[int, int]]:
+        """Evaluate each element of a returned tuple alone; return the places of those that have no value.
+
+        `error` is that of the whole statement.
+
+        Raises:
+            NameError, IndexError: no element has a value, or one has none that no row compares.
+        """
+        outputs = step.equation.outputs
+        codes = step.source.elements(statement, edits)
+        if len(codes) != len(outputs) or step.plain is not None:
+            raise error
+        values: list[Value] = []
+        places: set[tuple[int, int]] = set()
+        for i, code in enumerate(codes):
+            try:
+                exec(code, scope)
+            except (NameError, IndexError):
+                if outputs[i] not in step.known:
+                    raise
+                places.add((statement.index, i))
+                scope[OUT] = _NO_VALUE
+            values.append(scope[OUT])
+        if len(places) == len(codes):
+            raise error
+        scope[OUT] = tuple(values)
+        return frozenset(places)
 
     def _stuck(self, step: Step, statement: Statement, found: Residuals) -> None:
         """Count all outputs from `statement` on as wrong, because `statement` uses an unknown name."""
@@ -259,7 +299,11 @@ class Judge:
             if name not in step.known:
                 outputs[name] = values[i]
                 continue
-            found[step.place(last, i, name, step.lines[i])] = self.difference(name, values[i])
+            place = step.place(last, i, name, step.lines[i])
+            if values[i] is _NO_VALUE:
+                self._unknown(place, found)
+            else:
+                found[place] = self.difference(name, values[i])
             outputs[name] = self.truth.symbols[name]
         return outputs
 
@@ -410,7 +454,9 @@ class Judge:
             i = statement.index
             names = writes.get(i, statement.writes)
             if anew or i in edited or dirty & statement.reads:
-                exec(codes[i], scope)
+                if not self._has_run(step, statement, codes[i], edits, scope):
+                    self._stuck(step, statement, found)
+                    return found
                 self._check(step, statement, names, scope, found)
                 dirty |= set(names) - step.held
                 continue
@@ -425,6 +471,26 @@ class Judge:
         if changed and onwards:
             self._downstream(step, outputs, changed, found)
         return found
+
+    def _has_run(
+        self, step: Step, statement: Statement, code: CodeType, edits: Sequence[Edit], scope: dict[str, Value]
+    ) -> bool:
+        """Run a statement in an edited equation; return whether it has a value.
+
+        A statement, or elements of the returned tuple, may have none if it had none before the edits, which are
+        elsewhere: they may repair other rows.
+        """
+        try:
+            exec(code, scope)
+        except (NameError, IndexError) as error:
+            own = [edit for edit in edits if edit.statement == statement.index]
+            if (statement.index, -1) in step.without_value and not own:
+                return False
+            if not step.without_value:
+                raise
+            if not self._by_element(step, statement, own, scope, error) <= step.without_value:
+                raise
+        return True
 
     def _define_arguments(self, step: Step, edits: list[Edit], scope: dict[str, Value]) -> None:
         """Set the values of symbols that edits add to the arguments of the function."""

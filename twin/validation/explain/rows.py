@@ -55,7 +55,8 @@ class Step:
     `known`: outputs for which the mechanism also has a value. `gave`: values of the outputs of this equation; known
     outputs have the mechanism's values. `held`: known outputs that the function assigns to a variable of the same name;
     these outputs are compared at the assignment. `free`: name and values (k,) of the free parameter (the swivel angle
-    of a redundant mechanism), one value for each state.
+    of a redundant mechanism), one value for each state. `without_value`: the places (statement, element of the returned
+    tuple) that use an unknown name or a wrong index, element -1 for a whole statement.
     """
 
     equation: Equation
@@ -67,6 +68,7 @@ class Step:
     required: tuple[str, ...]
     missing: str = ""
     stuck: bool = False
+    without_value: frozenset[tuple[int, int]] = frozenset()
     before: list[dict[str, Value]] = field(default_factory=list)
     computed: dict[str, Value] = field(default_factory=dict)
     gave: dict[str, Value] = field(default_factory=dict)

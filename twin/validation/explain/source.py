@@ -225,6 +225,23 @@ class Source:
             text = "if 1:\n" + " " * max(statement.column, 1) + text
         return _code(text, self.path, self._casadi)
 
+    def elements(self, statement: Statement, edits: Iterable[Edit] = ()) -> list[CodeType]:
+        """Return the elements of the tuple that a statement returns, each compiled as `compiled` does.
+
+        The list is empty if the statement returns no tuple.
+
+        Raises:
+            SyntaxError: the edited text is not valid Python.
+        """
+        if not statement.returns:
+            return []
+        text = f"({self.edited(statement, edits)[len('return') :].strip()}\n)"
+        value = ast.parse(text, mode="eval").body
+        codes: list[CodeType] = []
+        for element in value.elts if isinstance(value, ast.Tuple) else ():
+            codes.append(_code(f"{OUT} = ({ast.get_source_segment(text, element)}\n)", self.path, self._casadi))
+        return codes
+
     def whole(self, edits: Iterable[Edit] = ()) -> CodeType:
         """Return code that redefines the function after edits; the function must be at the top level of its file.
 

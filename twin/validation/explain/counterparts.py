@@ -1,0 +1,183 @@
+"""Find expressions that stand whole elsewhere in the file: what they have more is likely to be missing here.
+
+Two expressions are counterparts if one becomes the other by leaving out a term, a factor, a square, a root or a sign,
+and by writing other names. The edit that puts this part back is tried first, alone and beside other edits.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+
+from twin.validation.explain.analogies import unread_names
+from twin.validation.explain.source import Edit, Source, Statement
+
+_FEWEST_NAMES, _FEWEST_RENAMED = 2, 3
+"""Minimum numbers of different names of an expression, so that its form means something: with the same names, and with
+other names in the counterpart."""
+
+_MOST = 24
+"""Maximum number of edits of one statement."""
+
+_NUMBERS = {"pi"}
+"""Names that always have the same value."""
+
+_Names = Mapping[str, str]
+"""Names of the whole expression, with those that the expression at hand has in their place."""
+
+
+def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:
+    """Yield the edits of a statement that put back what a counterpart elsewhere in the file has more."""
+    _, usable = source.names_at(statement)
+    parents = {child: node for node in ast.walk(statement.node) for child in ast.iter_child_nodes(node)}
+    unread = sorted(unread_names(source, statement))
+    seen: set[tuple[int, int, str]] = set()
+    wholes = _roots_of(source.data)
+    for node in _roots(statement.node):
+        if len(_names(node)) < _FEWEST_NAMES:
+            continue
+        for whole in wholes:
+            for part, counterpart, names in _with_gap(node, whole, {}):
+                renamed = any(old != new for old, new in names.items())
+                if renamed and len(names) < _FEWEST_RENAMED:
+                    continue
+                new = _written(counterpart, names, usable, unread)
+                if new is None:
+                    continue
+                edit = _replacement(source, statement, part, parents.get(part), new)
+                key = (edit.start, edit.end, edit.new)
+                if key not in seen:
+                    seen.add(key)
+                    yield edit
+                if len(seen) == _MOST:
+                    return
+
+
+@lru_cache(maxsize=16)
+def _roots_of(data: bytes) -> tuple[ast.expr, ...]:
+    """Return the roots of the functions of a file, each text once."""
+    found: dict[str, ast.expr] = {}
+    for function in ast.parse(data).body:
+        if isinstance(function, ast.FunctionDef):
+            for statement in function.body:
+                for node in _roots(statement):
+                    found.setdefault(ast.unparse(node), node)
+    return tuple(found.values())
+
+
+def _roots(statement: ast.AST) -> Iterator[ast.expr]:
+    """Yield the sums, products, powers and calls of a statement that are no operand of another operation."""
+    operations = (ast.BinOp, ast.UnaryOp)
+    todo: list[tuple[ast.AST, bool]] = [(statement, False)]
+    while todo:
+        node, is_operand = todo.pop()
+        if isinstance(node, (*operations, ast.Call)) and not is_operand:
+            yield node
+        for child in ast.iter_child_nodes(node):
+            todo.append((child, isinstance(node, operations)))
+
+
+def _names(node: ast.AST) -> set[str]:
+    """Return the names in an expression, without those of functions and numbers."""
+    found = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+    return found - {_called(n) for n in ast.walk(node)} - _NUMBERS
+
+
+def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
+    """Return the names with which `whole` becomes `node`, or None; `names` are known already."""
+    if type(node) is not type(whole):
+        return None
+    if isinstance(node, ast.Name) and isinstance(whole, ast.Name):
+        if {node.id, whole.id} & _NUMBERS:
+            return names if node.id == whole.id else None
+        if whole.id in names:
+            return names if names[whole.id] == node.id else None
+        return None if node.id in names.values() else {**names, whole.id: node.id}
+    if isinstance(node, ast.Constant) and isinstance(whole, ast.Constant):
+        return names if node.value == whole.value else None
+    if _called(node) != _called(whole):
+        return None
+    ours = _operands(node)
+    theirs = _operands(whole)
+    if len(ours) != len(theirs):
+        return None
+    for one, other in zip(ours, theirs, strict=True):
+        found = _matched(one, other, names)
+        if found is None:
+            return None
+        names = found
+    return names
+
+
+def _with_gap(node: ast.AST, whole: ast.AST, names: _Names) -> Iterator[tuple[ast.expr, ast.expr, _Names]]:
+    """Yield (part of `node`, the part of `whole` that has more, names) where leaving that out gives `node`."""
+    for shorter in _shorter(whole):
+        found = _matched(node, shorter, names)
+        if found is not None and isinstance(node, ast.expr) and isinstance(whole, ast.expr):
+            yield node, whole, found
+    if type(node) is not type(whole) or _called(node) != _called(whole):
+        return
+    ours = _operands(node)
+    theirs = _operands(whole)
+    if len(ours) != len(theirs):
+        return
+    for i in range(len(ours)):
+        known: _Names | None = names
+        for j in range(len(ours)):
+            if j != i and known is not None:
+                known = _matched(ours[j], theirs[j], known)
+        if known is not None:
+            yield from _with_gap(ours[i], theirs[i], known)
+
+
+def _shorter(whole: ast.AST) -> list[ast.expr]:
+    """Return what an operation becomes without one of its operands, or without itself."""
+    if isinstance(whole, ast.BinOp):
+        if isinstance(whole.op, ast.Add | ast.Mult):
+            return [whole.left, whole.right]
+        return [whole.left]
+    if isinstance(whole, ast.UnaryOp):
+        return [whole.operand]
+    if isinstance(whole, ast.Call) and _called(whole).endswith("sqrt") and len(whole.args) == 1:
+        return [whole.args[0]]
+    return []
+
+
+def _called(node: ast.AST) -> str:
+    return ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+
+
+def _operands(node: ast.AST) -> list[ast.AST]:
+    """Return the parts of an expression that may have other names; the name of a called function may not."""
+    if isinstance(node, ast.Call):
+        return [*node.args, *node.keywords]
+    return list(ast.iter_child_nodes(node))
+
+
+def _written(whole: ast.expr, names: _Names, usable: set[str], unread: Sequence[str]) -> str | None:
+    """Return the text of `whole` with the names of a statement, or None if one of them has no value there.
+
+    A name that only the missing part has stays as it is, or becomes the only name that nobody reads.
+    """
+    replaced = dict(names)
+    for name in sorted(_names(whole) - replaced.keys()):
+        instead = name
+        if name not in usable:
+            free = [other for other in unread if other not in replaced.values()]
+            if len(free) != 1:
+                return None
+            instead = free[0]
+        if instead in replaced.values():
+            return None
+        replaced[name] = instead
+    return re.sub(r"[A-Za-z_]\w*", lambda match: replaced.get(match[0], match[0]), ast.unparse(whole))
+
+
+def _replacement(source: Source, statement: Statement, node: ast.expr, parent: ast.AST | None, new: str) -> Edit:
+    start, end = source.span(node)
+    if isinstance(parent, ast.BinOp | ast.UnaryOp | ast.Subscript | ast.Attribute):
+        new = f"({new})"
+    line = source.line_of(start)
+    return Edit(source.path, line, start, end, source.text(start, end), new, "missing", statement.index, source.name)

@@ -1,0 +1,162 @@
+"""Try all pairs of edits in two operands of one operation, at one pose, by few evaluations.
+
+Two edits of one statement that do not touch each other are in two operands of some operation, call or tuple in it.
+Each operand is evaluated alone after each of its edits, and the rest of the statement once for all pairs of values.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from typing import Protocol
+
+from twin.core.spatial import Array
+from twin.formula.scalar import Value
+from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.expression import Site, expression_code
+from twin.validation.explain.many_values import form, stacked, tiled
+from twin.validation.explain.plain import copied
+from twin.validation.explain.rows import Key
+from twin.validation.explain.source import OUT, Edit, Source, Statement, apply
+
+_MOST = 100_000
+"""Maximum number of pairs in one evaluation."""
+
+_HOLES = ("_first_operand_", "_second_operand_")
+"""Names that stand for the operands."""
+
+Scope = dict[str, Value]
+
+_Group = tuple[list[tuple[Edit, ...]], list[Value]]
+"""Edits of an operand after which its values have the same form, and these values."""
+
+Evaluated = tuple[list[tuple[Edit, ...]], list[tuple[Edit, ...]], dict[Key, Array]]
+"""Edits of a second place, edits of a first one, and the residuals (pairs, entries) of rows.
+
+All edits of the first place come with the first edit of the second one, then with the next one.
+"""
+
+
+class Rest(Protocol):
+    """Returns the residuals of the rows of a statement and of those after it; None without a value."""
+
+    def __call__(self, statement: Statement, scope: Scope, size: int, /) -> dict[Key, Array] | None:
+        """Evaluate `size` values in a scope that has what the statement writes."""
+        ...
+
+
+def operand_pairs(site: Site, edits: Sequence[Edit], scope: Scope, rest: Rest, end: Deadline) -> Iterator[Evaluated]:
+    """Yield the residuals after pairs of edits of a statement; `scope` has the values before it, at one pose."""
+    source = site.source
+    within: dict[ast.AST, list[Edit]] = {}
+    for node in [site.statement.node, *site.parents]:
+        if isinstance(node, ast.expr):
+            first, last = source.span(node)
+            within[node] = [edit for edit in edits if first <= edit.start and edit.end <= last]
+    kept: dict[ast.AST, list[_Group]] = {}
+
+    def groups(operand: ast.AST) -> list[_Group]:
+        if operand not in kept:
+            kept[operand] = list(_groups(source, operand, within[operand], scope, end))
+        return kept[operand]
+
+    for node in [site.statement.node, *site.parents]:
+        operands = [child for child in ast.iter_child_nodes(node) if within.get(child)]
+        for one, other in combinations(operands, 2):
+            for firsts in groups(one):
+                for seconds in groups(other):
+                    yield from _of_groups(site, (one, other), firsts, seconds, scope, rest, end)
+            if end.passed:
+                return
+        for operand in operands:
+            for edit in _beside(source, node, operand, operands, edits):
+                for firsts in groups(operand):
+                    yield from _of_groups(site, (operand,), firsts, ([(edit,)], [None]), scope, rest, end)
+                if end.passed:
+                    return
+
+
+def _beside(
+    source: Source, node: ast.AST, operand: ast.AST, operands: Sequence[ast.AST], edits: Sequence[Edit]
+) -> Iterator[Edit]:
+    """Yield the edits of an operation itself, such as that of a sign, that do not touch one of its operands."""
+    begin, end = source.span(node)
+    start, stop = source.span(operand)
+    inside: list[tuple[int, int]] = [source.span(other) for other in operands]
+    for edit in edits:
+        in_operand = any(first <= edit.start and edit.end <= last for first, last in inside)
+        apart = edit.end < start or stop < edit.start
+        if begin <= edit.start and edit.end <= end and apart and not in_operand:
+            yield edit
+
+
+def _groups(source: Source, operand: ast.AST, edits: Sequence[Edit], scope: Scope, end: Deadline) -> Iterator[_Group]:
+    """Yield the edits of an operand with its values, those of the same form together."""
+    by_form: dict[Value, _Group] = {}
+    first, last = source.span(operand)
+    for edit in edits:
+        if end.passed:
+            return
+        code = expression_code(apply(source.data, [edit], first, last))
+        if code is None:
+            continue
+        try:
+            value = eval(code, dict(scope))
+        except Exception:  # an edit may be any invalid text
+            continue
+        kind = form(value, 1)
+        if kind is not None:
+            some, values = by_form.setdefault(kind, ([], []))
+            some.append((edit,))
+            values.append(value)
+    yield from by_form.values()
+
+
+def _of_groups(
+    site: Site,
+    operands: tuple[ast.AST, ...],
+    firsts: _Group,
+    seconds: _Group,
+    scope: Scope,
+    rest: Rest,
+    end: Deadline,
+) -> Iterator[Evaluated]:
+    """Yield the residuals after pairs of edits of two operands, or of one operand and of the operation itself."""
+    source = site.source
+    changed = []
+    for operand, name in zip(operands, _HOLES, strict=False):
+        changed.append(_hole(source, site.statement, operand, name))
+    if len(operands) == 1:
+        changed += seconds[0][0]
+    try:
+        code = source.compiled(site.statement, changed)
+    except (SyntaxError, ValueError):
+        return
+    ones, values = firsts
+    count = len(ones)
+    most = max(_MOST // count, 1)
+    for begin in range(0, len(seconds[0]), most):
+        if end.passed:
+            return
+        others = seconds[0][begin : begin + most]
+        size = count * len(others)
+        own = copied(scope)
+        own[_HOLES[0]] = tiled(stacked(values, 1), count, len(others))
+        if len(operands) == 2:
+            own[_HOLES[1]] = stacked(seconds[1][begin : begin + most], count)
+        try:
+            exec(code, own)
+            names = (OUT,) if site.statement.returns else site.statement.writes
+            fits = all(form(own[name], size) is not None for name in names)
+        except Exception:  # operands of forms that do not fit
+            return
+        found = rest(site.statement, own, size) if fits else None
+        if found is not None:
+            yield others, ones, found
+
+
+def _hole(source: Source, statement: Statement, operand: ast.AST, name: str) -> Edit:
+    start, end = source.span(operand)
+    old = source.text(start, end)
+    return Edit(source.path, source.line_of(start), start, end, old, name, "required", statement.index, source.name)
