@@ -256,6 +256,10 @@ TWO = (
         ("(RL3**2 - RL5**2 + D", "(RL5**2 - RL5**2 + D"),
         ("return a * n + sqrt(RL3**2 - a**2) * (", "return sqrt(RL3**2 - a**2) * ("),
     ),
+    (
+        "lapbot",
+        ("vertcat(a * cos(q2) + b * cos(q2 + q3), a * sin(q2)", "vertcat(a + b * cos(q2 + q3), a * sin(q3)"),
+    ),
     ("pa10", ("return a * n + sqrt(RL3**2 - a**2)", "return a + sqrt(RL3**2 - up**2)")),
     ("sher", WHOLE_ELSEWHERE),
 )
@@ -277,6 +281,7 @@ TWO = (
         "term of another row",
         "elements of a return",
         "product with a vector",
+        "cosine that stands nowhere else",
         "operands of a sum",
         "whole elsewhere",
     ],
@@ -304,6 +309,15 @@ def test_a_row_is_repaired_although_a_later_statement_has_no_value(tmp_path):
     right = "sqrt(R[0, 2] ** 2 + R[1, 2] ** 2), R[2, 2])"
     second = ("atan2(left[1, 0], left[0, 0])", "atan2(left[1, 0], q6[0, 0])")
     case, formula = changed("pa10", right, right.replace("R[2, 2]", "R[2, 1]"), tmp_path, second)
+    assert seeds.outcome(case, formula, tmp_path, 4.0) == "rank 1"
+
+
+def test_rows_after_one_without_a_value_are_judged(tmp_path):
+    """X_S2 uses a name that is assigned later; a wrong name in the return statement is a fault of its own."""
+    right = "X_S2 = X_E - sqrt(3) / 3 * l_p"
+    second = ("return X_S1, Y_S1, Z_S1, X_S2,", "return X_S1, Y_S1, Z_S3, X_S2,")
+    case, formula = changed("sils", right, right.replace("l_p", "Z_S3"), tmp_path, second)
+    assert [place.symbol for place in Judge(formula, None, case.truth).failing()] == ["X_S2", "Z_S1"]
     assert seeds.outcome(case, formula, tmp_path, 4.0) == "rank 1"
 
 

@@ -372,7 +372,8 @@ class Crossed:
         """Run statements without edits; return whether they have values."""
         try:
             for statement in statements:
-                exec(self.step.codes[statement.index], scope)
+                if not self.judge.ran(self.step, statement, self.step.codes[statement.index], (), scope, {}):
+                    return False
                 for name in self.step.held.intersection(statement.writes):
                     scope[name] = self.judge.truth.symbols[name]
         except Exception:  # an edit of an earlier statement may make any text invalid

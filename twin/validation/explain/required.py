@@ -273,6 +273,10 @@ def scalar_atoms(source: Source, statement: Statement, shift: Shift, fixed: Sequ
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _COFUNCTIONS:
                 cofunction = _COFUNCTIONS[node.func.id]
                 texts[f"{cofunction}({ast.unparse(node.args[0])})"] = None
+                for angle in ast.walk(node.args[0]):
+                    if isinstance(angle, ast.Name):
+                        texts[f"{node.func.id}({angle.id})"] = None
+                        texts[f"{cofunction}({angle.id})"] = None
     out = []
     with np.errstate(all="ignore"):
         for text in sorted(texts, key=len):

@@ -185,14 +185,14 @@ class Judge:
                 try:
                     exec(code, scope)
                 except (NameError, IndexError) as error:
-                    step.without_value = self._by_element(step, statement, (), scope, error)
+                    # A misspelt name or a wrong index is a fault of the formula, so the rows count as wrong.
+                    step.without_value |= self._without_value(step, statement, (), scope, found, error)
                     step.stuck = True
                     self.notes.append(f"{label} fails in line {statement.line}: {error}")
                 self._check(step, statement, statement.writes, scope, found)
             step.gave = self._outputs(step, scope, found)
         except (NameError, IndexError) as error:
-            # A misspelt name or a wrong index is a fault of the formula, so the rows count as wrong.
-            step.without_value = frozenset({(statement.index, -1)})
+            step.without_value |= {(statement.index, -1)}
             self._stuck(step, statement, found)
             self.notes.append(f"{label} fails in line {statement.line}: {error}")
         except Exception as error:
@@ -201,6 +201,31 @@ class Judge:
             return False
         self.residuals |= found
         return True
+
+    def _without_value(
+        self,
+        step: Step,
+        statement: Statement,
+        edits: Iterable[Edit],
+        scope: dict[str, Value],
+        found: Residuals,
+        error: Exception,
+    ) -> frozenset[tuple[int, int]]:
+        """Go on after a statement without a value, as far as its rows can be told apart; return the places without one.
+
+        An assignment gets the mechanism's values, like one with a wrong value. `error` is that of the statement.
+
+        Raises:
+            NameError, IndexError: later statements need what has no value.
+        """
+        if statement.returns:
+            return self._by_element(step, statement, edits, scope, error)
+        if not statement.writes or not step.held.issuperset(statement.writes):
+            raise error
+        for i, name in enumerate(statement.writes):
+            self._unknown(step.place(statement.index, i, name, statement.line), found)
+            scope[name] = plain.inside(step.plain, self.truth.symbols[name])
+        return frozenset({(statement.index, -1)})
 
     def _by_element(
         self, step: Step, statement: Statement, edits: Iterable[Edit], scope: dict[str, Value], error: Exception
@@ -281,11 +306,14 @@ class Judge:
     ) -> None:
         """Store the residuals of a statement's outputs, then replace the outputs by the mechanism's values."""
         for i, name in enumerate(names):
-            if name in step.held:
-                value = plain.outside(step.plain, scope[name])
-                place = step.place(statement.index, i, name, statement.line)
-                found[place] = self.difference(name, value)
-                scope[name] = plain.inside(step.plain, self.truth.symbols[name])
+            if name not in step.held:
+                continue
+            place = step.place(statement.index, i, name, statement.line)
+            if place in found:  # the statement has no value
+                continue
+            value = plain.outside(step.plain, scope[name])
+            found[place] = self.difference(name, value)
+            scope[name] = plain.inside(step.plain, self.truth.symbols[name])
 
     def _outputs(self, step: Step, scope: Mapping[str, Value], found: Residuals) -> dict[str, Value]:
         """Return the outputs of an equation that was run, and store the residuals of the known ones."""
@@ -454,7 +482,7 @@ class Judge:
             i = statement.index
             names = writes.get(i, statement.writes)
             if anew or i in edited or dirty & statement.reads:
-                if not self._has_run(step, statement, codes[i], edits, scope):
+                if not self.ran(step, statement, codes[i], edits, scope, found):
                     self._stuck(step, statement, found)
                     return found
                 self._check(step, statement, names, scope, found)
@@ -472,23 +500,35 @@ class Judge:
             self._downstream(step, outputs, changed, found)
         return found
 
-    def _has_run(
-        self, step: Step, statement: Statement, code: CodeType, edits: Sequence[Edit], scope: dict[str, Value]
+    def ran(
+        self,
+        step: Step,
+        statement: Statement,
+        code: CodeType,
+        edits: Sequence[Edit],
+        scope: dict[str, Value],
+        found: Residuals,
     ) -> bool:
-        """Run a statement in an edited equation; return whether it has a value.
+        """Run a statement in an edited equation; return whether the next one can be run.
 
-        A statement, or elements of the returned tuple, may have none if it had none before the edits, which are
-        elsewhere: they may repair other rows.
+        A statement, or elements of the returned tuple, may have no value if they had none before the edits, which are
+        elsewhere: they may repair other rows. The rows of an assignment without a value are stored in `found`.
+
+        Raises:
+            Exception: any exception of the statement that it did not raise before the edits.
         """
         try:
             exec(code, scope)
         except (NameError, IndexError) as error:
             own = [edit for edit in edits if edit.statement == statement.index]
-            if (statement.index, -1) in step.without_value and not own:
-                return False
-            if not step.without_value:
+            as_before = (statement.index, -1) in step.without_value and not own
+            try:
+                places = self._without_value(step, statement, own, scope, found, error)
+            except (NameError, IndexError):
+                if as_before:
+                    return False
                 raise
-            if not self._by_element(step, statement, own, scope, error) <= step.without_value:
+            if not (as_before or places <= step.without_value):
                 raise
         return True
 
@@ -556,7 +596,8 @@ class Judge:
         found: Residuals = {}
         self._check(step, statement, statement.writes, scope, found)
         for later in step.source.statements[statement.index + 1 :]:
-            exec(step.codes[later.index], scope)
+            if not self.ran(step, later, step.codes[later.index], (), scope, found):
+                return found
             self._check(step, later, later.writes, scope, found)
         outputs = self._outputs(step, scope, found)
         changed = set(outputs).difference(self.truth.kinds)
