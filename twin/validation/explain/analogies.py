@@ -2,7 +2,7 @@
 
 Formulas often have rows or functions of the same form, with other names. If a term is missing, the names that only this
 term used have no reader any more. Each expression of the file is therefore evaluated with these names instead of its
-own. Expressions of other rows are also evaluated with the names that only the row at hand has, instead of those that
+own. Expressions of other rows are also evaluated with the names that only the row itself has, instead of those that
 only the other row has. The values, at many poses, then decide whether an expression is what is missing.
 """
 

@@ -1,6 +1,6 @@
 """Find expressions that stand whole elsewhere in the file: what they have more is likely to be missing here.
 
-Two expressions are counterparts if one becomes the other by leaving out a term, a factor, a square, a root or a sign,
+Two expressions are counterparts if one becomes the other by omission of a term, a factor, a square, a root or a sign,
 and by writing other names. The edit that puts this part back is tried first, alone and beside other edits.
 """
 
@@ -25,7 +25,7 @@ _NUMBERS = {"pi"}
 """Names that always have the same value."""
 
 _Names = Mapping[str, str]
-"""Names of the whole expression, with those that the expression at hand has in their place."""
+"""Names of the whole expression, with those in the same places of the other expression."""
 
 
 def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:

@@ -41,7 +41,7 @@ With a noisy CAD, the unit is the largest difference that noise explains; see `J
 
 
 _NO_VALUE = object()
-"""What stands for the value of an element of a returned tuple that uses an unknown name or a wrong index."""
+"""Placeholder for an element of a returned tuple that uses an unknown name or a wrong index."""
 
 
 class Judge:
