@@ -3,7 +3,7 @@
 import { Box3, Vector3 } from 'three';
 import { Connection } from './connection';
 import { Console } from './console';
-import type { Sheet } from './controls';
+import type { Sheet, Tab } from './controls';
 import { Fields } from './fields';
 import { type Field, type Frame, parseScene, sameFrame } from './frame';
 import { loadEarly } from './glb';
@@ -300,10 +300,15 @@ export class App {
     this.world.frameAll(new Vector3(0, size.z / 2, 0), size.length() / 2);
   }
 
+  /** Show the controls on the panel in the headset, with the questionnaire that is due as the first tab. */
+  showPanel(form: Tab | null): void {
+    if (this.sheet) this.xrPanel.show(form ? { ...this.sheet, tabs: [form, ...this.sheet.tabs] } : this.sheet);
+  }
+
   private build(): void {
     this.sheet = makeSheet(this);
     this.dom.show(this.sheet);
-    this.xrPanel.show(this.sheet);
+    this.showPanel(this.console?.forms.tab() ?? null);
     this.refresh();
   }
 

@@ -297,6 +297,7 @@ export class Console {
     const state = this.app.model.console;
     if (!state) return null;
     if (state.stopped) return { tone: 'bad', text: `The simulation has stopped: ${state.stopped}` };
+    if (this.forms.due) return { tone: 'warn', text: this.forms.due };
     if (state.task?.over) return { tone: endTone(state.task), text: `${state.task.over} Press Restart to begin again.` };
     const planned = this.plan.status();
     if (planned) return planned;

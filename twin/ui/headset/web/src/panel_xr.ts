@@ -207,7 +207,8 @@ export class XrPanel implements Drawer {
     }
   }
 
-  private choose(id: string): void {
+  /** Open a tab. */
+  choose(id: string): void {
     this.open = id;
     this.scroll = 0;
     this.stale = true;
