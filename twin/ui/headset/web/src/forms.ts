@@ -27,7 +27,7 @@ export class Forms {
   private when = '';
   /** Answers by item; null: none yet. */
   private answers: (number | null)[] = [];
-  /** What is wrong with the answers; '': nothing. */
+  /** Why the answers cannot be sent; '': they can. */
   private wrong = '';
   /** Whether answers are on their way: a second click answers no second form. */
   private sending = false;
