@@ -131,7 +131,10 @@ class Proved(Result):
         yield from by_severity(self.findings)
         proof = self.proof
         yield f"  {self.summary}"
-        yield f"  {100 * proof.inside:.3g} % of the drawn states are within reach and have values"
+        text = f"  {100 * proof.inside:.3g} % of the drawn states are within reach and have values"
+        if proof.inside < 1:
+            text += "; that the mechanism cannot assemble at the others is not proved"
+        yield text
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
         report = proof.branches
         if report is not None and report.count:
