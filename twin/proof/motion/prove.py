@@ -29,7 +29,7 @@ ORDER = 5
 TIGHT = 1.1
 """Ratio of an upper bound to a value that is certainly reached, above which pieces are halved."""
 
-ROUNDING = 1e-11
+ROUNDING = 2e-11
 """Size in m, rad, m/s or rad/s below which no bound is made tighter."""
 
 SPEED_EXCESS = 1e-3
