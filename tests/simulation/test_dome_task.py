@@ -230,6 +230,7 @@ def test_a_task_done_well_has_all_steps_in_order():
     assert (found.touches, found.drops, found.collisions) == (0, 0, 0)
     assert [e.tone for e in referee.events] == ["good"] * 5
     assert referee.content()["rings"] == [["ring", "retracted", "#cbcbcb"]]
+    assert referee.content()["next"] == ""
 
 
 @pytest.mark.parametrize(
@@ -268,9 +269,24 @@ def test_steps_are_missed_and_drops_counted(steps, missed, drops):
     assert referee.complete == (not missed)
 
 
+def test_each_step_has_an_instruction():
+    led = []
+    for k in range(len(WELL) + 1):
+        _, referee = judged(WELL[:k])
+        led.append(referee.content()["next"])
+    assert led[0].startswith("Drag an instrument to begin")
+    parts = ["Pick the ring up with l", "Grasp the ring with r too", "Put the ring over the free end", "Guide the ring"]
+    parts += ["Open the jaws", "Draw both instruments out"]
+    found = [next((k for k, text in enumerate(led) if text.startswith(part)), None) for part in parts]
+    assert None not in found, dict(zip(parts, found, strict=True))
+    assert found == sorted(found)
+    assert [state for _, state, _ in referee.content()["stages"]] == ["done"] * 5
+
+
 def test_after_a_drop_it_is_said_who_must_pick_the_ring_up():
     _, referee = judged([*WELL[:3], (-20, NOBODY, {}), *WELL[3:]])
     assert referee.content()["events"][1][1:] == ["bad", "ring was dropped: l must pick it up again"]
+    assert referee.content()["next"] == "The ring fell: pick it up again with l"
     found, referee = judged([*WELL[:3], (-20, NOBODY, {}), *WELL[2:]])  # it does
     assert (found.missed, found.drops) == ([], 1)
     _, referee = judged([*WELL[:8], (12, NOBODY, {}), *WELL[8:]])  # after handing over any arm may

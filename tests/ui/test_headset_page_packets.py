@@ -49,10 +49,10 @@ def test_the_page_says_who_controls_it_what_is_lost_and_what_is_wrong(page):
     pens = Streaming(page.port)
     try:
         says(page, "packets", f"UDP packets: port {page.port}, in control of the hands")
-        says(page, "hand-right", "psm1 is at rest")
+        says(page, "hand-right", "Right instrument is at rest")
         pens.roll()
-        for side, arm in (("right", "psm1"), ("left", "psm2")):
-            says(page, f"hand-{side}", f"{arm} follows")
+        for side, arm in (("right", "Right instrument"), ("left", "Left instrument")):
+            says(page, f"hand-{side}", f"{arm} follows the hand")
         for _ in range(10):
             pens.p["right"] = pens.p["right"] + (2e-3, 0, 0)
             page.page.wait_for_timeout(50)
@@ -65,7 +65,7 @@ def test_the_page_says_who_controls_it_what_is_lost_and_what_is_wrong(page):
         says(page, "status", f"a packet from {stranger.name} is ignored: the packet has 7 bytes; it must have 84")
         stranger.close()
         says(page, "packets", "1 packets ignored")
-        says(page, "status", "UDP packets control psm1 and psm2")  # a note about a packet hides it for 6 s
+        says(page, "status", "UDP packets control the right instrument and the left instrument")  # a note about a packet hides it for 6 s
     finally:
         pens.close()
     says(page, "status", "No packets of the right and the left hand: nothing moves.")

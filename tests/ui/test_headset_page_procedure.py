@@ -70,7 +70,7 @@ def again(page):
 @pytest.mark.browser
 @pytest.mark.nightly
 def test_a_gamepad_grasps_and_lifts_the_gallbladder_and_an_unplugged_one_keeps_it(page, player):
-    page.until("twin.app.model.console.task.next.includes('Grasper')", "the page says what is to be done")
+    page.until("twin.app.model.console.task.next.startsWith('Drag an instrument')", "the page says what is to be done")
     before = player.vertices("gallbladder")
     grasp_and_lift(player)
     page.until("twin.app.model.console.task.stages[0][1] === 'done'", "exposed")
@@ -194,7 +194,7 @@ def test_a_gamepad_does_the_five_stages(page, player):
     def tell(what):
         told.append(f"{what} {time.monotonic() - begin:.0f} s")
 
-    page.until("twin.app.model.console.task.next.includes('Grasper')", "the page says what is to be done")
+    page.until("twin.app.model.console.task.next.startsWith('Drag an instrument')", "the page says what is to be done")
     grasp_and_lift(player)
     page.until("twin.app.model.console.task.stages[0][1] === 'done'", "exposed")
     tell("exposed")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from playwright.sync_api import Error
 
 import twin
 from made import headset_page as headset
@@ -151,3 +152,21 @@ def test_the_end_shows_the_result_and_restart_begins_again(page):
     )
     headset.until(lambda: not page.id("result").is_visible(), "the result is gone")
     assert not page.errors
+
+
+def test_another_task_is_started_on_the_page(page):
+    """The server ends the present content and shows the next one at the same address; the page reloads itself."""
+    assert page("twin.app.console.info.choice.present") == "pegboard"
+    page.tab("Console")
+    page.id("start-camera").click()
+
+    def shown():
+        try:
+            return page("window.twin?.app.console?.info.choice.present === 'camera' && twin.app.loaded")
+        except Error:  # the page reloads itself at this moment
+            return False
+
+    headset.until(shown, "the camera task")
+    page.until("twin.app.model.console?.task?.next?.includes('grey line')", "what to do now")
+    assert "Camera moves" in page.id("score").inner_text()
+    page.errors.clear()  # the browser tells of the connections that the closed server refused

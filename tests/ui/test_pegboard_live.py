@@ -103,12 +103,14 @@ def test_sample_by_sample_and_all_at_once_give_the_same_measures():
     assert (seen > 10).all(), "the sessions are of all kinds"
 
 
-def told(places, holders, touches=None):
-    """Return the events of a ring at places (3,) in mm, 0.1 s each."""
+def told(places, holders, touches=None, begun=0):
+    """Return the events of a ring at places (3,) in mm, 0.1 s each; an arm follows its hand from sample `begun` on."""
     k = len(places)
     referee = rings.RingsReferee(TASK, [RING], {"peg": PEG}, ROBOTS, 0.1)
     for i in range(k):
         now = dict.fromkeys((f"{n}.{what}" for n in ROBOTS for what in ("touches", "meets", "follows")), np.zeros(1))
+        if i >= begun:
+            now["a.follows"] = np.ones(1)
         now |= {"ring.pose": spatial.pose(p=np.array(places[i]) * MM).ravel(), "ring.holder": np.array([holders[i]])}
         if touches is not None:
             now["a.touches"] = np.array([touches[i]])
@@ -132,21 +134,31 @@ def test_what_happens_is_told_once_in_words():
     assert [e[2] for e in events] == ["ring is on its peg: 1 of 1", "ring has left its peg"]
     events, _ = told([AWAY] * 6, [-1] * 6, [0, 1, 0, 1, 1, 0])
     assert events == [(0.1, "bad", "a touched the board")]
+    events, _ = told([AWAY] * 6, [-1] * 6, [0, 0, 0, 0, 1, 0], begun=2)
+    assert events == [(0.2, "bad", "a touched the board")], "the clock starts with the first motion"
 
 
 def test_the_scoreboard_is_plain_data():
     _, referee = told([AWAY, AWAY, AWAY], [-1, 1, 1])
     assert referee.content() == {
         "rows": [
-            ["Time", "0.0 s"],
+            ["Time", "0.3 s"],
             ["Rings transferred", "0 of 1"],
             ["Rings dropped", "0"],
             ["Instrument collisions", "0"],
             ["Errors", "0"],
         ],
         "rings": [["ring", "held by b", "#ff007f"]],
+        "next": "Bring ring over the peg with b; open the jaws there",
         "events": [],
     }
+    _, referee = told([AWAY, AWAY], [-1, -1], begun=5)
+    assert referee.content()["next"].startswith("Drag an instrument to begin")
+    assert referee.content()["rows"][0] == ["Time", "0.0 s"]
+    _, referee = told([AWAY, AWAY], [-1, -1])
+    assert referee.content()["next"] == "Bring open jaws around ring, and close them"
+    _, referee = told([AWAY, AWAY, *[ON] * 6], [-1, 0, *[-1] * 6])
+    assert referee.content()["next"] == ""
 
 
 # -- live ----------------------------------------------------------------------------------------------------
@@ -221,7 +233,9 @@ def test_a_restart_that_cannot_be_recorded_loses_nothing(theatre, tmp_path):
 def test_without_rings_there_is_nothing_to_end(bare_theatre):
     live = LiveConsole(bare_theatre)
     assert live.reading["task"] is None
-    with pytest.raises(TwinError, match="there is no task to end or restart: start this program with --task"):
+    with pytest.raises(
+        TwinError, match="there is no task to end or restart: start one on the page, or this program with --task"
+    ):
         live.end("page 1")
     operation = Operation(bare_theatre)
     with pytest.raises(wire.RefusedError, match="there is no task to end or restart"):
@@ -288,10 +302,10 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(thea
             for _ in range(375):
                 live.advance(0.004)
             assert live.reading["silent"]
-            assert live.reading["task"]["rings"][0][1] == "held by psm1"
+            assert live.reading["task"]["rings"][0][1] == "held by the right instrument"
             assert live.world.signals["psm1.q"][-1] == jaw
             assert row(live, "Rings dropped") == "0"
-        grasped += live.reading["task"]["rings"][0][1] == "held by psm1"
+        grasped += live.reading["task"]["rings"][0][1] == "held by the right instrument"
         if live.reading["task"]["over"]:
             break
         pedals = (bool(now[at[f"pedals.{p}"]][0] > 0.5) for p in ("clutch", "camera"))
@@ -307,7 +321,7 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(thea
         live.advance(0.004)
     board = live.reading["task"]
     assert board["over"] == "All rings are on their pegs."
-    assert {"held by psm1", "held by psm2"} <= held
+    assert {"held by the right instrument", "held by the left instrument"} <= held
     assert row(live, "Rings transferred") == "2 of 2"
     found = replay_session(tmp_path / "own.session", few)
     assert found.ran.difference is None

@@ -87,6 +87,7 @@ class Told:
         self.now |= {"gallbladder.nodes": organ.nodes.ravel(), "liver.depth": np.zeros(1)}
         self.now |= {f"gallbladder.{what}": np.zeros(len(organ.held)) for what in ("energy", "freed")}
         self.now["cystic_duct.seen"] = np.zeros(1)
+        self.now |= {f"{r}.follows": np.ones(1) for r in p.start}
         for clip in clips:
             self.now |= {clip: np.full(1, -2.0)}
             self.now |= {clip.replace("on", what): np.zeros(1) for what in ("at", "cover")}
@@ -109,35 +110,47 @@ def test_page_is_led_through_the_five_stages(vsrs):
     spared = [done, done]
     states, step = told.run()
     assert states == [todo] * 5 + spared
-    assert step == "Grasper of lapbot, left hand: bring its tip to the gallbladder; open its jaws, close them"
+    assert step == "Grasper, left hand: bring its tip to the gallbladder; open its jaws, close them"
     states, step = told.run(lapbot__holds=0, lapbot__lifted=(0, 0, 0.003))
-    assert step == "Lift the gallbladder with lapbot: 3 of 8 mm"
+    assert step == "Lift the gallbladder with the left instrument: 3 of 8 mm"
     states, step = told.run(lapbot__lifted=(0, 0, 0.02))
     assert states == [done, *[todo] * 4, *spared]
     assert step.startswith("Hold the camera pedal")
     states, step = told.run(cystic_duct__seen=0.9)
     assert states == [done, done, *[todo] * 3, *spared]
-    assert step.startswith("Clip applier of pa10, right hand: bring the cystic duct between its jaws, away from")
+    assert step.startswith("Clip applier, right hand: bring the cystic duct between its jaws, away from")
     for k, at in enumerate((0.021, 0.025, 0.010), 1):
         states, step = told.run(**{f"clip_{k}__at": at, f"clip_{k}__cover": 1, f"clip_{k}__on": 0})
     assert states == [done] * 3 + [todo] * 2 + spared
-    assert step == "Choose Scissors for pa10, right hand, and draw its tip back to at most 110 mm from the port"
+    assert step == "Choose Scissors for the right hand, and draw its tip back to at most 110 mm from the port"
     names = [*vsrs.tools]
     _, step = told.run(pa10__carries=names.index("scissors"))
-    assert step.startswith("Scissors of pa10, right hand: bring the cystic duct between its blades")
+    assert step.startswith("Scissors, right hand: bring the cystic duct between its blades")
     states, step = told.run(cystic_duct__cut=np.arange(len(told.now["cystic_duct.cut"])) == 10)
     assert states == [done] * 4 + [todo] + spared
-    assert step.startswith("Choose Cautery hook for pa10")
+    assert step.startswith("Choose Cautery hook for the right hand")
     _, step = told.run(pa10__carries=names.index("cautery"))
     assert "0 of 7 cells are free" in step
     _, step = told.run(gallbladder__freed=1, gallbladder__energy=20)
-    assert step.startswith("Pull the gallbladder out with lapbot")
+    assert step.startswith("Pull the gallbladder out with the left instrument")
     assert not told.guide.complete
     up = told.now["gallbladder.nodes"].reshape(-1, 3) + np.array([0, 0.05, 0.17])
     states, _ = told.run(gallbladder__nodes=up.ravel())
     assert states == [done] * 7
     assert told.guide.complete
     assert told.guide.ending == "The gallbladder is out. All checks are passed."
+
+
+def test_the_clock_starts_with_the_first_motion_and_no_stage_is_passed_before_it(vsrs):
+    told = Told(vsrs)
+    states, step = told.run(3.0, cystic_duct__seen=0.9, pa10__follows=0, lapbot__follows=0)
+    assert step.startswith("Drag an instrument to begin")
+    assert states[1] == "open", "the camera sees the vessel, but nobody has moved anything"
+    assert dict(told.guide.content()["rows"])["Time"] == "0.0 s"
+    states, _ = told.run(1.0, pa10__follows=1)
+    assert states[1] == "done"
+    assert 0.8 < float(dict(told.guide.content()["rows"])["Time"].removesuffix(" s")) <= 1.0
+    assert told.guide.measures().time == pytest.approx(1.0, abs=0.03)
 
 
 @pytest.mark.parametrize(

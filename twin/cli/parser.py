@@ -175,7 +175,8 @@ class Command(_Parser):
         self.robot(SHOWN)
         self.protocol()
         self.address(port, what)
-        self.text("--task", "NAME", "task at the console of a scene, such as pegboard with rings to grasp")
+        text = "task at the console of a scene, such as pegboard (default: the only one of the scene; none: free hands)"
+        self.text("--task", "NAME", text)
         text = (
             "end of an instrument that the hand moves: the tip (compensated, default), or the end outside the port, "
             "so that the port inverts the motion of the tip (direct)"

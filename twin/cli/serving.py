@@ -11,6 +11,7 @@ import threading
 import webbrowser
 from collections import ChainMap
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,11 +24,13 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.model.scene import Scene
     from twin.ui.access.rules import AccessRules
     from twin.ui.headset.operation import Operation
     from twin.ui.headset.ros.bridge import RosBridge
     from twin.ui.headset.served import Served
     from twin.ui.session.loaded_scene import LoadedScene
+    from twin.ui.session.task_choice import TaskChoice
 
 Access = tuple[PageAddress, "AccessRules"]
 """Address of a page, and the rules that decide which clients receive it."""
@@ -48,9 +51,41 @@ def serve(args: argparse.Namespace) -> int:
     if args.guided is not None:
         guided.guide(args, _part_server(args, port, context))
         return 0
-    name, make = _what(args)
-    asyncio.run(serve_until_stopped(args, name, make, port, context))
+    name, make, choice = _what(args)
+    if choice is None:
+        asyncio.run(serve_until_stopped(args, name, make, port, context))
+        return 0
+    _serve_tasks(args, name, make, choice, port, context)
     return 0
+
+
+def _serve_tasks(
+    args: argparse.Namespace,
+    name: str,
+    make: Callable[[], Served],
+    choice: TaskChoice,
+    port: int,
+    context: ssl.SSLContext | None,
+) -> None:
+    """Serve the tasks of a scene that pages start, one after the other, at one address and with one set of rules."""
+
+    def make_chosen() -> Served:
+        try:
+            return make()
+        except TwinError as error:
+            if not choice.refuse(str(error)):
+                raise
+            print(f"twin: {error}", file=sys.stderr)
+            return make()
+
+    access = _access(args, name, port, context)
+    while True:
+        asyncio.run(serve_until_stopped(args, name, make_chosen, port, context, choice.begin, access))
+        if not choice.asked:
+            return
+        args.no_browser = True  # the open page reloads itself
+        task = choice.task
+        print("  a page has asked for: " + ("no task" if task is None else task.title), flush=True)
 
 
 def _access(args: argparse.Namespace, name: str, port: int, context: ssl.SSLContext | None) -> Access:
@@ -78,8 +113,12 @@ def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | 
     return serve_part
 
 
-def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
-    """Return (title, function to create the served object in the event loop); raise `TwinError` for wrong arguments."""
+def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served], TaskChoice | None]:
+    """Return (title, function to create the served object in the event loop, tasks that a page can start).
+
+    Raises:
+        TwinError: an argument is wrong.
+    """
     from twin.ui.headset import served
     from twin.ui.session.timeline import protocols_of
 
@@ -92,7 +131,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
             raise TwinError(f"--protocols applies to a scene with a console; {args.robot} is a robot: omit --protocols")
         robot = api.load(args.robot)
         protocols_of(robot, args.protocol)
-        return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans)
+        return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans), None
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
     from twin.model.scene import load_scene
@@ -100,18 +139,46 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served]]:
     scene = load_scene(file)
     loaded = scenes.load(scene)
     if scene.console is not None and not args.protocols:
-        return scene.name, _at_console(args, loaded)
+        choice = _choice(args, scene)
+        return scene.name, _at_console(args, loaded, choice), choice
     scene.require_protocols()
     if args.protocols:
         text = f"{_OPTION} and --protocols cannot be combined: robots that play protocols have no console"
         _refuse(args, _CONSOLE, text)
     text = f"{_OPTION} requires a console, which scene '{scene.name}' lacks: add a section [console] to {file.name}"
     _refuse(args, _CONSOLE, text)
-    return scene.name, lambda: served.of_scene(scenes.with_organs(loaded), plans)
+    return scene.name, lambda: served.of_scene(scenes.with_organs(loaded), plans), None
 
 
-def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], Served]:
-    """Return the function that starts the console of a scene; raise `TwinError` for wrong arguments."""
+def _choice(args: argparse.Namespace, scene: Scene) -> TaskChoice | None:
+    """Return the tasks that a page of this scene can start; None if the options determine what is shown.
+
+    Without --task, the only task of a scene that is judged is the first one shown.
+
+    Raises:
+        TwinError: the scene has no task of the name in --task.
+    """
+    from twin.simulation.session.run import task_of
+    from twin.ui.session.task_choice import TaskChoice, judged
+
+    tasks = judged(scene.tasks)
+    if args.task is not None and args.task != NO_TASK:
+        tasks = {args.task: task_of(scene, args.task), **tasks}
+    fixed = [option for option in _FIXED if getattr(args, option) is not None]
+    if fixed or not tasks or scene.trainer is not None:
+        return None
+    present = None if args.task == NO_TASK else args.task
+    if args.task is None and len(scene.tasks) == 1:
+        present = next(iter(tasks))
+    return TaskChoice(tasks, present)
+
+
+def _at_console(args: argparse.Namespace, loaded: LoadedScene, choice: TaskChoice | None) -> Callable[[], Served]:
+    """Return the function that starts the console of a scene, with the present task of `choice` if there is one.
+
+    Raises:
+        TwinError: an argument is wrong.
+    """
     from twin.cli.commands.session import report
     from twin.simulation.condition import Condition, randomised
     from twin.simulation.console_scene import console_of
@@ -123,7 +190,7 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
 
     scene = loaded.scene
     task = None
-    if args.task is not None:
+    if args.task is not None and args.task != NO_TASK:
         task = task_of(scene, args.task)
     session = None
     if args.session is not None:
@@ -146,10 +213,17 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene) -> Callable[[], S
     if trials is not None and (args.before or args.after):
         forms = QuestionnaireForms(trials, _names(args.before), _names(args.after))
     exercise = Exercise(task, session, report, condition, args.fulcrum or "compensated", trials, forms)
-    loaded = scenes.with_organs(loaded, task)
     machines.running(args.machine)
     connections = (args.packets, args.mqtt, args.mqtt_topic)
-    return lambda: served.of_console(machines.connected(loaded, args.machine), exercise, *connections)
+    if choice is None:
+        shown = scenes.with_organs(loaded, task)
+        return lambda: served.of_console(machines.connected(shown, args.machine), exercise, *connections)
+
+    def of_choice() -> Served:
+        chosen = replace(exercise, task=choice.task, choice=choice)
+        return served.of_console(scenes.with_organs(loaded, choice.task), chosen, *connections)
+
+    return of_choice
 
 
 def _names(text: str | None) -> list[str]:
@@ -162,6 +236,12 @@ def _names(text: str | None) -> list[str]:
 _CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
 _CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum", "trials", "machine")
 """Options for the console of a scene."""
+
+NO_TASK = "none"
+"""Value of --task with which the hands only move the robots."""
+
+_FIXED = ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros")
+"""Options that determine the exercise, so that a page cannot start another one."""
 
 _PART = ("task", "session", "run", "haptics", "trials", "fulcrum", "record", "replay")
 """Options that a guided run determines, or that it cannot have."""

@@ -289,6 +289,26 @@ def hands_of(scene: Scene) -> dict[str, str]:
     return hands
 
 
+def instrument_names(scene: Scene) -> dict[str, str]:
+    """Return {robot: what people call its instrument} for a console, such as "the left instrument".
+
+    If a hand moves several robots in turn, the name of the robot follows in brackets.
+
+    Raises:
+        TwinError: the scene has no console.
+    """
+    table = console_of(scene)
+    called = {}
+    for robot, hand in hands_of(scene).items():
+        words = f"the {hand} instrument"
+        if len(table.hands) == 1:
+            words = "the instrument"
+        if len(getattr(table, hand)) > 1:
+            words += f" ({robot})"
+        called[robot] = words
+    return called
+
+
 def port_in_base(place: Place) -> Array:
     """Return the position (3,) in m of a robot's first port, in the frame of its base."""
     return (spatial.inverse(place.T_world_base) @ np.append(operating_scene.port_of(place), 1.0))[:3]

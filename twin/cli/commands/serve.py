@@ -10,10 +10,10 @@ EXAMPLES = """\
   twin serve sils                     for a Quest by USB cable, first: adb reverse tcp:8765 tcp:8765
   twin serve sher phantom --no-browser
   twin serve my_robot/                your own robot; a USD stage also works
-  twin serve vsrs                     all robots of a scene, with one clock
+  twin serve vsrs                     the operation of a scene, by your own hands
   twin serve davinci                  instruments and camera, controlled from the page or the headset
   twin serve davinci --task pegboard            rings to grasp, with a scoreboard
-  twin serve raven_dome --task ring             a ring to hand over and to guide in a dome
+  twin serve raven_dome               a ring to hand over and to guide in a dome
   twin serve davinci --packets 9870 --mqtt 127.0.0.1    also by UDP packets; motion scale by MQTT
   twin serve davinci --ros 9090                 by programs of ROS systems, without ROS on this computer
   twin serve sils --host 0.0.0.0 --cert cert.pem --key key.pem    for every headset in the network

@@ -14,6 +14,9 @@ from twin.simulation.world import Block, Recording, Signals
 
 Tone = Literal["good", "plain", "bad"]
 
+BEGIN = "Drag an instrument to begin: the clock starts with its first motion."
+"""Instruction of a page before the first motion."""
+
 SHORT = 0.25
 """Minimum duration in s of an interruption that ends a grasp or a collision; ASSUMED."""
 
@@ -23,7 +26,7 @@ class Event:
     """An event that a page reports immediately.
 
     Attributes:
-        t: time in s.
+        t: time in s since the first moment in which an arm follows its hand; before it, 0.
         tone: "good": a step is done; "bad": an error; "plain": neutral.
         text: the sentence.
     """
@@ -60,14 +63,22 @@ class InstrumentReferee(Block):
         period: time in s between two samples.
         events: all events so far, in order of time.
         ending: sentence for the end of an attempt in which the task was completed.
+        called: what texts call each robot.
     """
 
     outputs: Mapping[str, ArrayLike] = {}
     ending = ""
     _touched = "the board"
 
-    def __init__(self, robots: Sequence[str], period: float) -> None:
-        """Begin with no sample; `robots`: the instruments, in the order of the numbers in `<object>.holder`."""
+    def __init__(self, robots: Sequence[str], period: float, called: Mapping[str, str] | None = None) -> None:
+        """Begin with no sample.
+
+        Args:
+            robots: the instruments, in the order of the numbers in `<object>.holder`.
+            period: time in s between two samples.
+            called: what texts call each robot; None: its name.
+        """
+        self.called = dict(zip(robots, robots, strict=True)) if called is None else dict(called)
         self.period = period
         self.events: list[Event] = []
         self._names = tuple(robots)
@@ -106,9 +117,10 @@ class InstrumentReferee(Block):
         for name, hits in zip(self._names, self._hits, strict=True):
             met |= bool(now[f"{name}.meets"][0] > 0.5)
             if hits.see(k, bool(now[f"{name}.touches"][0] > 0.5)):
-                self._tell(k, "bad", f"{name} touched {self._touched}")
+                self._tell(k, "bad", f"{self.called[name]} touched {self._touched}")
         if self._meetings.see(k, met):
-            self._tell(k, "bad", f"{' and '.join(self._names)} touched each other")
+            both = " and ".join(self.called[name] for name in self._names)
+            self._tell(k, "bad", f"{both} touched each other")
 
     @abstractmethod
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
@@ -128,7 +140,8 @@ class InstrumentReferee(Block):
         return end - self._begun * self.period
 
     def _tell(self, k: int, tone: Tone, text: str) -> None:
-        self.events.append(Event(k * self.period, tone, text))
+        samples = k - self._begun if self._begun >= 0 else 0  # the clock of the page starts with the first motion
+        self.events.append(Event(samples * self.period, tone, text))
 
     def _told(self, last: int) -> list[list]:
         """Return the newest events, at most `last`, as plain data."""

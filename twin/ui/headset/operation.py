@@ -18,6 +18,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.tool import DOES
 from twin.model.trainer import MODEL
+from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.controllers.trainer import Mode
@@ -138,7 +139,9 @@ class Operation(LiveConsole):
             "jaws": {hand: self._has_jaw(hand) for hand in HANDS},
             "pedal": "clutch" if table.teleoperation is None else "enable",
             "first_scale": table.scale,
-            "guided": self.guided,
+            "guided": self.guided or self.choice is not None,
+            "called": console_scene.instrument_names(self.scene),
+            "choice": None if self.choice is None else self.choice.about(),
             "questionnaires": self.questionnaires(),
             "marks": [[text, numbers(at)] for text, at in self.marks()],
             "tools": tools,
@@ -394,6 +397,8 @@ class Operation(LiveConsole):
                 self.rescale(client, message.value)
             case wire.TaskMessage(do="restart"):
                 self.restart(client)
+            case wire.TaskMessage(do="start"):
+                self.start_task(client, message.name)
             case wire.TaskMessage():
                 self.end(client)
             case wire.FormMessage():
@@ -424,8 +429,11 @@ class Operation(LiveConsole):
     # -- documents ------------------------------------------------------------------------------------
 
     def welcome(self) -> list[JsonObject]:
-        """Return the documents of planning mode; none while planning mode is off."""
-        return self._plans.all()
+        """Return the documents of planning mode, and why a task that was asked for is not shown."""
+        documents = self._plans.all()
+        if self.choice is not None and self.choice.problem:
+            documents.append({"type": "error", "code": "failed", "message": self.choice.problem[:500]})
+        return documents
 
     def state(self) -> JsonObject:
         """Return the document `state`: controlled arms, arms at a limit, and the reason if nothing moves."""

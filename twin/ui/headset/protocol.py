@@ -345,10 +345,14 @@ class ScaleMessage(_Message):
 
 
 class TaskMessage(_Message):
-    """End the present attempt at the task of a console, or begin a new one."""
+    """End the present attempt at the task of a console, begin a new one, or start another task of the scene.
+
+    `name` is the task to start; null: no task, the hands only move the robots.
+    """
 
     type: Literal["task"]
-    do: Literal["end", "restart"]
+    do: Literal["end", "restart", "start"]
+    name: Annotated[str, Field(max_length=100)] | None = None
 
 
 class FormMessage(_Message):

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from twin.simulation.controllers.pivot import Fulcrum
     from twin.simulation.session.trial_table import TrialTable
     from twin.ui.session.forms import QuestionnaireForms
+    from twin.ui.session.task_choice import TaskChoice
 
 MakeReport = Callable[[str, str], bytes]
 """Function that takes the paths of session file and scene file, and returns the HTML page of the report.
@@ -39,6 +40,7 @@ class Exercise:
         ended: function that is called when an attempt has ended, by its task or on the page; None: nothing is called.
         guided: whether other content follows at the same address, so that the page reloads itself.
         forms: questionnaires of the page, whose answers go to the table of trials; None: no questionnaires.
+        choice: tasks that the page can start instead of this one; None: the server shows only this exercise.
     """
 
     task: ConsoleTask | None = None
@@ -50,6 +52,7 @@ class Exercise:
     forms: QuestionnaireForms | None = None
     ended: Callable[[], None] | None = None
     guided: bool = False
+    choice: TaskChoice | None = None
 
 
 NO_TASK = Exercise()

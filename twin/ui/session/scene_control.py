@@ -87,6 +87,7 @@ class LiveConsole:
         attempt: number of the present attempt, from 1.
         condition: condition of the experiment, which is stored in the session file.
         guided: whether other content follows at the same address.
+        choice: tasks that a page can start; None: the server shows only this exercise.
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
@@ -111,6 +112,7 @@ class LiveConsole:
         self._forms = exercise.forms
         self._ended = exercise.ended
         self.guided = exercise.guided
+        self.choice = exercise.choice
         self._trial_problem = ""
         self._first_settings = console_scene.settings(scene, exercise.fulcrum, task)
         self.device = self._device_type(
@@ -269,6 +271,22 @@ class LiveConsole:
         self.device.feel(self.condition.haptics)
         self.reading = self._read()
 
+    def start_task(self, client: str, name: str | None) -> None:
+        """End this content, so that the server shows another task; None: no task, the hands only move the robots.
+
+        Raises:
+            HeldError: another client controls the hands.
+            TwinError: there is no such task, or the server shows only this exercise.
+        """
+        if self.choice is None:
+            raise TwinError(
+                "this server shows only one exercise: start it without --session, --trials and machines to choose a "
+                "task on the page"
+            )
+        self.require_free(client)
+        self.choice.ask(name)
+        self.reading = self._read()
+
     def end(self, client: str) -> None:
         """End the present attempt; nothing moves until the next attempt begins.
 
@@ -283,7 +301,7 @@ class LiveConsole:
 
     def _require_task(self) -> None:
         if self.referee is None:
-            raise TwinError("there is no task to end or restart: start this program with --task")
+            raise TwinError("there is no task to end or restart: start one on the page, or this program with --task")
 
     def _finish(self, reason: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
@@ -629,6 +647,7 @@ class LiveConsole:
             "rate": round(self._rate, 1),
             "stopped": self._stopped or None,
             "task": self._scoreboard(),
+            "leaving": self.choice is not None and self.choice.asked,
             "machines": machines,
             "form": None if self._forms is None else self._forms.state(),
             "plan": self.planning.state(),

@@ -62,4 +62,5 @@ class CameraReferee(Block):
     def content(self) -> JsonObject:
         """Return the scoreboard as plain data, with the same keys as for the peg board; rings and events are empty."""
         rows = [["Time", f"{self.time:.1f} s"], ["Camera moves", str(self.moves)]]
-        return {"rows": rows, "rings": [], "events": []}
+        text = "Press Camera and drag: bring the grey line onto the upper side of the green plate; then End the task"
+        return {"rows": rows, "rings": [], "events": [], "next": text}

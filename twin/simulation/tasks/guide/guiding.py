@@ -21,10 +21,19 @@ from twin.model.movable import Movable
 from twin.model.task import goal_of
 from twin.simulation import console_scene, contact_scene
 from twin.simulation.contact_scene import WireCourse
-from twin.simulation.session.referee import InstrumentReferee, Runs
+from twin.simulation.session.referee import BEGIN, InstrumentReferee, Runs
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.guide.task import STEPS, GuideTable
 from twin.simulation.tasks.transfer.rings import crossing
+
+_TITLES = {
+    "picked up": "Pick the ring up",
+    "handed over": "Hand it over",
+    "guided": "Guide it along the wire",
+    "released": "Release it on the wire",
+    "retracted": "Leave the dome",
+}
+"""Titles of the steps."""
 
 _ENTRY = 0.25
 """Fraction of the wire, from its free end, in which the ring must be put over the wire; ASSUMED."""
@@ -120,6 +129,7 @@ class GuidingReferee(InstrumentReferee):
         first: str,
         tools: Mapping[str, Callable[[Array], Array]],
         period: float,
+        called: Mapping[str, str] | None = None,
     ) -> None:
         """Begin with no sample.
 
@@ -131,8 +141,9 @@ class GuidingReferee(InstrumentReferee):
             first: the instrument that picks the ring up.
             tools: {instrument: function from joint values (n,) to its tool's position (3,) in the World}.
             period: time in s between two samples.
+            called: what texts call each robot; None: its name.
         """
-        super().__init__(robots, period)
+        super().__init__(robots, period, called)
         self._guide = guide
         self._ring = ring
         self.course = course
@@ -216,7 +227,7 @@ class GuidingReferee(InstrumentReferee):
         self._drops += 1
         text = f"{spoken(self._ring.name)} was dropped"
         if self._steps["handed over"] is None:
-            text += f": {self._names[self._first]} must pick it up again"
+            text += f": {self.called[self._names[self._first]]} must pick it up again"
         self._tell(k, "bad", text)
 
     def _is_free(self, k: int) -> bool:
@@ -276,14 +287,14 @@ class GuidingReferee(InstrumentReferee):
         if setup.task is None or guide is None:
             raise TwinError(f"{setup.label} has no ring to guide")
         scene = setup.scene
-        robots = list(console_scene.hands_of(scene))
+        called = console_scene.instrument_names(scene)
         ring = next(item for item in scene.objects if item.name == guide.ring)
         tools = {}
-        for name in robots:
+        for name in called:
             tools[name] = _tool(setup.places[name].T_world_base, setup.members[name].kin)
         course = contact_scene.course(scene, setup.props, setup.task)
         first = getattr(scene.console, guide.first)[0]
-        return cls(guide, ring, course, robots, first, tools, period)
+        return cls(guide, ring, course, list(called), first, tools, period, called)
 
     @property
     def signals(self) -> list[str]:
@@ -326,20 +337,50 @@ class GuidingReferee(InstrumentReferee):
         )
 
     def content(self, last: int = 5) -> JsonObject:
-        """Return the scoreboard as plain data: the measures, the state and colour of the ring, the `last` events."""
+        """Return the scoreboard as plain data: measures, steps, state of the ring, next step, the `last` events."""
         color = "#" + hex_digits(self._ring.color_rgba)
+        steps = []
+        for name, k in self._steps.items():
+            steps.append([_TITLES[name], "open" if k is None else "done", ""])
         return {
             "rows": [list(row) for row in self.measures().rows()],
             "rings": [[self._ring.name, self._state(), color]],
+            "stages": steps,
+            "next": self._next(),
             "events": self._told(last),
         }
+
+    def _next(self) -> str:
+        """Return an instruction for the first step that is not done; "" if all are done."""
+        if self._begun < 0:
+            return BEGIN
+        ring = spoken(self._ring.name)
+        first = self.called[self._names[self._first]]
+        others = [self.called[name] for name in self._names if name != self._names[self._first]]
+        second = " or ".join(others)
+        grasp = "bring its open jaws around it, and close them"
+        if self._steps["picked up"] is None:
+            return f"Pick the {ring} up with {first}: {grasp}"
+        if self._steps["handed over"] is None:
+            if self._fallen:
+                return f"The {ring} fell: pick it up again with {first}"
+            return f"Grasp the {ring} with {second} too, then open the jaws of {first}"
+        if self._steps["guided"] is None:
+            if not self._on_wire:
+                return f"Put the {ring} over the free end of the wire with {second}"
+            return f"Guide the {ring} along the wire without touching it: {self._passed:.0%} passed"
+        if self._steps["released"] is None:
+            return f"Open the jaws: the {ring} stays on the wire"
+        if self._steps["retracted"] is None:
+            return "Draw both instruments out of the dome"
+        return ""
 
     def _state(self) -> str:
         """Return the state of the ring as text: dropped, held, or its last step."""
         if self._fell:
             return "dropped"
         if self._holder >= 0:
-            return f"held by {self._names[self._holder]}"
+            return f"held by {self.called[self._names[self._holder]]}"
         state = "not picked up"
         for name, k in self._steps.items():
             if k is not None:

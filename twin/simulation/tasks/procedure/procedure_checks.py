@@ -49,7 +49,8 @@ class ProcedureMeasures:
 
     Attributes:
         checks: the five stages in order, then the checks of the whole session.
-        time: time in s until the last stage was passed; if a stage was not passed, duration of the session.
+        time: time in s from the start of the clock (`ProcedureReferee.begun`) until the last stage was passed; if a
+            stage was not passed, until the end of the session; 0: the clock did not start.
         paths: {robot: length in m of the path of its tip}.
         clips: number of clips used.
         energy: total energy in J that cautery applied to the cells of the bed.
@@ -99,6 +100,7 @@ class ProcedureReferee(Block):
     It reads the signals that `twin.simulation.plants.tissue.Operating` writes.
 
     Attributes:
+        begun: time in s at which the clock starts; None: nothing has followed a hand yet.
         t: time in s of the last sample.
         closed: the clips that were closed so far, in order of time.
         lift: height in m by which the held point of the organ is above its rest position in the last sample; 0: the
@@ -111,7 +113,7 @@ class ProcedureReferee(Block):
 
     outputs: Mapping[str, ArrayLike] = {}
 
-    def __init__(self, setup: Setup, clips: Sequence[str], period: float) -> None:
+    def __init__(self, setup: Setup, clips: Sequence[str], period: float, by_hand: bool = False) -> None:
         """Begin with no sample.
 
         Args:
@@ -119,6 +121,8 @@ class ProcedureReferee(Block):
                 `clip_<k>.on`.
             clips: names of the signals `clip_<k>.on`.
             period: time in s between two samples.
+            by_hand: whether hands at a console move the robots (signals `<robot>.follows`): clock and checks then
+                start with the first moment in which a robot follows its hand.
 
         Raises:
             TwinError: the task is not a procedure, or its organ is missing.
@@ -135,6 +139,7 @@ class ProcedureReferee(Block):
         self._number = [vessel.name for vessel in scene.vessels].index(self.procedure.vessel)
         self._clips = [name.removesuffix(".on") for name in clips]  # in their appliers
         self.closed: list[Closed] = []
+        self.begun: float | None = None if by_hand else 0.0
         self.t = 0.0
         self.lift = 0.0
         self.seen = 0.0
@@ -169,6 +174,8 @@ class ProcedureReferee(Block):
     def see(self, now: Mapping[str, Array], t: float) -> None:
         """Judge a sample at a time t in s, `period` after the sample before."""
         self.t = t
+        if self.begun is None and any(now[f"{robot}.follows"][0] > 0.5 for robot in self.robots):
+            self.begun = t
         self._see_clips(now)
         self.lift = self._lift(now)
         self.seen = float(now[f"{self.procedure.vessel}.seen"][0])
@@ -214,7 +221,7 @@ class ProcedureReferee(Block):
         self._last_lift = self.lift
         if self._t_lifted is None and self.lift >= p.lift_mm * MM:
             self._t_lifted = self.t
-        if self.seen >= p.seen:
+        if self.seen >= p.seen and self.begun is not None:
             self._run += 1
         else:
             self._run = 0
@@ -260,6 +267,7 @@ class ProcedureReferee(Block):
                 time = self.t
                 break
             time = max(time, stage.t)
+        time = 0.0 if self.begun is None else time - self.begun
         energy = float(self.energy.sum())
         return ProcedureMeasures(checks, time, dict(self._paths), len(self.closed), energy, self._pull, self._slipped)
 
@@ -385,7 +393,9 @@ def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:
     for name in sorted(kept.sizes):
         if name.startswith("clip_") and name.endswith(".on"):
             clips.append(name)
-    referee = ProcedureReferee(setup, clips, kept.dt)
+    robots = operating_scene.procedure_of(setup.scene, setup.task).start
+    by_hand = all(f"{robot}.follows" in kept.sizes for robot in robots)
+    referee = ProcedureReferee(setup, clips, kept.dt, by_hand)
     for t, now in zip(kept.t.tolist(), kept.samples(kept.sizes), strict=True):
         referee.see(now, t)
     return referee.measures()

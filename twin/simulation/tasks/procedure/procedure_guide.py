@@ -10,9 +10,9 @@ from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.model.tool import Kind
-from twin.simulation.console_scene import hands_of
+from twin.simulation.console_scene import hands_of, instrument_names
 from twin.simulation.plants.tissue.operating import Grasped
-from twin.simulation.session.referee import Event
+from twin.simulation.session.referee import BEGIN, Event
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_checks import Closed, ProcedureCheck, ProcedureReferee
 
@@ -44,11 +44,12 @@ class ProcedureGuide(ProcedureReferee):
 
     def __init__(self, setup: Setup, clips: Sequence[str], period: float) -> None:
         """Begin with no sample, see `ProcedureReferee`; a console of the scene moves the robots."""
-        super().__init__(setup, clips, period)
+        super().__init__(setup, clips, period, by_hand=True)
         self.complete = False
         self.events: list[Event] = []
         self._tools = list(setup.scene.tools.values())
         self._hands = hands_of(setup.scene)
+        self._called = instrument_names(setup.scene)
         self._carried = dict.fromkeys(self.robots, -1)
         self._holds: dict[str, int] = dict.fromkeys(self.robots, Grasped.NOTHING)
         self._told: dict[str, str] = {}
@@ -98,9 +99,9 @@ class ProcedureGuide(ProcedureReferee):
         if holds == before:
             return
         if holds == Grasped.NOTHING:
-            self._tell("plain", f"{robot} has released the {self._held(before)}")
+            self._tell("plain", f"{self._called[robot]} has released the {self._held(before)}")
         else:
-            self._tell("plain", f"{robot} holds the {self._held(holds)}")
+            self._tell("plain", f"{self._called[robot]} holds the {self._held(holds)}")
 
     def content(self) -> JsonObject:
         """Return the scoreboard as plain data: measures, stages with their state, the next step, the last events."""
@@ -129,13 +130,13 @@ class ProcedureGuide(ProcedureReferee):
         clips_left = self.clips - len(self.closed)
         measures = self.measures()
         rows = [
-            ["Time", f"{self.t:.1f} s"],
+            ["Time", f"{self._clock:.1f} s"],
             ["Clips left", f"{clips_left} of {self.clips}"],
             ["Energy into the bed", f"{self.energy.sum():.0f} J"],
             ["Largest pull of a grasper", f"{measures.largest_pull:.1f} N"],
         ]
         for robot, path in measures.paths.items():
-            rows.append([f"Path of {robot}", f"{path / MM:.0f} mm"])
+            rows.append([f"Path of {self._called[robot]}", f"{path / MM:.0f} mm"])
         self._content = {
             "rows": rows,
             "rings": [],
@@ -159,7 +160,12 @@ class ProcedureGuide(ProcedureReferee):
             self._tell("bad", f"{_TITLES[check.name]}: {check.text}")
 
     def _tell(self, tone: Literal["good", "plain", "bad"], text: str) -> None:
-        self.events.append(Event(self.t, tone, text))
+        self.events.append(Event(self._clock, tone, text))
+
+    @property
+    def _clock(self) -> float:
+        """Time in s since the first moment in which a robot followed its hand; 0 before it."""
+        return 0.0 if self.begun is None else self.t - self.begun
 
     def _held(self, number: int) -> str:
         if number == Grasped.ORGAN:
@@ -170,13 +176,15 @@ class ProcedureGuide(ProcedureReferee):
 
     def _hint(self, checks: Sequence[ProcedureCheck]) -> str:
         """Return an instruction for the next step of the first stage that is not done."""
+        if self.begun is None:
+            return BEGIN
         p = self.procedure
         states = {check.name: _state(check) for check in checks}
         holder = self._holder()
         if states["expose"] == "open" and holder is None:
             return self._with("grasper", f"bring its tip to the {spoken(p.organ)}; open its jaws, close them")
-        if states["expose"] == "open":
-            return f"Lift the {spoken(p.organ)} with {holder}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
+        if states["expose"] == "open" and holder is not None:
+            return f"Lift the {spoken(p.organ)} with {self._called[holder]}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
         if states["show"] == "open":
             part = f"now {self.seen:.0%}, at least {p.seen:.0%}"
             until = f"until the endoscope sees enough of the {spoken(p.vessel)}"
@@ -198,20 +206,19 @@ class ProcedureGuide(ProcedureReferee):
             return self._with("cautery", f"touch a yellow mark of the bed with its tip, and switch it on: {count}")
         if holder is None:
             return self._with("grasper", f"grasp the {spoken(p.organ)}")
-        return (
-            f"Pull the {spoken(p.organ)} out with {holder}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
-        )
+        pull = f"Pull the {spoken(p.organ)} out with {self._called[holder]}"
+        return f"{pull}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
 
     def _with(self, kind: Kind, do: str) -> str:
         """Return the instruction `do` for the robot with a kind of tool; without one, how to choose the tool."""
         for robot in self.robots:
             tool = self._tools[self._carried[robot]]
             if tool.kind == kind:
-                return f"{tool.title} of {robot}, {self._hands[robot]} hand: {do}"
+                return f"{tool.title}, {self._hands[robot]} hand: {do}"
         title = next(tool.title for tool in self._tools if tool.kind == kind)
         robot = self._free_robot()
         return (
-            f"Choose {title} for {robot}, {self._hands[robot]} hand, and draw its tip back to at most "
+            f"Choose {title} for the {self._hands[robot]} hand, and draw its tip back to at most "
             f"{self.procedure.change_mm:g} mm from the port"
         )
 

@@ -79,8 +79,9 @@ class _BoardPlay(Play):
 
     def referee(self, setup: Setup, task: ConsoleTask, period: float) -> RingsReferee:
         pegs = contact_scene.pegs(setup.scene, setup.props, task)
-        robots = list(console_scene.hands_of(setup.scene))
-        return RingsReferee(required_goal(task, Transfers), setup.scene.objects, pegs, robots, period)
+        called = console_scene.instrument_names(setup.scene)
+        goal = required_goal(task, Transfers)
+        return RingsReferee(goal, setup.scene.objects, pegs, list(called), period, called)
 
     def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> BoardOutcome:
         scene = setup.scene

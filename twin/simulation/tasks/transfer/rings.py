@@ -15,7 +15,7 @@ from twin.core.spoken import spoken
 from twin.core.units import MM, hex_digits
 from twin.model.movable import Movable
 from twin.simulation.contact_scene import Peg
-from twin.simulation.session.referee import InstrumentReferee, Tone
+from twin.simulation.session.referee import BEGIN, InstrumentReferee, Tone
 from twin.simulation.tasks.transfer.task import Transfers
 from twin.simulation.world import Recording
 
@@ -96,7 +96,13 @@ class RingsReferee(InstrumentReferee):
     ending = "All rings are on their pegs."
 
     def __init__(
-        self, goal: Transfers, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str], period: float
+        self,
+        goal: Transfers,
+        objects: Sequence[Movable],
+        pegs: Mapping[str, Peg],
+        robots: Sequence[str],
+        period: float,
+        called: Mapping[str, str] | None = None,
     ) -> None:
         """Begin with no sample.
 
@@ -106,8 +112,9 @@ class RingsReferee(InstrumentReferee):
             pegs: {name: peg}.
             robots: the instruments, in the order of the numbers in `<ring>.holder`.
             period: time in s between two samples.
+            called: what texts call each robot; None: its name.
         """
-        super().__init__(robots, period)
+        super().__init__(robots, period, called)
         by_name = {item.name: item for item in objects}
         self._rings: list[_Ring] = []
         for transfer in goal.transfers:
@@ -151,12 +158,27 @@ class RingsReferee(InstrumentReferee):
         return BoardMeasures(results, self.collisions, self._duration(end))
 
     def content(self, last: int = 5) -> JsonObject:
-        """Return the scoreboard as plain data: the measures, the state and colour of each ring, the `last` events."""
+        """Return the scoreboard as plain data: measures, state of each ring, next step, the `last` events."""
+        called = [self.called[name] for name in self._names]
         return {
             "rows": [list(row) for row in self.measures().rows()],
-            "rings": [[ring.name, ring.state(self._names), ring.color] for ring in self._rings],
+            "rings": [[ring.name, ring.state(called), ring.color] for ring in self._rings],
+            "next": self._next(),
             "events": self._told(last),
         }
+
+    def _next(self) -> str:
+        """Return an instruction for the next step; "" if all rings are on their pegs."""
+        if self._begun < 0:
+            return BEGIN
+        for ring in self._rings:
+            if ring.holder >= 0:
+                who = self.called[self._names[ring.holder]]
+                return f"Bring {spoken(ring.name)} over the {spoken(ring.peg.name)} with {who}; open the jaws there"
+        for ring in self._rings:
+            if not ring.settled:
+                return f"Bring open jaws around {spoken(ring.name)}, and close them"
+        return ""
 
 
 def measure(

@@ -354,6 +354,7 @@ export class App {
     }
     this.machines?.hear(message);
     if (message.type === 'forces') this.console?.forces.hear(message);
+    if (message.type === 'state') this.line.hurries = message.console?.leaving ?? false;
     if (message.type === 'error' && message.code === 'released') this.grab.drop(message.message);
     this.model.hear(message);
     this.console?.plan.hear(message);

@@ -6,6 +6,7 @@ export type Line = 'connecting' | 'open' | 'reconnecting' | 'refused';
 
 const FIRST_WAIT = 250; // ms
 const LONGEST_WAIT = 5000;
+const SOON = 500;
 const SILENCE = 8000; // ms without any message after which the connection counts as lost
 const PING = 2000;
 const BACKLOG = 4096; // unsent bytes above which a drag is omitted in favour of the next one
@@ -36,6 +37,8 @@ export class Connection {
   private opened = false;
   /** Secret with which this page reconnects as the same client and keeps its grabs. */
   private resume = '';
+  /** Whether the server comes back soon, so that the page asks often. */
+  hurries = false;
 
   constructor(private readonly url: string) {
     setInterval(() => this.watch(), PING);
@@ -123,7 +126,7 @@ export class Connection {
     if (!this.opened) void this.admitted();
     const wait = this.wait * (0.8 + 0.4 * Math.random()); // so that many clients do not reconnect at the same time
     setTimeout(() => this.open(), wait);
-    this.wait = Math.min(2 * this.wait, LONGEST_WAIT);
+    this.wait = Math.min(2 * this.wait, this.hurries ? SOON : LONGEST_WAIT);
   }
 
   /** A WebSocket does not report why it was refused: request a file with the same access rules. */

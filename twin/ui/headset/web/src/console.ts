@@ -13,7 +13,7 @@ import type { Status } from './model';
 import { Pad } from './pad';
 import { type Pedal, Pens, SIDES } from './pens';
 import { Planning } from './plan';
-import { type CameraInfo, type ConsoleInfo, type SceneInfo, type Side, UDP } from './protocol';
+import { type CameraInfo, type ConsoleInfo, type ConsoleState, type SceneInfo, type Side, UDP } from './protocol';
 import { endTone } from './score';
 import { Heads } from './heads';
 import { Screen } from './screen';
@@ -29,6 +29,9 @@ const MARK = 0.001; // m: height of the number of a hole
 const AFTER_NOTCH = 800;
 /** Factor on the hand motion for the camera: the scene moves by a fifth of the hand motion. */
 const CAMERA_GAIN = 2.5;
+/** Speed of the simulation, relative to real time, below which the page says so, and for how many ms. */
+const SLOW = 0.8;
+const SLOW_FOR = 8000;
 
 export class Console {
   readonly pens: Pens;
@@ -49,6 +52,10 @@ export class Console {
   /** Hand that the mouse moves or last moved. */
   chosen: Side = 'right';
   private wheel = 0;
+  /** Why the last motion of a hand ended at a limit; it is shown until the hands are used again. */
+  private ended = '';
+  /** Time in ms until which a slow simulation is told; NaN: it was not told yet. */
+  private slowUntil = NaN;
 
   constructor(
     private readonly app: App,
@@ -101,8 +108,8 @@ export class Console {
 
   get help(): string {
     return this.enables
-      ? 'Drag in the microscope’s picture: the instrument follows while the button is pressed. Wheel: depth. Shift: rotate.'
-      : 'Drag in the endoscope’s picture: the nearest instrument follows. Right button: camera. Wheel: depth. Shift: rotate.';
+      ? 'Drag in the picture: the instrument follows. More behind ?'
+      : 'Drag in the picture: the nearest instrument follows. More behind ?';
   }
 
   /** Hand motion in m for one pixel of the camera's picture. */
@@ -173,7 +180,19 @@ export class Console {
 
   /** Toggle a pedal with the button of the page. */
   toggle(pedal: Pedal): void {
-    this.pens.press(pedal, 'button', !this.pens.presses(pedal, 'button'));
+    const on = !this.pens.presses(pedal, 'button');
+    if (on) this.lift(); // one button at a time: clutch, camera or planning mode
+    this.pens.press(pedal, 'button', on);
+  }
+
+  /** Release the pedals that the buttons of the page hold down. */
+  lift(): void {
+    for (const pedal of ['clutch', 'camera'] as const) this.pens.press(pedal, 'button', false);
+  }
+
+  /** Return what people call the instrument of a robot. */
+  called(robot: string): string {
+    return this.info.called[robot] ?? robot;
   }
 
   /** Open or close a gripper; 1 is open. */
@@ -270,10 +289,11 @@ export class Console {
   handText(side: Side): string {
     const hand = this.app.model.console?.hands[side];
     if (!hand) return '';
-    if (hand.waits) return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.waits}`;
+    const name = capital(this.called(hand.robot).replace(/^the /, ''));
+    if (hand.waits) return `${name}: ${hand.waits}`;
     const aims = this.plan.phase === 'aim' && hand.follows;
-    const doing = hand.wall ? `${hand.wall}` : aims ? 'is at rest; its target follows' : hand.follows ? 'follows' : 'is at rest';
-    return `${side === 'right' ? 'Right' : 'Left'} hand: ${hand.robot} ${doing}`;
+    if (hand.wall) return `${name}: ${hand.wall}`;
+    return `${name} ${aims ? 'is at rest; its target follows' : hand.follows ? 'follows the hand' : 'is at rest'}`;
   }
 
   private lead(side: Side): void {
@@ -304,26 +324,55 @@ export class Console {
     const packets = state.owner === UDP;
     const other = !packets && state.owner !== null && state.owner !== this.app.model.client && !state.silent;
     if (other) return { tone: 'warn', text: `Client ${state.owner} controls the hands: you can only watch.` };
-    if (!this.pens.active && !packets) return this.broker();
+    if (!this.pens.active && !packets) return this.broker() ?? this.atRest(state);
     const lost = packets ? [] : this.sides.filter((s) => this.pens.lost.has(s));
     if (lost.length)
       return { tone: 'warn', text: `The ${lost.join(' and the ')} hand is not tracked: nothing moves until it is tracked.` };
     if (state.silent) return { tone: 'warn', text: `${this.missing(packets)}: nothing moves.` };
     if (state.pedal) return { tone: 'warn', text: sentence(state.pedal) };
-    for (const side of this.sides) {
-      const hand = state.hands[side];
-      if (hand?.wall) return { tone: 'warn', text: `${hand.robot}: ${hand.wall}` };
-    }
+    const wall = this.atLimit(state);
+    if (wall) return { tone: 'warn', text: wall };
     if (state.camera) return { tone: 'warn', text: `Camera: ${state.camera}` };
-    if (state.rate < 0.8) return { tone: 'warn', text: `The simulation runs at ${state.rate}× real time.` };
+    const slow = this.slowText(state);
+    if (slow) return { tone: 'plain', text: slow };
     if (state.mode === 'nothing' && this.enables)
       return { tone: 'good', text: 'The pedal is up: only the hand moves; the robot is at rest.' };
     if (state.mode === 'nothing') return { tone: 'good', text: 'Clutch: only the hands move; the instruments are at rest.' };
     if (state.mode === 'camera') return { tone: 'good', text: 'Camera: both hands move the picture.' };
-    const led = this.sides.flatMap((s) => (state.hands[s]?.follows ? [state.hands[s].robot] : []));
+    const led = this.sides.flatMap((s) => (state.hands[s]?.follows ? [this.called(state.hands[s].robot)] : []));
     const who = packets ? 'UDP packets control' : 'You control';
     if (packets && !led.length) return { tone: 'good', text: 'UDP packets control the hands: roll a handle or open a gripper to start.' };
-    return led.length ? { tone: 'good', text: `${who} ${led.join(' and ')}.` } : null;
+    return led.length ? { tone: 'good', text: `${who} ${led.join(' and ')}.` } : this.nextStep(state);
+  }
+
+  /** Return what is to be said while nobody moves a hand: why the last motion ended, or the next step of the task. */
+  private atRest(state: ConsoleState): Status | null {
+    return this.ended ? { tone: 'warn', text: this.ended } : this.nextStep(state);
+  }
+
+  private nextStep(state: ConsoleState): Status | null {
+    return state.task?.next ? { tone: 'plain', text: state.task.next } : null;
+  }
+
+  /** Return why an instrument does not follow its hand further; "" if none is at a limit. */
+  private atLimit(state: ConsoleState): string {
+    for (const side of this.sides) {
+      const hand = state.hands[side];
+      if (!hand?.wall) continue;
+      this.ended = `${capital(this.called(hand.robot))} stops: ${hand.wall}`;
+      return this.ended;
+    }
+    this.ended = ''; // the hands are used, and nothing stops them
+    return '';
+  }
+
+  /** Return a text on a simulation that is slower than real time, once for some seconds; otherwise "". */
+  private slowText(state: ConsoleState): string {
+    if (state.rate >= SLOW) return '';
+    const now = performance.now();
+    if (Number.isNaN(this.slowUntil)) this.slowUntil = now + SLOW_FOR;
+    if (now > this.slowUntil) return '';
+    return `This computer simulates at ${state.rate}× real time: motions take longer than in reality.`;
   }
 
   /** Return a warning if the MQTT broker is not connected; else null. */
@@ -341,4 +390,5 @@ export class Console {
   }
 }
 
-const sentence = (text: string): string => `${text.charAt(0).toUpperCase()}${text.slice(1)}.`;
+const capital = (text: string): string => `${text.charAt(0).toUpperCase()}${text.slice(1)}`;
+const sentence = (text: string): string => `${capital(text)}.`;

@@ -21,8 +21,8 @@ export interface Button {
   press: () => void;
   on?: () => boolean;
   off?: () => boolean;
-  /** Why the button is disabled, or what it does. */
-  hint?: string;
+  /** What the button does, or why it is disabled. */
+  hint: string;
 }
 
 export interface Row {
@@ -39,6 +39,8 @@ export interface Choice {
   options: () => [value: string, label: string][];
   get: () => string;
   set: (value: string) => void;
+  /** What the choice changes. */
+  hint: string;
 }
 
 export interface Slider {
@@ -53,6 +55,8 @@ export interface Slider {
   end?: () => void;
   segments?: () => readonly (readonly [name: string, start: number, end: number])[];
   off?: () => boolean;
+  /** What the slider changes. */
+  hint: string;
 }
 
 export type Control = Text | Head | Button | Row | Choice | Slider;
@@ -61,6 +65,8 @@ export interface Tab {
   id: string;
   label: string;
   controls: Control[];
+  /** What the controls are for. */
+  hint: string;
 }
 
 /** All controls; created again when a robot is loaded. */
@@ -71,6 +77,8 @@ export interface Sheet {
   /** Controls that are always visible: play, time and speed. */
   transport: Control[];
   status: Text;
+  /** Whether the server does not answer, so that no control can do anything. */
+  lost: () => boolean;
 }
 
 /** Interface of a view that draws the sheet. */

@@ -1,6 +1,8 @@
-/** Keys for a robot without a console: play, undo, and a list of the keys. */
+/** Keys for a robot without a console: play, undo; and the list of the keys, also of a console. */
 
 import type { App } from './app';
+import { consoleHelp } from './help_console';
+import { HelpDialog, type HelpPart } from './help_dialog';
 
 const HELP: readonly (readonly [what: string, how: string])[] = [
   ['Move the tool', 'drag the blue ring; with Shift, the tool rotates'],
@@ -14,40 +16,30 @@ const HELP: readonly (readonly [what: string, how: string])[] = [
 ];
 
 export class DeskKeys {
-  private readonly list = document.createElement('dialog');
+  private readonly list: HelpDialog;
 
   constructor(
     parent: HTMLElement,
     private readonly app: App,
   ) {
-    this.list.className = 'keys';
-    this.list.setAttribute('aria-label', 'Mouse and keys');
-    const table = document.createElement('table');
-    for (const [what, how] of HELP) {
-      const row = table.insertRow();
-      const name = document.createElement('th');
-      name.scope = 'row';
-      name.textContent = what;
-      row.append(name);
-      row.insertCell().textContent = how;
-    }
-    const close = document.createElement('button');
-    close.className = 'push';
-    close.textContent = 'Close';
-    close.onclick = () => this.list.close();
-    this.list.append(table, close);
-    parent.append(this.list);
+    const robot: HelpPart[] = [{ head: '', rows: () => HELP }];
+    this.list = new HelpDialog(parent, () => (app.console ? consoleHelp(app.console, () => app.model.console) : robot));
     window.addEventListener('keydown', (e) => this.press(e));
   }
 
   /** Show or hide the list. */
   toggle(): void {
-    if (this.list.open) this.list.close();
-    else this.list.showModal();
+    this.list.toggle();
   }
 
   private press(e: KeyboardEvent): void {
-    if (this.app.console || e.target instanceof HTMLSelectElement) return;
+    if (e.target instanceof HTMLSelectElement) return;
+    if (this.app.console) {
+      // the other keys of a console move its hands, see keys.ts
+      const asks = e.key === '?' && !e.repeat && !e.ctrlKey && !e.metaKey && !e.altKey;
+      if (asks) this.toggle();
+      return;
+    }
     const command = e.ctrlKey || e.metaKey;
     const undo = command && !e.shiftKey && !e.altKey && e.key.toLowerCase() === 'z';
     if ((command || e.altKey) && !undo) return;

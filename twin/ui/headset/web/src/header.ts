@@ -1,9 +1,20 @@
 /** Header of the page: name, buttons to enter AR or VR, and help for the mouse. */
 
 import type { App } from './app';
+import type { Line } from './connection';
+import { Coach } from './coach';
 import { DeskKeys } from './desk_keys';
 import { Headline } from './headline';
+import { TaskList } from './task_list';
 import { Toast } from './toast';
+
+/** What the dot beside the name says. */
+const LINES: Readonly<Record<Line, string>> = {
+  connecting: 'Connecting to the server',
+  open: 'Connected to the server',
+  reconnecting: 'The server does not answer',
+  refused: 'The server refuses this page',
+};
 
 const BESIDE = 0.3; // maximum fraction of the width that the header covers if the robot is drawn beside it
 
@@ -18,6 +29,8 @@ export class Header {
   private readonly more = document.createElement('button');
   private readonly headline: Headline;
   private readonly keys: DeskKeys;
+  private readonly coach: Coach;
+  private readonly tasks: TaskList;
 
   constructor(
     parent: HTMLElement,
@@ -35,11 +48,13 @@ export class Header {
     this.more.className = 'push more';
     this.more.dataset['id'] = 'keys';
     this.more.textContent = '?';
-    this.more.title = 'Mouse and keys';
+    this.more.title = 'What mouse, fingers and keys do';
     this.more.setAttribute('aria-label', 'Mouse and keys');
     this.headline = new Headline(app);
     this.keys = new DeskKeys(parent, app);
     this.more.onclick = () => this.keys.toggle();
+    this.coach = new Coach(parent, app);
+    this.tasks = new TaskList(app);
     new Toast(parent, app);
     const title = document.createElement('div');
     title.className = 'title';
@@ -47,8 +62,10 @@ export class Header {
     const ways = document.createElement('div');
     ways.className = 'ways';
     ways.append(this.enter, this.other);
-    this.bar.append(title, this.headline.box, ways, this.about);
+    this.bar.append(title, this.headline.box, this.tasks.box, ways, this.about);
     parent.append(this.bar, this.help);
+    this.enter.title = 'Show the robot in the headset of this device';
+    this.other.title = 'Show the robot in a virtual room instead of yours';
     this.enter.onclick = () => void app.xr.enter();
     this.other.onclick = () => void app.xr.enter('immersive-vr');
   }
@@ -63,14 +80,15 @@ export class Header {
     const { xr, model } = this.app;
     this.name.textContent = model.scene?.title || model.scene?.name || 'twin';
     this.dot.dataset['line'] = model.line;
-    this.dot.title = model.line;
+    this.dot.title = LINES[model.line];
     this.enter.textContent = xr.ar ? 'Enter AR' : xr.vr ? 'Enter VR' : 'No headset found';
     this.enter.disabled = !(xr.ar || xr.vr) || xr.presenting;
     this.other.textContent = 'Enter VR';
     this.other.hidden = !(xr.ar && xr.vr);
     this.about.textContent = xr.text;
     this.headline.refresh();
-    this.more.hidden = this.app.console !== null;
+    this.tasks.refresh();
+    this.coach.refresh();
     if (this.app.console) this.help.textContent = this.app.console.help;
     document.documentElement.toggleAttribute('data-console', this.app.console !== null);
     this.help.hidden = model.status().tone !== 'plain'; // a warning needs the space

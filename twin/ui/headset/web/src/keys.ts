@@ -86,7 +86,8 @@ export class Keys {
 
   private press(e: KeyboardEvent): void {
     const typing = e.target instanceof HTMLSelectElement; // sliders do not use letters
-    if (typing || e.ctrlKey || e.metaKey || e.altKey) return;
+    const reads = document.querySelector('dialog[open]') !== null; // the list of the keys covers the picture
+    if (typing || reads || e.ctrlKey || e.metaKey || e.altKey) return;
     this.shift = e.shiftKey;
     const { console } = this;
     if (PEDALS[e.code]) console.pens.press(PEDALS[e.code] as Pedal, 'keys', true);

@@ -91,6 +91,8 @@ export class Model {
   line: Line = 'connecting';
   /** Identifier of this page at the server. */
   client: string | number | null = null;
+  /** Whether the server prepares other content, for which this page then reloads. */
+  leaving = false;
   /** Reason why no robot is shown; empty if there is none. */
   failure = '';
   onChange: () => void = () => undefined;
@@ -172,6 +174,7 @@ export class Model {
       this.news = message;
       const { type: _, robots, console, ...shared } = message;
       this.console = console ?? null;
+      this.leaving = console?.leaving ?? false;
       for (const robot of this.robots) {
         const own = robots?.find((r) => r.name === robot.info?.name);
         // All robots have the clock's time; a robot whose protocol has ended is at rest.
@@ -215,7 +218,8 @@ export class Model {
         tone: 'bad',
         text: 'Access denied: open the address with the token that twin serve prints on its terminal.',
       };
-    if (this.line === 'reconnecting') return { tone: 'warn', text: 'Connection lost: reconnecting …' };
+    if (this.leaving) return { tone: 'good', text: 'The scene is being prepared: this page then shows it by itself.' };
+    if (this.line === 'reconnecting') return { tone: 'warn', text: 'Connection lost: reconnecting … Nothing moves until the server answers.' };
     if (this.line === 'connecting') return { tone: 'plain', text: 'Connecting …' };
     if (this.refused && s.reason && performance.now() - this.robot.refusedAt < SAID_FOR)
       return { tone: 'bad', text: `Target not reached: ${s.reason}` };

@@ -13,6 +13,7 @@ export class DomPanel implements Drawer {
   readonly side = make('section', 'side');
   readonly foot = make('section', 'foot');
   private updates: (() => void)[] = [];
+  private lost: () => boolean = () => false;
   private open = 'simulation';
   /** Whether only the tab headings are shown: initially on a small screen at a console, or beside the board of a procedure. */
   private folded = false;
@@ -47,6 +48,7 @@ export class DomPanel implements Drawer {
     this.updates = [];
     const before = this.heads.has('console');
     this.folds = sheet.folds ?? false;
+    this.lost = sheet.lost;
     this.side.replaceChildren();
     this.bodies.clear();
     this.heads.clear();
@@ -60,6 +62,7 @@ export class DomPanel implements Drawer {
       const head = make('button', 'tab', tab.label);
       head.setAttribute('role', 'tab');
       head.dataset['id'] = `tab-${tab.id}`;
+      head.title = tab.hint;
       head.onclick = () => {
         this.folded = this.small.matches && tab.id === this.open && !this.folded;
         this.choose(tab.id);
@@ -158,13 +161,14 @@ export class DomPanel implements Drawer {
   private button(c: Button): HTMLElement {
     const node = make('button', 'push');
     node.dataset['id'] = c.id;
-    if (c.hint) node.title = c.hint;
+    node.title = c.hint;
+    const { lost } = this;
     node.onclick = () => c.press();
     this.on(
-      () => `${c.label()}|${c.on?.() ?? ''}|${c.off?.() ?? ''}`,
+      () => `${c.label()}|${c.on?.() ?? ''}|${c.off?.() ?? ''}|${lost()}`,
       () => {
         node.textContent = c.label();
-        node.disabled = c.off?.() ?? false;
+        node.disabled = lost() || (c.off?.() ?? false);
         if (c.on) node.setAttribute('aria-pressed', String(c.on()));
       },
     );
@@ -173,12 +177,14 @@ export class DomPanel implements Drawer {
 
   private choice(c: Choice): HTMLElement {
     const label = make('label', 'field', c.label);
+    label.title = c.hint;
+    const { lost } = this;
     const node = make('select');
     node.dataset['id'] = c.id;
     label.append(node);
     node.onchange = () => c.set(node.value);
     this.on(
-      () => JSON.stringify([c.options(), c.get()]),
+      () => JSON.stringify([c.options(), c.get(), lost()]),
       () => {
         node.replaceChildren(
           ...c.options().map(([value, text]) => {
@@ -188,6 +194,7 @@ export class DomPanel implements Drawer {
           }),
         );
         node.value = c.get();
+        node.disabled = lost();
       },
     );
     return label;
@@ -196,6 +203,8 @@ export class DomPanel implements Drawer {
   private slider(c: Slider): HTMLElement {
     const box = make('div', 'slider');
     const label = make('label', 'field');
+    label.title = c.hint;
+    const { lost } = this;
     const name = make('span', 'name', c.label);
     const value = make('output', 'value');
     const bar = make('input');
@@ -224,13 +233,13 @@ export class DomPanel implements Drawer {
     bar.onpointerup = bar.onpointercancel = bar.onlostpointercapture = end;
     if (c.segments) box.prepend(this.segments(c));
     this.on(
-      () => `${c.range().join()}|${c.get()}|${c.off?.() ?? ''}`,
+      () => `${c.range().join()}|${c.get()}|${c.off?.() ?? ''}|${lost()}`,
       () => {
         const [low, high] = c.range();
         bar.min = String(low);
         bar.max = String(high);
         if (!held) bar.value = String(c.get());
-        bar.disabled = c.off?.() ?? false;
+        bar.disabled = lost() || (c.off?.() ?? false);
         value.textContent = c.show(c.get());
         bar.setAttribute('aria-valuetext', c.show(c.get()));
       },

@@ -103,6 +103,7 @@ export class Planning {
   }
 
   private ask(step: 'aim' | 'find' | 'accept' | 'cancel'): void {
+    if (step === 'aim') this.console.lift();
     if (step !== 'cancel') this.console.pens.use(); // silence of the hands would end the motion
     this.app.ask('plan', { do: step, hand: this.state?.hand || this.console.chosen });
   }
@@ -124,7 +125,8 @@ export class Planning {
   status(): Status | null {
     const { state } = this;
     if (!state) return null;
-    const { robot, said, blocked } = state;
+    const { said, blocked } = state;
+    const robot = this.console.called(state.robot);
     if (said) return { tone: state.bad ? 'bad' : state.phase === 'off' ? 'good' : 'warn', text: said };
     if (state.phase === 'off') return null;
     if (state.phase === 'aim') {
@@ -133,7 +135,7 @@ export class Planning {
       return { tone: 'good', text: `Move the target of ${robot}; the target may pass through anything, and the arm is at rest. Then plan a motion.${loads}` };
     }
     if (state.phase === 'plan') return { tone: 'good', text: `Planning a motion of ${robot}: ${percent(state.done)}` };
-    if (state.phase === 'run') return { tone: 'good', text: `${robot} follows the plan: ${percent(state.done)}` };
+    if (state.phase === 'run') return { tone: 'good', text: `${robot.replace(/^the/, 'The')} follows the plan: ${percent(state.done)}` };
     return { tone: 'good', text: `Motion of ${robot}, ${this.motion?.duration.toFixed(1) ?? '–'} s. ${this.clear()}Accept it, or cancel.` };
   }
 

@@ -97,8 +97,12 @@ export interface ConsoleInfo {
   pedal: 'clutch' | 'enable';
   /** Numbers to show in the camera's picture, and their positions in m in the world frame. */
   marks: [text: string, at: Numbers][];
-  /** Whether other content follows at this address, in a guided run of a study. */
+  /** Whether other content follows at this address: in a guided run of a study, or when a page starts a task. */
   guided: boolean;
+  /** What people call the instrument of each robot, such as "the left instrument". */
+  called: Record<string, string>;
+  /** Tasks that a page can start, and the present one; null if the server shows only one exercise. */
+  choice: { tasks: [name: string, title: string][]; present: string | null } | null;
   /** Questionnaires that the page asks. */
   questionnaires: QuestionnaireInfo[];
   /** The motion scale at the start. */
@@ -235,6 +239,8 @@ export interface ConsoleState {
   /** Speed of the World relative to real time. */
   rate: number;
   stopped: string | null;
+  /** Whether the server prepares another task. */
+  leaving: boolean;
   /** Text on a pedal that may be stuck, because it was pressed for a long time. */
   pedal: string | null;
   packets: PacketsState | null;

@@ -65,7 +65,8 @@ export class Score {
     if (now === this.around) return false;
     this.around = now;
     this.board.classList.toggle('across', views !== undefined && !guided);
-    this.board.classList.toggle('top', views !== undefined && guided && views.low < views.corner.top);
+    const narrow = window.matchMedia('(max-width: 760px)').matches;
+    this.board.classList.toggle('top', views !== undefined && guided && (narrow || views.low < views.corner.top));
     for (const key of ['top', 'bottom', 'left', 'width', 'min-width', 'max-height']) {
       const value = box[key];
       if (value === undefined) this.board.style.removeProperty(key);
@@ -87,14 +88,18 @@ export class Score {
     return { top, 'max-height': high, 'min-width': views?.corner.width ?? 0 };
   }
 
-  /** If there is no space, hide old events, measures from the last, the newest event, done stages, title; cut no line. */
+  /**
+   * If there is no space, hide old events, measures from the last, the newest event, done stages, title; cut no line. A
+   * board without stages first hides the next step, which the status line also shows.
+   */
   private fit(): void {
     const all = (what: string) => [...this.board.querySelectorAll<HTMLElement>(what)];
     const events = all('.events li').reverse();
     const done = all('.stages [data-state="done"]');
     const views = this.app.console?.views;
     if (views) views.high = this.board.matches('.top:not([hidden])') ? this.board.getBoundingClientRect().bottom : 0;
-    const spare = [...events.slice(0, -1), ...all('tr').reverse(), ...events.slice(-1), ...done, ...all('h2')];
+    const step = this.board.matches('.guided') ? [] : all('.next');
+    const spare = [...step, ...events.slice(0, -1), ...all('tr').reverse(), ...events.slice(-1), ...done, ...all('h2')];
     for (const row of spare) row.hidden = false;
     for (const row of spare) {
       if (this.board.scrollHeight <= this.board.clientHeight) break;

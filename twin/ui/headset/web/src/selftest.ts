@@ -230,6 +230,7 @@ export class SelfTest {
         {
           id: 'simulation', // the tab that is open first
           label: 'Self-test',
+          hint: 'Results of the checks so far',
           controls: this.results.map((r, i) => ({
             kind: 'text',
             id: `result-${i}`,
@@ -242,11 +243,12 @@ export class SelfTest {
         {
           kind: 'row',
           items: [
-            { kind: 'button', id: 'leave', label: () => 'Leave the headset', press: () => void this.app.xr.leave() },
+            { kind: 'button', id: 'leave', label: () => 'Leave the headset', hint: 'End the self-test', press: () => void this.app.xr.leave() },
           ],
         },
       ],
       status: { kind: 'text', id: 'status', text: () => this.verdict.textContent ?? '', tone: () => 'plain' },
+      lost: () => false,
     };
   }
 }

@@ -20,6 +20,7 @@ export function makeSheet(app: App): Sheet {
     folds: Boolean(app.console?.info.task && app.console.info.tools.length),
     transport: app.console ? [pedals(app.console), app.console.plan.controls(), ...(app.console.info.task ? taskControls(app) : [])] : transport(app),
     status: { kind: 'text', id: 'status', text: () => app.model.status().text, tone: () => app.model.status().tone },
+    lost: () => app.model.line === 'reconnecting' || app.model.line === 'refused',
   };
 }
 
@@ -29,10 +30,17 @@ function which(app: App, tab: string): Control {
     kind: 'choice',
     id: `robot-${tab}`,
     label: 'Robot',
-    options: () => app.model.robots.map((r, i) => [String(i), r.info?.name ?? '']),
+    hint: 'The robot to which these controls belong',
+    options: () => app.model.robots.map((r, i) => [String(i), named(app, r.info?.name ?? '')]),
     get: () => String(app.model.chosen),
     set: (value) => app.choose(Number(value)),
   };
+}
+
+/** Return the name of a robot and, at a console, what people call it. */
+function named(app: App, robot: string): string {
+  const words = app.console?.info.called[robot];
+  return words ? `${words.replace(/^the /, '').replace(/ \(.*\)$/, '')} · ${robot}` : robot;
 }
 
 const seconds = (t: number): string => `${t.toFixed(2)} s`;
@@ -48,15 +56,17 @@ function transport(app: App): Control[] {
           kind: 'button',
           id: 'play',
           label: () => (s().playing ? '❚❚ Pause' : '▶ Play'),
+          hint: 'Play the protocol, or pause (Space)',
           off: none,
           on: () => s().playing,
           press: () => app.ask('play', { on: !s().playing }),
         },
-        { kind: 'button', id: 'begin', label: () => '|◀ Start', off: none, press: () => app.ask('seek', { t: 0 }) },
+        { kind: 'button', id: 'begin', label: () => '|◀ Start', off: none, hint: 'Go to the start of the protocol', press: () => app.ask('seek', { t: 0 }) },
         {
           kind: 'button',
           id: 'loop',
           label: () => '↻ Loop',
+          hint: 'Play the protocol again and again',
           off: none,
           on: () => s().loop,
           press: () => app.ask('loop', { on: !s().loop }),
@@ -65,6 +75,7 @@ function transport(app: App): Control[] {
           kind: 'button',
           id: 'slower',
           label: () => '– slower',
+          hint: 'Play more slowly',
           off: none,
           press: () => app.ask('speed', { value: step(s().speed, -1) }),
         },
@@ -80,6 +91,7 @@ function transport(app: App): Control[] {
           kind: 'button',
           id: 'faster',
           label: () => '+ faster',
+          hint: 'Play faster',
           off: none,
           press: () => app.ask('speed', { value: step(s().speed, 1) }),
         },
@@ -89,6 +101,7 @@ function transport(app: App): Control[] {
       kind: 'slider',
       id: 'time',
       label: 'Time',
+      hint: 'Go to a time of the protocol',
       off: none,
       range: () => [0, Math.max(s().duration, 1e-3)],
       get: () => app.clipTime(),
@@ -113,6 +126,7 @@ function simulation(app: App): Tab {
       kind: 'choice',
       id: 'protocol',
       label: 'Protocol',
+      hint: 'The motion that Play shows',
       options: () => protocols.map((p) => [p.name, p.name]),
       get: () => m.state.planning ?? m.state.protocol ?? '',
       set: (name) => app.ask('protocol', { name }),
@@ -143,6 +157,7 @@ function simulation(app: App): Tab {
           kind: 'button',
           id: 'previous',
           label: () => '‹ previous phase',
+          hint: 'Go to the start of the phase before',
           off: () => !m.state.phases.length,
           press: () => app.phase(-1),
         },
@@ -150,6 +165,7 @@ function simulation(app: App): Tab {
           kind: 'button',
           id: 'next',
           label: () => 'next phase ›',
+          hint: 'Go to the start of the next phase',
           off: () => !m.state.phases.length,
           press: () => app.phase(1),
         },
@@ -165,12 +181,13 @@ function simulation(app: App): Tab {
           kind: 'button',
           id: 'record',
           label: () => (m.state.recording ? '■ Stop recording' : '● Record'),
+          hint: 'Record what you and other clients do, into the file of --record',
           on: () => m.state.recording === true,
           press: () => app.ask('record', { on: !m.state.recording }),
         },
       ],
     });
-  return { id: 'simulation', label: 'Simulation', controls };
+  return { id: 'simulation', label: 'Simulation', hint: 'Play the protocols of the robot, and see what is measured', controls };
 }
 
 function phaseText(app: App): string {
@@ -234,6 +251,7 @@ function dimensions(app: App): Control[] {
       kind: 'choice',
       id: 'distance',
       label: 'Distance of two joints on a link',
+      hint: 'The length of a link that the slider changes',
       options: () => distances.map((d, i): [string, string] => [String(i), d.name]),
       get: () => String(chosen),
       set: (index) => {
@@ -246,6 +264,7 @@ function dimensions(app: App): Control[] {
       kind: 'slider',
       id: 'distance-value',
       label: 'length',
+      hint: 'Change this length, and see which joints move; nothing is saved',
       range: () => [about().lower, about().upper],
       get: () => waiting ?? value(chosen),
       show: length,
@@ -297,6 +316,7 @@ function interaction(app: App): Tab {
     kind: 'button',
     id: `mode-${value}`,
     label: () => label,
+    hint: modes.find(([v]) => v === value)?.[2] ?? '',
     on: () => app.grab.mode === value,
     press: () => {
       app.grab.mode = value;
@@ -319,6 +339,7 @@ function interaction(app: App): Tab {
           kind: 'button',
           id: 'turning',
           label: () => 'Tool rotates with the hand',
+          hint: 'Whether the tool also turns with the hand, or keeps its direction',
           on: () => app.grab.turning,
           press: () => {
             app.grab.turning = !app.grab.turning;
@@ -340,6 +361,7 @@ function interaction(app: App): Tab {
             kind: 'button',
             id: `posture-${name}`,
             label: () => name,
+            hint: `Move the robot to the posture ${name}`,
             press: () => app.ask('posture', { name }),
           })),
       },
@@ -351,6 +373,7 @@ function interaction(app: App): Tab {
       kind: 'slider',
       id: `joint-${joint.name}`,
       label: joint.name,
+      hint: `Move joint ${joint.name}; the other active joints stay`,
       range: () => [joint.lower ?? (angle ? -Math.PI : -1), joint.upper ?? (angle ? Math.PI : 1)],
       get: () => m.joint(joint.name),
       show: (v) => jointValue(v, angle),
@@ -362,5 +385,5 @@ function interaction(app: App): Tab {
     controls.push(slider);
   }
   controls.push(...dimensions(app));
-  return { id: 'interaction', label: 'Interaction', controls };
+  return { id: 'interaction', label: 'Interaction', hint: 'Move the robot by hand, by joints and by lengths', controls };
 }

@@ -4,10 +4,9 @@ import type { App } from './app';
 import type { Console } from './console';
 import type { Button, Control, Tab } from './controls';
 import { TRACKED, TRACKED_PEDAL } from './console_hands';
-import { KEYS, KEYS_PEDAL } from './keys';
-import { PAD, PAD_PEDAL } from './pad';
 import { type Pedal, SIDES } from './pens';
 import { type ConsoleState, type MqttState, type Side, UDP } from './protocol';
+import { taskButtons } from './task_list';
 import type { Stereo } from './views';
 
 const STEREO: readonly [Stereo, string][] = [
@@ -18,29 +17,6 @@ const STEREO: readonly [Stereo, string][] = [
   ['rows', 'Stereo: rows (polarised monitor)'],
 ];
 
-const TOUCH: readonly (readonly [what: string, how: string])[] = [
-  ['One finger', 'the nearest instrument follows'],
-  ['Two fingers', 'move, zoom and roll the camera'],
-];
-
-const TOUCH_PEDAL: readonly (readonly [what: string, how: string])[] = [
-  ['One finger', 'the pedal is pressed, and the instrument follows'],
-  ['Two fingers', 'the instrument moves; pinch for depth'],
-];
-
-const MOUSE: readonly (readonly [what: string, how: string])[] = [
-  ['Drag', 'the nearest instrument follows'],
-  ['Drag with Shift', 'the instrument rotates'],
-  ['Wheel', 'the instrument moves away from the lens or towards it'],
-  ['Drag with the right button', 'the camera moves'],
-];
-
-const MOUSE_PEDAL: readonly (readonly [what: string, how: string])[] = [
-  ['Drag', 'the pedal is pressed, and the instrument follows'],
-  ['Drag with Shift', 'the instrument rotates about the point where it enters the eye'],
-  ['Wheel', 'the pedal is pressed for a moment, and the instrument moves away from the lens or towards it'],
-];
-
 /** Return the controls that are always visible: pedals and jaws, for input devices without buttons for them. */
 export function pedals(console: Console): Control {
   const pedal = (name: Pedal, label: string, hint: string): Button => ({
@@ -48,6 +24,7 @@ export function pedals(console: Console): Control {
     id: name,
     label: () => label,
     on: () => console.pens[name],
+    off: () => console.plan.phase !== 'off',
     press: () => console.toggle(name),
     hint,
   });
@@ -108,6 +85,7 @@ export function atConsole(app: App, console: Console): Tab {
           kind: 'choice',
           id: 'stereo',
           label: 'Endoscope’s picture on this screen',
+          hint: 'Show one picture, or one for each eye',
           options: () => [...STEREO],
           get: () => views.mode,
           set: (value) => views.setMode(value as Stereo),
@@ -159,14 +137,15 @@ export function atConsole(app: App, console: Console): Tab {
           press: () => console.toggleHaptics(),
           hint: 'Show contact forces by arrows, vibrations and forces of haptic pens',
         },
-        { kind: 'button', id: 'swap', label: () => 'Swap the pictures', press: () => views.swap() },
-        { kind: 'button', id: 'let-go', label: () => 'Release the hands', off: () => !console.pens.active, press: () => console.pens.drop() },
+        { kind: 'button', id: 'swap', label: () => 'Swap the pictures', hint: 'Enlarge the small picture (V)', press: () => views.swap() },
+        { kind: 'button', id: 'let-go', label: () => 'Release the hands', hint: 'Let other people or programs move the instruments', off: () => !console.pens.active, press: () => console.pens.drop() },
       ],
     },
     {
       kind: 'slider',
       id: 'motion-scale',
       label: 'Motion scale',
+      hint: 'How far an instrument moves for a motion of the hand: 0.5 is half as far (– and +)',
       range: () => [console.info.scale[0] ?? 0.05, console.info.scale[1] ?? 1],
       get: () => console.scale,
       set: (v) => console.setScale(v),
@@ -175,13 +154,7 @@ export function atConsole(app: App, console: Console): Tab {
     ...tools(app, console),
     { kind: 'text', id: 'forces', text: () => console.forces.text() },
     ...stereo,
-    { kind: 'head', text: `Mouse, in the ${enables ? 'microscope' : 'endoscope'}’s picture` },
-    list('mouse', enables ? MOUSE_PEDAL : MOUSE, desk),
-    { kind: 'head', text: 'Touch' },
-    list('touch', enables ? TOUCH_PEDAL : TOUCH, desk),
-    { kind: 'head', text: 'Keys' },
-    list('keys', enables ? KEYS_PEDAL : KEYS, desk),
-    { kind: 'head', text: 'Network' },
+    { kind: 'text', id: 'rate', tone: () => 'faint', text: () => rateText(app.model.console) },
     { kind: 'text', id: 'packets', text: () => packetText(app.model.console) },
     {
       kind: 'text',
@@ -189,19 +162,11 @@ export function atConsole(app: App, console: Console): Tab {
       text: () => mqttText(app.model.console?.mqtt ?? null),
       tone: () => (app.model.console?.mqtt?.problem ? 'warn' : 'plain'),
     },
-    { kind: 'head', text: 'Gamepad' },
-    {
-      kind: 'text',
-      id: 'pad',
-      text: () =>
-        console.pad.name
-          ? (enables ? PAD_PEDAL : PAD).map(([what, how]) => `${what}: ${how}`).join('\n')
-          : 'No gamepad. Connect one, and press one of its buttons.',
-    },
-    { kind: 'head', text: 'Headset' },
-    list('headset', tracked, desk),
+    { kind: 'text', id: 'pad', tone: () => 'faint', text: () => (console.pad.name ? `Gamepad: ${console.pad.name}` : '') },
+    ...taskControls(app),
+    { kind: 'text', id: 'more', tone: () => 'faint', text: () => (desk() ? 'Mouse, touch, keys, gamepad, headset, other programs: behind ?' : '') },
   ];
-  return { id: 'console', label: 'Console', controls };
+  return { id: 'console', label: 'Console', hint: 'Hands, motion scale, tools and tasks', controls };
 }
 
 /** Return the controls for the tools of the instruments and for the fulcrum; in a headset, there is no window of tools. */
@@ -212,6 +177,7 @@ function tools(app: App, console: Console): Control[] {
     kind: 'choice',
     id: `tool-${side}`,
     label: `Tool of the ${side} hand`,
+    hint: `Choose what the ${side} hand holds`,
     options: () => info.tools.map((t) => [t.name, t.title]),
     get: () => app.model.console?.hands[side]?.tool ?? '',
     set: (name) => console.takeTool(side, name),
@@ -228,9 +194,21 @@ function tools(app: App, console: Console): Control[] {
   return [...out, { kind: 'row', items: [button] }];
 }
 
+/** Return the tasks of the scene as controls; none if the server shows only one exercise. */
+function taskControls(app: App): Control[] {
+  const buttons = taskButtons(app);
+  if (!buttons.length) return [];
+  return [{ kind: 'head', text: 'Tasks' }, ...buttons.map((button): Control => ({ kind: 'row', items: [button] }))];
+}
+
+/** Return a text on a simulation that is slower than real time; otherwise "". */
+function rateText(state: ConsoleState | null): string {
+  return state && state.rate < 0.8 ? `Simulated at ${state.rate}× real time` : '';
+}
+
 function packetText(state: ConsoleState | null): string {
   const packets = state?.packets;
-  if (!packets) return 'UDP packets: off, see twin serve --packets';
+  if (!packets) return '';
   const hands = SIDES.map((s) => {
     const from = packets.from[s];
     return `${s} hand: ${from ? `from ${from}` : 'no sender'}, ${packets.lost[s]} packets lost`;
@@ -239,7 +217,7 @@ function packetText(state: ConsoleState | null): string {
 }
 
 function mqttText(mqtt: MqttState | null): string {
-  if (!mqtt) return 'Motion scale by MQTT: off, see twin serve --mqtt';
+  if (!mqtt) return '';
   if (mqtt.problem) return mqtt.problem;
   return `Motion scale by MQTT: ${mqtt.connected ? '' : 'connecting, '}${mqtt.topic}/set at ${mqtt.broker}`;
 }

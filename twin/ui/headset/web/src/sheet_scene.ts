@@ -5,6 +5,16 @@ import type { Button, Control, Tab } from './controls';
 import { isAngle, jointValue } from './model';
 import type { Shows } from './overlays';
 
+/** What each display shows. */
+const SHOWN: Readonly<Record<keyof Shows, string>> = {
+  path: 'The path of the tool along the protocol',
+  rcm: 'The point through which the shaft passes (RCM), and the shaft',
+  workspace: 'The positions that the tool can reach in its present direction',
+  ghost: 'Where the equations expect the tool',
+  scenery: 'The table and the patient of the protocol',
+  labels: 'Texts in the picture',
+};
+
 export function scene(app: App): Tab {
   const m = app.model;
   const show = (key: keyof Shows, label: string): Button => ({
@@ -12,12 +22,14 @@ export function scene(app: App): Tab {
     id: `show-${key}`,
     label: () => label,
     on: () => app.overlays.shows[key],
+    hint: SHOWN[key],
     press: () => app.show(key),
   });
-  const toggle = (id: string, label: string, on: () => boolean, flip: () => void): Button => ({
+  const toggle = (id: string, label: string, hint: string, on: () => boolean, flip: () => void): Button => ({
     kind: 'button',
     id,
     label: () => label,
+    hint,
     on,
     press: () => {
       flip();
@@ -31,14 +43,14 @@ export function scene(app: App): Tab {
   const marks = m.scene?.cameras.length || m.robots.some((r) => r.info?.ports.length);
   if (around)
     rows.push([
-      toggle('surroundings', 'Surroundings', () => !app.hidden, () => (app.hidden = !app.hidden)),
-      toggle('through', 'Transparent', () => app.surroundings.seeThrough, () => {
+      toggle('surroundings', 'Surroundings', 'Show or hide table, patient and walls', () => !app.hidden, () => (app.hidden = !app.hidden)),
+      toggle('through', 'Transparent', 'See through the surroundings', () => app.surroundings.seeThrough, () => {
         app.surroundings.seeThrough = !app.surroundings.seeThrough;
       }),
     ]);
   if (marks)
     rows.push([
-      toggle('marks', 'Ports and cameras', () => app.surroundings.marks, () => {
+      toggle('marks', 'Ports and cameras', 'Mark the ports in the patient and the cameras', () => app.surroundings.marks, () => {
         app.surroundings.marks = !app.surroundings.marks;
       }),
     ]);
@@ -48,6 +60,7 @@ export function scene(app: App): Tab {
       kind: 'button',
       id: 'look',
       label: () => 'Bright, for additive displays',
+      hint: 'Brighter colours without a background, for glasses that add light to the room',
       on: () => app.world.look === 'additive',
       press: () => app.setLook(app.world.look === 'additive' ? 'normal' : 'additive'),
     },
@@ -64,6 +77,7 @@ export function scene(app: App): Tab {
         kind: 'choice',
         id: 'variant',
         label: 'Ghost of the equations: variant',
+        hint: 'Show where a variant of the equations, such as the printed one, expects the tool',
         options: () => [['', 'not shown'], ...(m.info?.variants ?? []).map((v): [string, string] => [v, v])],
         get: () => m.state.variant ?? '',
         set: (v) => app.ask('variant', { name: v || null }),
@@ -76,6 +90,7 @@ export function scene(app: App): Tab {
       kind: 'slider',
       id: 'scale',
       label: 'Size',
+      hint: 'Show everything smaller or larger',
       range: () => [-1, 1],
       get: () => Math.log10(app.place.scale),
       set: (v) => app.place.setScale(10 ** v),
@@ -85,6 +100,7 @@ export function scene(app: App): Tab {
       kind: 'slider',
       id: 'yaw',
       label: 'Turn',
+      hint: 'Turn everything about the vertical',
       range: () => [-Math.PI, Math.PI],
       get: () => app.place.yaw,
       set: (v) => app.place.setYaw(v),
@@ -94,6 +110,7 @@ export function scene(app: App): Tab {
       kind: 'slider',
       id: 'height',
       label: 'Height',
+      hint: 'Lift or lower everything',
       range: () => [-0.5, 1.5],
       get: () => app.place.height,
       set: (v) => app.place.setHeight(v),
@@ -109,7 +126,7 @@ export function scene(app: App): Tab {
           on: () => app.place.placing,
           off: () => !app.xr.canPlace,
           press: () => app.place.begin(),
-          hint: 'Only in AR',
+          hint: 'Point at the floor of your room to place the robot there; only in AR, with a headset',
         },
         {
           kind: 'button',
@@ -121,13 +138,13 @@ export function scene(app: App): Tab {
             app.place.moving = !app.place.moving;
             app.refresh();
           },
-          hint: 'In XR: pinch to move the whole robot; pinch with both hands to turn and scale it',
+          hint: 'Pinch to move the whole robot, with both hands to turn and scale it; only in a headset',
         },
-        { kind: 'button', id: 'reset', label: () => 'Reset', press: () => app.place.reset() },
+        { kind: 'button', id: 'reset', label: () => 'Reset', hint: 'Back to the size and place at the start', press: () => app.place.reset() },
       ],
     },
   );
-  return { id: 'scene', label: 'Scene', controls };
+  return { id: 'scene', label: 'Scene', hint: 'What is shown, and its size and place', controls };
 }
 
 export function robot(app: App): Tab {
@@ -137,6 +154,7 @@ export function robot(app: App): Tab {
   return {
     id: 'robot',
     label: 'Robot',
+    hint: 'Joint values, connection, and numbers without a source',
     controls: [
       { kind: 'text', id: 'name', text: () => m.info?.title || m.info?.name || '' },
       {

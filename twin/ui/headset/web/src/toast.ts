@@ -26,7 +26,7 @@ export class Toast {
   }
 
   private look(): void {
-    const gone = this.app.model.line === 'reconnecting';
+    const gone = this.app.model.line === 'reconnecting' && !this.app.model.leaving;
     if (!gone) this.since = NaN;
     else if (Number.isNaN(this.since)) this.since = performance.now();
     const shown = gone && performance.now() - this.since > PATIENCE;

@@ -38,6 +38,7 @@ export class Tools {
     this.window.dataset['id'] = 'tools';
     this.window.setAttribute('aria-label', 'Tools');
     this.fulcrum.dataset['id'] = 'fulcrum-window';
+    this.fulcrum.title = 'Choose whether the hands move the tips or the outer ends of the instruments';
     this.fulcrum.onclick = () => console.toggleFulcrum();
     const head = make('h2', '', 'Tools');
     head.append(this.fulcrum);
@@ -65,7 +66,7 @@ export class Tools {
       const chosen = info.tools.find((t) => t.name === state?.hands[side]?.tool);
       const hand = state?.hands[side];
       const doing = hand?.active ? 'is switched on' : (chosen?.does ?? '');
-      this.does[side].textContent = `${hand?.robot ?? ''}, ${side} hand: ${hand?.waits ?? (chosen ? `${chosen.title} – ${doing}` : '')}`;
+      this.does[side].textContent = `${side === 'right' ? 'Right' : 'Left'} hand: ${hand?.waits ?? (chosen ? `${chosen.title} – ${doing}` : '')}`;
       this.does[side].dataset['tone'] = hand?.waits ? 'warn' : hand?.active ? 'bad' : 'plain';
     }
     this.fulcrum.textContent = this.console.fulcrumText();

@@ -1,0 +1,157 @@
+"""Tasks that a page starts: the present content ends, and the next one is shown at the same address."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import twin
+from twin.cli import serving
+from twin.cli.command_line import parser
+from twin.core.errors import TwinError
+from twin.simulation.devices.given import HandState
+from twin.ui.headset import protocol as wire
+from twin.ui.headset.operation import Operation
+from twin.ui.session.exercise import Exercise
+from twin.ui.session.loaded_scene import LoadedScene
+from twin.ui.session.task_choice import TaskChoice, judged
+
+
+@pytest.fixture(scope="module")
+def davinci():
+    scene = twin.load_scene("davinci")
+    return LoadedScene(scene, {p.name: twin.load(p.robot) for p in scene.places}, None)
+
+
+def chosen(*words):
+    """Return the choice of `twin serve` with these words."""
+    args = parser().parse_args(["serve", *words])
+    return serving._choice(args, twin.load_scene(args.robot))
+
+
+def begun(choice):
+    stopping = asyncio.Event()
+    choice.begin(stopping)
+    return stopping
+
+
+def test_only_tasks_that_a_page_judges_are_offered():
+    tasks = twin.load_scene("davinci").tasks
+    assert list(judged(tasks)) == ["pegboard", "camera"]
+    assert "touch" in tasks
+
+
+@pytest.mark.parametrize(
+    ("words", "present"),
+    [
+        (["davinci"], None),
+        (["davinci", "--task", "camera"], "camera"),
+        (["davinci", "--task", "touch"], "touch"),
+        (["raven_dome"], "ring"),
+        (["vsrs"], "cholecystectomy"),
+        (["sher_phantom"], "phantom"),
+        (["raven_dome", "--task", "none"], None),
+    ],
+)
+def test_the_only_task_of_a_scene_is_shown_at_once(words, present):
+    choice = chosen(*words)
+    assert choice is not None
+    assert choice.present == present
+
+
+@pytest.mark.parametrize(
+    "words", [["davinci", "--session", "a.session"], ["raven_dome", "--record", "a.json"], ["raven"]]
+)
+def test_options_and_machines_that_determine_the_exercise_leave_no_choice(words):
+    assert chosen(*words) is None
+
+
+def test_an_unknown_task_is_named():
+    with pytest.raises(TwinError, match="pegbord"):
+        chosen("davinci", "--task", "pegbord")
+
+
+def test_a_page_starts_a_task_and_nobody_else_while_hands_move_the_robots(davinci):
+    choice = TaskChoice(judged(davinci.scene.tasks), None)
+    stopping = begun(choice)
+    operation = Operation(davinci, Exercise(choice=choice))
+    try:
+        about = operation.about
+        assert [name for name, _ in about["choice"]["tasks"]] == ["pegboard", "camera"]
+        assert about["called"] == {"psm1": "the right instrument", "psm2": "the left instrument"}
+        assert about["guided"], "the page reloads itself"
+        with pytest.raises(wire.RefusedError, match="pegbord"):
+            operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "pegbord"}'))
+        operation.give(
+            "c2", HandState(0, False, False, 1, np.eye(4), 0.0), HandState(1, False, False, 1, np.eye(4), 0.0)
+        )
+        operation.advance(0.05)
+        with pytest.raises(wire.RefusedError, match="c2 controls the hands"):
+            operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "pegboard"}'))
+        assert not stopping.is_set()
+        assert not operation.reading["leaving"]
+        operation.release("c2")
+        operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "pegboard"}'))
+        assert stopping.is_set()
+        assert operation.reading["leaving"]
+        assert choice.present == "pegboard"
+    finally:
+        operation.close()
+    begun(choice)
+    assert not choice.asked
+    assert choice.task is davinci.scene.tasks["pegboard"]
+
+
+def test_a_server_of_one_exercise_refuses_another_task(davinci):
+    operation = Operation(davinci)
+    try:
+        assert operation.about["choice"] is None
+        with pytest.raises(wire.RefusedError, match="shows only one exercise"):
+            operation.ask("c1", wire.parse('{"type": "task", "do": "start"}'))
+    finally:
+        operation.close()
+
+
+def test_the_next_task_is_served_and_one_that_fails_gives_way_to_the_one_before(monkeypatch, capsys):
+    """The loop of the server, with content that is only named."""
+    tasks = judged(twin.load_scene("davinci").tasks)
+    choice = TaskChoice(tasks, None)
+    requests = ["pegboard", "camera", None]
+    shown = []
+
+    async def serve(args, name, make, port, context, begin, access):
+        begin(asyncio.Event())
+        shown.append(make())
+        if len(shown) <= len(requests):
+            choice.ask(requests[len(shown) - 1])
+
+    def make():
+        if choice.present == "camera":
+            raise TwinError("the camera is missing")
+        return choice.present
+
+    monkeypatch.setattr(serving, "serve_until_stopped", serve)
+    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
+    serving._serve_tasks(argparse.Namespace(no_browser=False), "davinci", make, choice, 0, None)
+    assert shown == [None, "pegboard", "pegboard", None]
+    assert "the camera is missing" in capsys.readouterr().err
+
+
+def test_a_first_task_that_fails_ends_the_command(monkeypatch):
+    choice = TaskChoice(judged(twin.load_scene("davinci").tasks), "camera")
+
+    async def serve(args, name, make, port, context, begin, access):
+        begin(asyncio.Event())
+        make()
+
+    def make():
+        raise TwinError("the camera is missing")
+
+    monkeypatch.setattr(serving, "serve_until_stopped", serve)
+    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
+    with pytest.raises(TwinError, match="the camera is missing"):
+        serving._serve_tasks(argparse.Namespace(no_browser=False), "davinci", make, choice, 0, None)
