@@ -65,7 +65,9 @@ def test_the_page_says_who_controls_it_what_is_lost_and_what_is_wrong(page):
         says(page, "status", f"a packet from {stranger.name} is ignored: the packet has 7 bytes; it must have 84")
         stranger.close()
         says(page, "packets", "1 packets ignored")
-        says(page, "status", "UDP packets control the right instrument and the left instrument")  # a note about a packet hides it for 6 s
+        says(
+            page, "status", "UDP packets control the right instrument and the left instrument"
+        )  # a note about a packet hides it for 6 s
     finally:
         pens.close()
     says(page, "status", "No packets of the right and the left hand: nothing moves.")

@@ -345,7 +345,7 @@ export class Console {
     return led.length ? { tone: 'good', text: `${who} ${led.join(' and ')}.` } : this.nextStep(state);
   }
 
-  /** Return what is to be said while nobody moves a hand: why the last motion ended, or the next step of the task. */
+  /** Return the status while nobody moves a hand: why the last motion ended, or the next step of the task. */
   private atRest(state: ConsoleState): Status | null {
     return this.ended ? { tone: 'warn', text: this.ended } : this.nextStep(state);
   }
