@@ -211,6 +211,7 @@ export class Forms {
           kind: 'button',
           id: `pair-${k}-${at}`,
           label: () => key.items[i] as string,
+          hint: 'The item that mattered more',
           on: () => pair.chosen === i,
           press: () => (pair.chosen = i),
         })),
@@ -218,9 +219,16 @@ export class Forms {
     );
     controls.push(
       { kind: 'text', id: 'form-wrong', text: () => this.wrong, tone: () => 'bad' },
-      { kind: 'button', id: 'form-done', label: () => 'Done', off: () => this.sending, press: () => this.send() },
+      {
+        kind: 'button',
+        id: 'form-done',
+        label: () => 'Done',
+        hint: 'Send the answers',
+        off: () => this.sending,
+        press: () => this.send(),
+      },
     );
-    return { id: 'form', label: 'Questionnaire', controls };
+    return { id: 'form', label: 'Questionnaire', hint: 'Questions that are asked now', controls };
   }
 
   private itemControl(key: QuestionnaireInfo, item: string, k: number): Control {
@@ -232,6 +240,7 @@ export class Forms {
         kind: 'choice',
         id,
         label: item,
+        hint: `${key.ends[0]} … ${key.ends[1]}`,
         options: () => [['', OPEN], ...values.map((v): [string, string] => [String(v), String(v)])],
         get: () => String(answer() ?? ''),
         set: (value) => (this.answers[k] = value === '' ? null : Number(value)),
@@ -240,6 +249,7 @@ export class Forms {
       kind: 'slider',
       id,
       label: item,
+      hint: `${key.ends[0]} … ${key.ends[1]}`,
       range: () => [key.low, key.high],
       get: () => answer() ?? (key.low + key.high) / 2,
       set: (value) => (this.answers[k] = key.low + key.step * Math.round((value - key.low) / key.step)),
