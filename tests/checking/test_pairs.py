@@ -14,9 +14,9 @@ from twin.checking.checker import NoAnswer, Workers, check
 from twin.checking.descriptions import DescriptionFile, FolderContent
 from twin.checking.file_verdict import JudgedFile, JudgeJob, judge
 from twin.checking.twins import compare_two
+from twin.comparison.comparison_result import Comparison
 from twin.comparison.mimic import LinkError, MimicError
 from twin.comparison.pair import SidePair, compare_pair
-from twin.comparison.result import Comparison
 from twin.core.errors import BudgetError
 from twin.exchange.xacro import Expanded, XacroSettings
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from made.moved_side import moved
+from twin.comparison.comparison_result import Comparison
 from twin.comparison.pair import compare_pair
-from twin.comparison.result import Comparison
 from twin.comparison.side import UNLIMITED, Axis, CouplingRow, JointGroup, RobotSide
 from twin.core import spatial
 from twin.core.errors import TwinError

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import twin
+from twin.comparison.comparison_result import Comparison
 from twin.comparison.pair import compare_pair
-from twin.comparison.result import Comparison
 from twin.comparison.side import JointGroup, PoseRows, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array

@@ -15,11 +15,11 @@ from twin.api.path_samples import SampledPath, sampled
 from twin.core.errors import ProtocolError, TwinError
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
-from twin.proof.motion import prove
+from twin.proof.motion import motion_prover
 from twin.proof.motion.closure import nodes
+from twin.proof.motion.motion_prover import MotionProof
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import first_pieces
-from twin.proof.motion.prove import MotionProof
 from twin.proof.motion.quantities import Enclosure, TimeCells, _motor_rows, cells_of
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import TaylorModel
@@ -42,10 +42,10 @@ def planned(robot: str, protocol: str) -> tuple[Mechanism, Trajectory, TimedPath
 def proved(mechanism: Mechanism, path: TimedPath) -> MotionProof:
     """Return the proof of a path."""
     model = ReferenceModel(mechanism)
-    return prove.prove_motion(mechanism, path, lambda q: model.link_poses(model.run(q).x))
+    return motion_prover.prove_motion(mechanism, path, lambda q: model.link_poses(model.run(q).x))
 
 
-def claim(proof: MotionProof, group: str, name: str) -> prove.MotionClaim:
+def claim(proof: MotionProof, group: str, name: str) -> motion_prover.MotionClaim:
     """Return a claim by its group and name."""
     return next(c for c in proof.claims if (c.group, c.name) == (group, name))
 
@@ -221,7 +221,7 @@ def test_predictions_need_not_be_right() -> None:
         return poses
 
     right = proved(mechanism, path)
-    shifted = prove.prove_motion(mechanism, path, wrong)
+    shifted = motion_prover.prove_motion(mechanism, path, wrong)
     for one, other in zip(right.claims, shifted.claims, strict=True):
         assert (one.name, one.group, one.status) == (other.name, other.group, "proved")
         assert one.bound == pytest.approx(other.bound, rel=1e-6, abs=1e-8)
@@ -236,7 +236,7 @@ def test_loops_that_cannot_close_are_unproved() -> None:
     T = loop.T_parent_joint.copy()
     T[:3, 3] += 2.0
     apart = replace(mechanism, joints=tuple(replace(j, T_parent_joint=T) if j is loop else j for j in mechanism.joints))
-    proof = prove.prove_motion(apart, path, lambda q: model.link_poses(model.run(q).x))
+    proof = motion_prover.prove_motion(apart, path, lambda q: model.link_poses(model.run(q).x))
     assert claim(proof, "determinant", "loops").status == "unproved"
     assert claim(proof, "tool speed", "tip").status == "unproved"
     assert "no motion of the passive joints" in claim(proof, "loop gap", "loops").reason
@@ -246,7 +246,7 @@ def test_loops_that_cannot_close_are_unproved() -> None:
 def test_after_a_break_nothing_is_said_of_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the motion may jump to another assembly, all that rests on it is unproved, and never refuted."""
     mechanism, path = sils()
-    monkeypatch.setattr(prove, "DEEPEST", 0)
+    monkeypatch.setattr(motion_prover, "DEEPEST", 0)
     whole = proved(mechanism, path)
     curve = whole.curves["determinant", "loops"]
     assert curve.low[0] < 1.0 < curve.high[0]  # the value at the start is known within bounds
@@ -258,7 +258,7 @@ def test_after_a_break_nothing_is_said_of_bodies(monkeypatch: pytest.MonkeyPatch
         goes_on[3] = False
         return goes_on
 
-    monkeypatch.setattr(prove, "connected", broken)
+    monkeypatch.setattr(motion_prover, "connected", broken)
     for one in proved(mechanism, path).claims:
         if one.group in ("joint limit", "joint speed", "gap"):
             assert one.status == "proved", one
@@ -280,9 +280,9 @@ def test_a_break_before_a_violation_hides_it() -> None:
     ones = np.ones(cells)
     made = TimeCells(index, 0 * index, span[:-1], span[1:], 0 * ones, ones, square)
     goes_on = np.array([True, False, True])
-    judged = prove._Round(pieces, made, [over, driven], np.ones(cells, bool), goes_on)
+    judged = motion_prover._Round(pieces, made, [over, driven], np.ones(cells, bool), goes_on)
     _, path = sils()
-    of_body, of_joint = prove._proof(path, judged).claims
+    of_body, of_joint = motion_prover._proof(path, judged).claims
     assert of_body.status == "unproved"
     assert of_joint.status == "refuted"
 

@@ -21,7 +21,7 @@ from twin.simulation.session import run
 from twin.simulation.session.trial_table import TrialTable
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.holes.geometry import Hole, hole_goals
-from twin.simulation.tasks.holes.judge import HoleJudge
+from twin.simulation.tasks.holes.referee import HoleJudge
 from twin.simulation.trial import world
 from twin.validation.ranks import compare
 

@@ -20,7 +20,7 @@ from twin.core.quantity import moved
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
-    from twin.comparison.result import Comparison
+    from twin.comparison.comparison_result import Comparison
     from twin.comparison.side import PoseRows, RobotSide, TableLine
     from twin.exchange.read.pose_table import ReadPoses
     from twin.exchange.read.source import DhOptions
@@ -84,8 +84,8 @@ def compare(
         >>> twin.compare("pa10", "pa10@equations").verdict
         'agree'
     """
+    from twin.comparison.comparison_result import Comparison
     from twin.comparison.pair import compare_pair
-    from twin.comparison.result import Comparison
     from twin.exchange.read.shapes import meshes_kept
     from twin.exchange.read.source import stated
 

@@ -23,8 +23,8 @@ from twin.core.units import MM
 if TYPE_CHECKING:
     from twin.planning.protocol import Protocol
     from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+    from twin.proof.motion.motion_prover import MotionClaim, MotionProof
     from twin.proof.motion.path import TimedPath, TimedPhase
-    from twin.proof.motion.prove import MotionClaim, MotionProof
 
 _CONSISTENT = 1e-8
 """Distance in SI units by which a sampled value may be beyond a proved bound: errors of solvers and of the series."""
@@ -225,7 +225,7 @@ def prove_motion(
         TwinError: the protocol does not exist, cannot be planned, or has a phase whose motion is a table of samples.
     """
     from twin.api.judge import plan
-    from twin.proof.motion.prove import prove_motion as prove_on_path
+    from twin.proof.motion.motion_prover import prove_motion as prove_on_path
     from twin.reference import ReferenceModel
 
     protocol = robot.protocol(name)

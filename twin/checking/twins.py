@@ -8,8 +8,8 @@ from pathlib import PurePosixPath
 
 from twin.checking.file_verdict import JudgedFile
 from twin.checking.found import CheckFinding
+from twin.comparison.comparison_result import Comparison
 from twin.comparison.items import ComparedItem
-from twin.comparison.result import Comparison
 from twin.core.errors import TwinError
 from twin.exchange.read import suffixes
 from twin.exchange.xacro import XacroSettings

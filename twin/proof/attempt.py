@@ -16,8 +16,8 @@ from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.formula_side import Outputs
 from twin.proof.mechanism import ExactMechanism
 from twin.proof.program import ProgramStep
+from twin.proof.random_states import ProofStates
 from twin.proof.replay import Notes, RootedStates, replay
-from twin.proof.states import ProofStates
 from twin.proof.transforms import Matrix
 from twin.proof.values import ExactValue, RootMark, Truths, Value
 

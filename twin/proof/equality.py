@@ -12,8 +12,8 @@ from twin.proof import field, formula_side, values
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.formula_side import Outputs
 from twin.proof.prove import BESIDES, STATES, examined_conditions, with_signs
+from twin.proof.random_states import ProofStates, random_states
 from twin.proof.replay import Notes, replay
-from twin.proof.states import ProofStates, random_states
 from twin.proof.values import Angle, ExactValue, Truths, Value
 
 

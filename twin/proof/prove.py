@@ -16,8 +16,8 @@ from twin.proof.branches import MOST_BOXES, Branches, BranchReport, examined
 from twin.proof.claims import JudgedClaim, unclaimed
 from twin.proof.constants import exact_angle
 from twin.proof.precise import certainly_not_zero
+from twin.proof.random_states import ANGULAR, ProofStates, angles, random_states
 from twin.proof.rational_witness import rational_witness
-from twin.proof.states import ANGULAR, ProofStates, angles, random_states
 
 STATES = 4096
 """Number of random states."""

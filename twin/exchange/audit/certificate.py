@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from twin.core.errors import TwinError
-from twin.exchange.audit.bounds import SCHEMA as BOUNDS
-from twin.exchange.audit.bounds import audit_bounds
+from twin.exchange.audit.bounds_certificate import SCHEMA as BOUNDS
+from twin.exchange.audit.bounds_certificate import audit_bounds
 from twin.exchange.audit.report import AuditReport, Ledger, finished
-from twin.exchange.audit.workspace import SCHEMA as WORKSPACE
-from twin.exchange.audit.workspace import audit_workspace
+from twin.exchange.audit.workspace_certificate import SCHEMA as WORKSPACE
+from twin.exchange.audit.workspace_certificate import audit_workspace
 
 SCHEMA = "twin/certificate/1"
 

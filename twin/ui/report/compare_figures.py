@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.comparison.comparison_result import Comparison
 from twin.comparison.pair import SidePair
 from twin.comparison.poses import PoseFit
-from twin.comparison.result import Comparison
 from twin.comparison.side import RobotSide
 from twin.core import spatial
 from twin.core.quantity import deg, mm

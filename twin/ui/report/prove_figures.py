@@ -11,7 +11,7 @@ from twin.api.proof import Proved
 from twin.core.format import quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.proof.motion.prove import MARGINS, SPEEDS, MotionClaim
+from twin.proof.motion.motion_prover import MARGINS, SPEEDS, MotionClaim
 from twin.ui.report.style import INK, PALETTE, UNFIT, log_ticks, panels, styled
 
 if TYPE_CHECKING:

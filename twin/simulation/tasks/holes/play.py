@@ -24,8 +24,8 @@ from twin.simulation.rate_console import HAND
 from twin.simulation.session.play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.holes.geometry import hole_goals
-from twin.simulation.tasks.holes.judge import HoleJudge, HoleReferee
 from twin.simulation.tasks.holes.operator import ScriptedPen
+from twin.simulation.tasks.holes.referee import HoleJudge, HoleReferee
 from twin.simulation.trial import INNER
 from twin.simulation.world import Recording
 

@@ -18,7 +18,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.findings import Finding, Kind, info, warning
 from twin.core.spatial import Array
-from twin.exchange.formats.urdf.write.closures import ends, write_closures
+from twin.exchange.formats.urdf.write.closure_yaml import ends, write_closures
 from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
