@@ -7,7 +7,7 @@ that several parts have in common, and identical parts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -198,6 +198,18 @@ def _coaxial(a: Face, b: Face) -> bool:
     return bool(spatial.point_to_line(a.point, b.point, b.direction) < _COAXIAL)
 
 
+def _least(misfit: Callable[[Array], Array]) -> Array:
+    """Return the twist (6,) at which `misfit` is least, by Gauss-Newton steps with central differences."""
+    x = np.zeros(6)
+    for _ in range(_STEPS):
+        columns = []
+        for step in 1e-6 * np.eye(6):
+            columns.append((misfit(x + step) - misfit(x - step)) / 2e-6)
+        J = np.stack(columns, axis=1)
+        x = x - np.linalg.pinv(J, rcond=1e-5) @ misfit(x)
+    return x
+
+
 def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_joints: list[str]) -> Suspect | None:
     """Return a part as a suspect, with features moved so that the frames of its joints coincide; None if impossible.
 
@@ -252,15 +264,8 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
             parts += [offset, _LEVER * turn]
         return np.concatenate(parts)
 
-    x = np.zeros(6)
     try:
-        for _ in range(_STEPS):
-            r = misfit(x)
-            columns = []
-            for step in 1e-6 * np.eye(6):
-                columns.append((misfit(x + step) - misfit(x - step)) / 2e-6)
-            J = np.stack(columns, axis=1)
-            x = x - np.linalg.pinv(J, rcond=1e-5) @ r
+        x = _least(misfit)
         faces, frames = put(x)
         corrected = {**cad.measured, body: faces}
         still_open = _open_joints(d, drawn(d, corrected, frames))
