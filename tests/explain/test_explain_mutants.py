@@ -21,6 +21,7 @@ from twin import api
 from twin.robots import _raven
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.edits import Pool, edits
 from twin.validation.explain.explain import explain
 from twin.validation.explain.repair import Search
 from twin.validation.explain.row_deviations import Judge
@@ -334,6 +335,27 @@ def test_cures_of_two_rows_hold_together_for_other_values_of_the_swivel(tmp_path
     second = ("P_m[1] < 0, -1, 1)", "P_m[1] < 0, 1, 1)")
     case, formula = changed("pa10", "q2, atan2(w[1], w[0])", "q2, atan2(w[0], w[1])", tmp_path, second)
     assert seeds.outcome(case, formula, tmp_path, 16.0) in ("rank 1", "tie")
+
+
+def test_an_error_that_the_swivel_hides_is_found_beside_one_that_shows(tmp_path, monkeypatch):
+    """At swivel 0, w[1] is zero: without its square, only the index is seen, whose repair holds for swivel 0 only."""
+    first = ("side * sqrt(P_c[0] ** 2 + P_c[1] ** 2), P_c[2])", "side * sqrt(P_c[2] ** 2 + P_c[1] ** 2), P_c[2])")
+    second = ("sqrt(w[0] ** 2 + w[1] ** 2), w[2])", "sqrt(w[0] ** 2 + w[1]), w[2])")
+    require_repair(("pa10", first, second), tmp_path, monkeypatch, SECONDS)
+
+
+_ROW = "(l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2 - (L_H - Y_S3)**2"
+
+
+@pytest.mark.parametrize("parenthesis", ["(l_1 + l_2)", "(L_H - Y_S3)"])
+def test_a_missing_square_of_a_parenthesis_is_one_edit(parenthesis, tmp_path):
+    wrong = _ROW.replace(f"{parenthesis}**2", parenthesis)
+    case, formula = changed("sils", _ROW, wrong, tmp_path)
+    source = Judge(formula, None, case.truth).step("eq2").source
+    statement = source.statements[5]
+    found = edits(source, statement, Pool(frozenset(), {}, frozenset(), frozenset(), frozenset()), ("exponent",))
+    right = source.data.decode()
+    assert case.path.read_text(encoding="utf-8") in [right[: e.start] + e.new + right[e.end :] for e in found]
 
 
 @pytest.mark.slow

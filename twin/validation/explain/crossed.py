@@ -43,8 +43,8 @@ _VECTOR, _LONGEST, _MOST_TEXTS = 3, 60, 24
 _MOST_PRODUCTS = 60
 """Maximum number of products of a scalar and a vector that are added as terms."""
 
-_MOST_FOUND = 60
-"""Maximum number of pairs that are yielded of two statements."""
+_MOST_FOUND, _MOST_IN_ONE = 60, 2000
+"""Maximum number of pairs that are yielded of two statements or of one, and of those of which they are chosen."""
 
 _THIRDS = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
 """Values of a swivel angle at which rows are evaluated: they determine a row that is linear in its sine and cosine."""
@@ -135,9 +135,9 @@ class Crossed:
                     edits = self._all[site.statement.index]
                     runs.append(list(operand_pairs(site, edits, scope, self._rest, deadline)))
             if len(runs) == len(self._angles):
-                for others, ones in self._found(runs):
-                    one, other = (*ones, *others)
-                    yield one, other
+                pairs = [(*ones, *others) for others, ones in self._found(runs, _MOST_IN_ONE)]
+                pairs.sort(key=lambda pair: sum(edit.kind not in TOKENS for edit in pair))
+                yield from pairs[:_MOST_FOUND]
 
     def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
@@ -302,14 +302,16 @@ class Crossed:
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
                 runs.append(list(self._run(first, second, trials, seconds, angle, deadline)))
-        for others, ones in self._found(runs):
+        for others, ones in self._found(runs, _MOST_FOUND):
             one, other = (*ones, *others)
             yield one, other
 
-    def _found(self, runs: Sequence[Sequence[Evaluated]]) -> Iterator[tuple[tuple[Edit, ...], tuple[Edit, ...]]]:
+    def _found(
+        self, runs: Sequence[Sequence[Evaluated]], most: int
+    ) -> Iterator[tuple[tuple[Edit, ...], tuple[Edit, ...]]]:
         """Yield (edits of the second place, edits of the first one) after which a row agrees, for each swivel angle.
 
-        `runs` are the results of `_run` or `operand_pairs`, for each angle.
+        `runs` are the results of `_run` or `operand_pairs`, for each angle; `most` is the maximum number of pairs.
         """
         count = 0
         for parts in zip(*runs, strict=False):
@@ -318,7 +320,7 @@ class Crossed:
                 continue
             for n in _agreeing([part[2] for part in parts], self.rows):
                 count += 1
-                if count > _MOST_FOUND:
+                if count > most:
                     return
                 i, j = divmod(n, len(ones))
                 yield others[i], ones[j]

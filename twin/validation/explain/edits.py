@@ -315,10 +315,9 @@ def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
                 text = w.text(node.right)
                 yield w.replace(node, f"-{text}" if isinstance(node.op, ast.Sub) else text, "surplus")
         parent = w.parent(node)
-        if isinstance(node, ast.Name) and not _is_called(w, node) and not isinstance(parent, ast.Attribute):
-            end = w.source.span(node)[1]
-            if not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Pow)):
-                yield w.between(end, end, "**2", "exponent")
+        at = _end_of_base(w, node)
+        if at is not None and not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Pow)):
+            yield w.between(at, at, "**2", "exponent")
         whole = isinstance(parent, ast.Assign | ast.Return) and not isinstance(node, ast.Tuple)
         whole |= isinstance(parent, ast.Call) and node in parent.args
         whole |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Return | ast.Assign)
@@ -335,6 +334,25 @@ def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             for name in sorted(w.pool.names - {node.id}):
                 for sign in "+-":
                     yield w.replace(node, f"({node.id} {sign} {name})", "missing", w.need(name))
+
+
+def _end_of_base(w: _Writer, node: ast.expr) -> int | None:
+    """Return the byte after a name, an entry or a parenthesis that may be squared; None for other expressions."""
+    parent = w.parent(node)
+    start, end = w.source.span(node)
+    if isinstance(parent, ast.Attribute) or _is_called(w, node):
+        return None
+    if isinstance(node, ast.Name):
+        return end
+    if not isinstance(parent, ast.BinOp):
+        return None
+    if isinstance(node, ast.Subscript):
+        is_entry = not any(isinstance(n, ast.Slice) for n in ast.walk(node.slice))
+        return end if is_entry else None
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+        enclosed = w.source.text(start - 1, start) == "(" and w.source.text(end, end + 1) == ")"
+        return end + 1 if enclosed else None
+    return None
 
 
 def _squares(w: _Writer, node: ast.expr) -> Iterator[Edit]:

@@ -58,6 +58,9 @@ _REFUTE_PART = 0.25
 _CHANCE_PART = 0.2
 """Maximum part of the remaining time for the question whether edits repair rows only by chance, after each stage."""
 
+_CHANCES, _CHANCE_PAIRS = 3, 0.4
+"""Number of edits that repair a row only by chance beside which a second one is tried, and the part of the time."""
+
 _SHARED = 3
 """Number of edits of each repaired group that are also tried in pairs, to fix the remaining rows."""
 
@@ -386,7 +389,9 @@ class Search(Trials):
                 pairs: list[Candidate] = []
                 complete = False
                 if budget > 0:
-                    pairs, complete = self.pair_search.found(k, singles, shared, deadline)
+                    pairs = self._beside_chance(k, singles, deadline.within(_CHANCE_PAIRS * deadline.left))
+                    if not self.choice.has_repair(k, pairs):
+                        pairs, complete = self.pair_search.found(k, singles, shared, deadline)
                     if not self.choice.has_repair(k, pairs):
                         evaluated = self.deferred()
                         late += evaluated
@@ -406,6 +411,33 @@ class Search(Trials):
             if not left or budget <= 0 or deadline.passed:
                 return found, left
             out = [f for f in found if f.cures]  # what `together` left out is refused, so that others are found now
+
+    def _beside_chance(self, k: Key, singles: list[Candidate], deadline: Deadline) -> list[Candidate]:
+        """Return pairs of an edit that repairs a row only by chance, and one that shows only for other values.
+
+        The values of parameters may hide another error of the same function: no row disagrees because of it.
+        """
+        out: list[Candidate] = []
+        firsts = [c for c in singles if c.by_chance and c.scores.get(k, np.inf) <= 1 and not (c.broken or c.hollow)]
+        firsts.sort(key=lambda c: c.rank)
+        for c in firsts[:_CHANCES]:
+            (first,) = c.edits
+            sources = [c.step.source, *(helper.source for helper in self.judge.helpers(c.step))]
+            source = next(s for s in sources if (s.path, s.name) == (first.path, first.function))
+            steps = [c.step, *self.callers(source, c.step)]
+            for statement in source.statements:
+                choice = pool(source, statement, set(source.arguments), self.parameters, c.step.scope)
+                for second in edits(source, statement, choice, FORMS):
+                    if deadline.passed:
+                        return out
+                    if not (second.end < first.start or first.end < second.start):
+                        continue
+                    pair = self.everywhere(steps, [first, second])
+                    if pair is None or not self.exact([k], [pair]):
+                        continue
+                    if self.choice.is_general(pair) and self.choice.states.after(pair.edits) is not None:
+                        out.append(pair)
+        return out
 
     def _widest(
         self, k: Key, left: list[Key], out: list[Found], tried: list[Candidate], pairs: list[Candidate]

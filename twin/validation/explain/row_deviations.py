@@ -193,7 +193,9 @@ class Judge:
             step.gave = self._outputs(step, scope, found)
         except (NameError, IndexError) as error:
             step.without_value |= {(statement.index, -1)}
-            self._stuck(step, statement, found)
+            step.stuck = True
+            self._count_as_wrong(step, statement, found)
+            step.gave = {name: self.truth.symbols[name] for name in step.known}
             self.notes.append(f"{label} fails in line {statement.line}: {error}")
         except Exception as error:
             step.missing = str(error)
@@ -257,9 +259,8 @@ class Judge:
         scope[OUT] = tuple(values)
         return frozenset(places)
 
-    def _stuck(self, step: Step, statement: Statement, found: Residuals) -> None:
+    def _count_as_wrong(self, step: Step, statement: Statement, found: Residuals) -> None:
         """Count all outputs from `statement` on as wrong, because `statement` uses an unknown name."""
-        step.stuck = True
         seen = {p.symbol for p in found}
         for later in step.source.statements[statement.index :]:
             for i, name in enumerate(later.writes):
@@ -274,7 +275,6 @@ class Judge:
             if name in step.known and name not in seen:
                 seen.add(name)
                 self._unknown(step.place(last.index, i, name, step.lines[i]), found)
-        step.gave = {name: self.truth.symbols[name] for name in step.known}
 
     def _unknown(self, place: Place, found: Residuals) -> None:
         value = to_array(self.truth.symbols[place.symbol], self.truth.k)
@@ -483,7 +483,7 @@ class Judge:
             names = writes.get(i, statement.writes)
             if anew or i in edited or dirty & statement.reads:
                 if not self.ran(step, statement, codes[i], edits, scope, found):
-                    self._stuck(step, statement, found)
+                    self._count_as_wrong(step, statement, found)
                     return found
                 self._check(step, statement, names, scope, found)
                 dirty |= set(names) - step.held
