@@ -13,7 +13,7 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
 from twin.validation.explain.formula_state import FormulaState
 from twin.validation.explain.repair import Search
-from twin.validation.explain.rows import Place
+from twin.validation.explain.rows import RowPlace
 from twin.validation.explain.source import Edit
 
 A = ("e", 0, 0)
@@ -103,7 +103,7 @@ def test_all_searches_for_pairs_have_one_deadline(search):
 def test_a_refused_pair_is_refused_when_it_is_tried_again(search, monkeypatch):
     monkeypatch.setattr(trials, "aliases", lambda judge, step, change: {})
     monkeypatch.setattr(
-        trials, "evaluate", lambda judge, step, change, extra: {Place("e", "printed", 0, 0, "x", 1): 0.0}
+        trials, "evaluate", lambda judge, step, change, extra: {RowPlace("e", "printed", 0, 0, "x", 1): 0.0}
     )
     monkeypatch.setattr(trials, "worst", lambda r: r)
     monkeypatch.setattr(Search, "dependence", SimpleNamespace(judged=lambda c, rows: None))

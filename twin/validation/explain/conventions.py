@@ -22,7 +22,7 @@ from twin.validation.explain.invariants import said, said_pose
 from twin.validation.explain.numeric import Matrix, to_array, turn
 from twin.validation.explain.offsets import axes_text, offsets
 from twin.validation.explain.plain import enter, leave
-from twin.validation.explain.row_deviations import Judge, Place, worst
+from twin.validation.explain.row_deviations import Judge, RowPlace, worst
 from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.suspects import suspects
 from twin.validation.explain.truth import Truth
@@ -58,7 +58,7 @@ def general(judge: Judge) -> list[Convention]:
         return [*_dh(judge), *_angles_in(judge), *_axes(judge), *_frames(judge), *_euler(judge)]
 
 
-def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
+def _cured(judge: Judge, other: Judge) -> tuple[list[RowPlace], float] | None:
     """Return (rows that are wrong in `judge` and agree in `other`, the worst residual of these rows in `other`).
 
     Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other`.
@@ -70,7 +70,7 @@ def _cured(judge: Judge, other: Judge) -> tuple[list[Place], float] | None:
             continue
         if worst_by_row.get(place.key, np.inf) > 1:
             return None
-    cured: list[Place] = []
+    cured: list[RowPlace] = []
     largest = 0.0
     for place in failing:
         after = worst_by_row.get(place.key, np.inf)
@@ -171,12 +171,12 @@ def _read(judge: Judge, symbols: Sequence[str]) -> bool:
     return not inputs.isdisjoint(symbols)
 
 
-def _one_agrees(judge: Judge, places: Sequence[Place]) -> bool:
+def _one_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
     keys = {p.key for p in places}
     return any(place.key in keys and worst(r) <= 1 for place, r in judge.residuals.items())
 
 
-def _names(places: Iterable[Place]) -> tuple[str, ...]:
+def _names(places: Iterable[RowPlace]) -> tuple[str, ...]:
     return tuple(p.name for p in places)
 
 
@@ -210,12 +210,12 @@ def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> Tru
     return replace(truth, symbols=symbols)
 
 
-def _cured_in_unit(judge: Judge, other: Judge, kind: str, factor: float) -> dict[Place, float]:
+def _cured_in_unit(judge: Judge, other: Judge, kind: str, factor: float) -> dict[RowPlace, float]:
     """Return {row that is wrong in `judge` and agrees in `other`: its residual}, where `other` has another unit."""
     residuals: dict[Key, Array] = {}
     for place, residual in other.residuals.items():
         residuals.setdefault(place.key, residual)
-    cured: dict[Place, float] = {}
+    cured: dict[RowPlace, float] = {}
     for place, r in judge.residuals.items():
         if place.key not in residuals or worst(r) <= 1 or judge.truth.kinds[place.symbol] == "pose":
             continue
@@ -233,7 +233,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for rows whose value differs from the mechanism's only by a sign, a unit or a zero offset."""
     truth = judge.truth
     values = said(judge)
-    groups: dict[str, list[tuple[Place, float]]] = {}
+    groups: dict[str, list[tuple[RowPlace, float]]] = {}
     for place in judge.failing():
         true = to_array(truth.symbols[place.symbol], truth.k)
         if place.symbol not in values or true.shape[1] != 1 or np.ptp(true) < 1e-9:
@@ -282,7 +282,7 @@ class _WrongPoint:
     """A named point whose rows are wrong: its values (k, 3) in the formula, and in the mechanism."""
 
     name: str
-    places: list[Place]
+    places: list[RowPlace]
     value: Array
     true: Array
 
@@ -323,7 +323,7 @@ def _axes(judge: Judge) -> Iterator[Convention]:
                 kind = "handedness"
                 handedness = ": a left-handed frame"
             names = ", ".join(p.name for p in points)
-            rows: list[Place] = []
+            rows: list[RowPlace] = []
             for point in points:
                 rows += point.places
             text = f"points {names} use other axes{handedness}: {axes_text(P)}{unit}"
@@ -418,7 +418,7 @@ def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Value], str]]:
 
 def _with_helper(
     judge: Judge, step: Step, helper: Helper, stand_in: Callable[..., Value]
-) -> tuple[list[Place], float] | None:
+) -> tuple[list[RowPlace], float] | None:
     """Return the result of `_cured` if a function replaces a helper of an equation."""
     scopes = [step.scope, helper.function.__globals__]
     for called in judge.helpers(step):

@@ -42,7 +42,7 @@ from twin.validation.explain.invariants import invariants
 from twin.validation.explain.noise import limits
 from twin.validation.explain.proved_repairs import ProvedFound, RepairProver, proved
 from twin.validation.explain.repair import Search
-from twin.validation.explain.row_deviations import Judge, Place, Tolerance
+from twin.validation.explain.row_deviations import Judge, RowPlace, Tolerance
 from twin.validation.explain.rows import Key
 from twin.validation.explain.source import Edit, diff, patched
 from twin.validation.explain.suspects import shared
@@ -431,7 +431,7 @@ def _shown(path: Path, root: Path | None) -> str:
     return str(path.relative_to(root)) if root is not None and path.is_relative_to(root) else str(path)
 
 
-def _row(judge: Judge, place: Place, found: list[Found], root: Path | None) -> Row:
+def _row(judge: Judge, place: RowPlace, found: list[Found], root: Path | None) -> Row:
     step, truth = judge.step(place.equation), judge.truth
     size = np.abs(judge.residuals[place]).max(axis=1)
     limit = judge.limits[place.symbol][:, 0] if place.symbol in judge.limits else 1.0

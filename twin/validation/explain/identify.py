@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.explanation import Identified, Moved
 from twin.validation.explain.row_deviations import Judge, worst
-from twin.validation.explain.rows import Place
+from twin.validation.explain.rows import RowPlace
 
 _BLIND = 1e-7
 """A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
@@ -58,7 +58,7 @@ class Numbers:
         failing = judge.failing()
         # Helpers often only repeat the error of a printed row: helper rows are used only if all printed rows agree.
         printed_fails = any(self._printed(p.equation) for p in failing)
-        self.rows: list[Place] = []
+        self.rows: list[RowPlace] = []
         self.complete = True
         size = 0
         for place, residual in judge.residuals.items():

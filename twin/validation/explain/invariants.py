@@ -18,7 +18,7 @@ from twin.model.joint import Joint
 from twin.reference import ReferenceModel
 from twin.validation.explain.numeric import Matrix, to_array
 from twin.validation.explain.plain import copied
-from twin.validation.explain.row_deviations import Judge, Place, returned_values, worst
+from twin.validation.explain.row_deviations import Judge, RowPlace, returned_values, worst
 from twin.validation.explain.rows import Key
 from twin.validation.explain.source import OUT
 from twin.validation.explain.truth import Truth
@@ -46,7 +46,7 @@ def said(judge: Judge) -> dict[str, Value]:
     return values
 
 
-def said_pose(judge: Judge, place: Place) -> Array:
+def said_pose(judge: Judge, place: RowPlace) -> Array:
     """Return the pose (k, 4, 4) that a row of the formula computes; it is recovered from the residual of the row."""
     scale = np.full(16, judge.tolerance.angle)
     scale[[3, 7, 11]] = judge.tolerance.length

@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.validation.explain.explanation import Convention
 from twin.validation.explain.invariants import said_pose
-from twin.validation.explain.row_deviations import Judge, Place
+from twin.validation.explain.row_deviations import Judge, RowPlace
 
 _QUARTERS = (np.pi / 2, -np.pi / 2, np.pi)
 _MOST = 3
@@ -41,7 +41,7 @@ def offsets(judge: Judge) -> Iterator[Convention]:
             yield Convention("offset", f"{place.symbol} of {place.equation} {text}", (place.name,), after)
 
 
-def _search(judge: Judge, place: Place) -> tuple[str, float] | None:
+def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
     """Return (text on the offsets, worst residual) of the first offsets with which the pose agrees, fewest first."""
     joints = [j for j in judge.formula.joints if j.name in judge.truth.symbols]
     angles = [j.name for j in joints[1:-1] if j.kind == "revolute"]
@@ -70,7 +70,7 @@ def _turned(angles: Sequence[str]) -> Iterator[dict[str, float]]:
                 yield dict(zip(chosen, turns, strict=True))
 
 
-def _said(judge: Judge, place: Place, moved: dict[str, float]) -> Array | None:
+def _said(judge: Judge, place: RowPlace, moved: dict[str, float]) -> Array | None:
     """Return the formula's pose (k, 4, 4) with the joint offsets `moved`; None if the pose has no value."""
     symbols = dict(judge.truth.symbols)
     for name, offset in moved.items():
@@ -104,7 +104,7 @@ def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
 
 
 def _placed(
-    judge: Judge, place: Place, moved: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
+    judge: Judge, place: RowPlace, moved: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
 ) -> tuple[str, float] | None:
     """Return (text on the offsets, worst residual) if, with the rotations, the positions also agree; otherwise None."""
     true = judge.truth.symbols[place.symbol].a

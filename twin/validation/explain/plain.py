@@ -17,7 +17,7 @@ from twin.validation.explain.numeric import Matrix
 from twin.validation.explain.source import Source
 
 
-class Samples(Scalar):
+class SampledScalar(Scalar):
     """A scalar with its values (k,) at all samples."""
 
     __slots__ = ()
@@ -27,20 +27,20 @@ class Samples(Scalar):
 def enter(x: Value) -> Value:
     """Convert a value of the judge to the form that a plain function uses: a number, object or array of objects."""
     if isinstance(x, np.ndarray):
-        return Samples(x)
+        return SampledScalar(x)
     if not isinstance(x, Matrix):
         return x
     rows, columns = x.shape
     objects = np.full((rows, columns), None, dtype=object)
     for i in range(rows):
         for j in range(columns):
-            objects[i, j] = Samples(x.a[:, i, j])
+            objects[i, j] = SampledScalar(x.a[:, i, j])
     return objects[:, 0] if columns == 1 else objects
 
 
 def leave(x: Value) -> Value:
     """Convert a value of a plain function to the form that the judge uses: a number, array (k,) or matrix."""
-    if isinstance(x, Samples):
+    if isinstance(x, SampledScalar):
         return np.asarray(x.x, float)
     if isinstance(x, np.ndarray) and x.ndim in (1, 2):
         table = x.reshape(len(x), -1)

@@ -25,7 +25,7 @@ from twin.formula.plain_function import PlainRows
 from twin.formula.scalar import Value
 from twin.validation.explain import numeric, plain
 from twin.validation.explain.numeric import Matrix, Rebuilder, to_array
-from twin.validation.explain.rows import Helper, Place, Step, Tolerance
+from twin.validation.explain.rows import Helper, RowPlace, Step, Tolerance
 from twin.validation.explain.shifts import Shift
 from twin.validation.explain.source import OUT, Edit, Source, Statement
 from twin.validation.explain.swivel import fitted
@@ -33,7 +33,7 @@ from twin.validation.explain.truth import Truth
 
 STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
 
-Residuals = dict[Place, Array]
+Residuals = dict[RowPlace, Array]
 """Residuals (k, entries) by row: differences from the mechanism in units of the tolerance.
 
 With a noisy CAD, the unit is the largest difference that noise explains; see `Judge`.
@@ -276,7 +276,7 @@ class Judge:
                 seen.add(name)
                 self._unknown(step.place(last.index, i, name, step.lines[i]), found)
 
-    def _unknown(self, place: Place, found: Residuals) -> None:
+    def _unknown(self, place: RowPlace, found: Residuals) -> None:
         value = to_array(self.truth.symbols[place.symbol], self.truth.k)
         found[place] = np.full(value.shape, np.nan)
 
@@ -607,7 +607,7 @@ class Judge:
 
     # -- failing rows -----------------------------------------------------------------------------------
 
-    def failing(self) -> list[Place]:
+    def failing(self) -> list[RowPlace]:
         """Return the rows whose residual exceeds the tolerance or is NaN."""
         return [p for p, r in self.residuals.items() if worst(r) > 1]
 

@@ -25,7 +25,7 @@ Key = tuple[str, int, int]
 
 
 @dataclass(frozen=True)
-class Place:
+class RowPlace:
     """One row: an output of an equation, and the statement that assigns or returns it."""
 
     equation: str
@@ -76,14 +76,14 @@ class Step:
     held: frozenset[str] = frozenset()
     plain: PlainRows | None = None
     lines: tuple[int, ...] = ()
-    places: dict[tuple[int, int, str], Place] = field(default_factory=dict)
+    places: dict[tuple[int, int, str], RowPlace] = field(default_factory=dict)
     free: dict[str, Value] = field(default_factory=dict)
 
-    def place(self, statement: int, position: int, symbol: str, line: int) -> Place:
-        """Return the `Place` of a row of this equation; `position` is the position of `symbol` in the statement."""
+    def place(self, statement: int, position: int, symbol: str, line: int) -> RowPlace:
+        """Return the `RowPlace` of a row of this equation; `position` is the position of `symbol` in the statement."""
         k = (statement, position, symbol)
         if k not in self.places:
-            self.places[k] = Place(self.equation.name, self.variant, statement, position, symbol, line)
+            self.places[k] = RowPlace(self.equation.name, self.variant, statement, position, symbol, line)
         return self.places[k]
 
     @property

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from twin.formula.contract import POSE_SYMBOL
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Place, Step
+from twin.validation.explain.rows import RowPlace, Step
 
 
-def suspects(judge: Judge, place: Place) -> dict[str, set[int]]:
+def suspects(judge: Judge, place: RowPlace) -> dict[str, set[int]]:
     """Return {equation: indices of the statements on which the value of a row depends}."""
     out: dict[str, set[int]] = {}
     step = judge.step(place.equation)
@@ -33,7 +33,7 @@ def unread(step: Step) -> set[int]:
     return found
 
 
-def shared(judge: Judge, places: Sequence[Place]) -> bool:
+def shared(judge: Judge, places: Sequence[RowPlace]) -> bool:
     """Return whether all given rows use a common statement or function, so that one fault could explain them all."""
     statements: list[set[tuple[str, int]]] = []
     called: list[set[str]] = []

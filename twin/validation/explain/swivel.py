@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.explain.rows import Place
+from twin.validation.explain.rows import RowPlace
 
 _GRID = 12
 """Number of start angles in a full turn."""
@@ -17,7 +17,7 @@ _STEP = 1e-6
 """Step in rad of the numeric derivatives; `_REFINE` is the number of Gauss-Newton steps."""
 
 
-def fitted(rows: Callable[[Array], Mapping[Place, Array]], states: int) -> Array:
+def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Array:
     """Return the swivel angles (states,) in rad that minimise the residuals of `rows` in each state.
 
     A pose of a redundant mechanism determines the joint values only together with the swivel angle. The zero of this
