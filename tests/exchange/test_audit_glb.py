@@ -409,3 +409,15 @@ def test_a_buffer_outside_the_folder_is_not_read(tmp_path):
     (finding,) = audit(path).findings
     assert finding.code == "gltf.buffer"
     assert "outside" in finding.message
+
+
+def test_a_rest_pose_that_no_joint_allows_is_found_in_a_file_with_motion(good, tmp_path):
+    """Its clips begin elsewhere, so that only viewers that show the file at rest show the fault."""
+    mechanism = base.made.four_bar()
+    assert audit(good, mechanism=mechanism).verdict == "agree"
+    glb = Glb((good / "bars.glb").read_bytes())
+    glb.links()[-1]["translation"][0] += 0.001
+    (tmp_path / "bars.glb").write_bytes(glb.bytes())
+    report = audit(tmp_path, mechanism=mechanism)
+    assert report.verdict == "disagree"
+    assert "states.rest" in {finding.code for finding in report.findings}

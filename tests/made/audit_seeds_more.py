@@ -44,7 +44,7 @@ from made.audit_seeds import (
 from made.glb_apart import Glb
 
 MORE: list[Seed] = []
-WARNED = ("USD: stray shape", "USD: binding lost")
+WARNED = ("USD: stray shape", "USD: binding lost", "USD: collider disabled")
 """Kinds that are warnings: the motion is right."""
 
 
@@ -789,6 +789,64 @@ for kind, edit in (
     ("script empty", script("Grab.cs", lambda t: "")),
 ):
     more(f"Unity: {kind}", edit, "Track.cs|Keys.cs|Playhead.cs|Grab.cs", "unity")
+
+
+# ------------------------------------------------------------------------------------- what formats hold beside bodies
+
+
+def scene_empty(glb) -> None:
+    glb.document["scenes"] = [{"nodes": []}]
+
+
+def collider_off(p, layer) -> None:
+    set_or_add("physics:collisionEnabled", Sdf.ValueTypeNames.Bool, False)(p, layer)
+
+
+def in_physics(wanted, change):
+    def edit(folder):
+        layer, _ = layers(folder)
+        found = prims_of(layer, wanted)
+        if not found:
+            return False
+        change(found[0], layer)
+        stored(layer, folder)
+        return True
+
+    return edit
+
+
+def is_link_with_meshes(p) -> bool:
+    return any(is_mesh(child) for child in p.nameChildren)
+
+
+def is_collider(p) -> bool:
+    return "PhysicsCollisionAPI" in str(p.GetInfo("apiSchemas"))
+
+
+for kind, edit, says in (
+    ("medium", text("*.xml", "<option ", '<option density="1000" viscosity="0.5" '), "medium"),
+    ("links collide", text("*.xml", 'contype="0"', 'contype="1"', count=0), "collisions of its own links"),
+    ("reference of a mesh", text("*.xml", '(<mesh name="[^"]*")', r'\1 refpos="10 0 0"'), "mesh"),
+    ("margin of a limit", text("*.xml", '(type="hinge")( [^>]*range=)', r'\1 margin="0.2"\2'), "limits"),
+    ("control beyond a tendon", text("*.xml", '(tendon="[^>]*ctrlrange=")-', r"\1-1"), "ctrlrange .* tendon"),
+):
+    more(f"MJCF: {kind}", edit, says, r"\.xml")
+for kind, edit, says in (
+    ("link invisible", in_geometry(is_link_with_meshes, invisible), "mesh"),
+    ("cone", text("usd/physics.usda", r"(coneAngle1Limit = )\d", r"\g<1>1"), "cone"),
+    ("collider disabled", in_physics(is_collider, collider_off), "collider"),
+):
+    more(f"USD: {kind}", edit, says, r"\.usd|\.xml|\.urdf|\.glb")
+for kind, edit, says in (
+    ("material undefined", text("*.urdf", '<material name="[^"]*" />', '<material name="nobody" />'), "material"),
+    (
+        "two joints of one name",
+        text("*.urdf", '(<joint name=")([^"]*)("[^$]*<joint name=")[^"]*', r"\1\2\3\2"),
+        "two joints are named",
+    ),
+):
+    more(f"URDF: {kind}", edit, says, r"\.urdf")
+more("GLB: scene empty", glb(scene_empty), "scene", r"\.glb")
 
 
 def slim(folder: Path, name: str) -> None:

@@ -14,12 +14,14 @@ import twin
 from made import explain_seeds as seeds
 from made.arm import LINK, arm
 from made.lanes import one_of_a_kind
+from twin.cli import cure
 from twin.core import spatial
 from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.joint_range import STATES, joint_range
 from twin.robots import load_formula
 from twin.validation.compare import EquationsComparison
+from twin.validation.explain.explain import explain
 from twin.validation.joint_range import HEADING, whole_range
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances
@@ -113,6 +115,19 @@ def test_a_wrong_branch_is_found(tmp_path, name):
     assert finding.severity == "disagreement"
     found = float(finding.message.split("(")[1].split(" %")[0]) / 100
     assert found == pytest.approx(share, abs=0.11)
+
+
+def test_the_fix_of_a_lost_quadrant_is_atan2(tmp_path):
+    model = ReferenceModel(arm(2))
+    path = tmp_path / "formula.py"
+    template, parts, _ = WRONG["atan for atan2"]
+    path.write_text(template.format(link=LINK, error="pass", **parts))
+    home = np.array([0.3, 0.3])
+    driven = [("q0", True), ("q1", True)]
+    formula = load_formula(path, "arm", driven=lambda: (driven, model.solve(home).T_base_tool, home))
+    found = explain("arm", formula, model)
+    assert found.explained
+    assert cure.text(found, "").startswith("in inverse, q0, q1: replace atan(y / x) by atan2(y, x) (")
 
 
 def drawn_error(rng, count):

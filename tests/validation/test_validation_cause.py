@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import twin
 from twin.cli import show
-from twin.cli.cure import Cures
+from twin.cli.cure import Cures, _words
 from twin.cli.parser import parser
 from twin.core.findings import SEVERITIES, Finding
 from twin.core.units import MM
@@ -205,6 +205,11 @@ def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_
     page = render_html(printed, {})
     first_screen = page[page.index('<div class="verdict') : page.index('<dl class="strip"')]
     assert f"<code>{printed.commands['explain']}</code>" in first_screen
+
+
+def test_an_edit_is_an_order():
+    changes = [SimpleNamespace(edit=edit) for edit in ("insert `+ a`", "delete `2 *`", "b -> c")]
+    assert _words(SimpleNamespace(changes=changes)) == "insert `+ a` and delete `2 *` and replace b by c"
 
 
 @pytest.mark.nightly

@@ -135,7 +135,7 @@ def _edits(found: Explanation, command: str) -> list[str]:
         equation, file, replacement = edit
         names = ", ".join(symbols_of_edit)
         numbers = ", ".join(str(line) for line in sorted(lines[edit]))
-        text = f"in {equation}, {names}: replace {replacement} ({file}:{numbers})"
+        text = f"in {equation}, {names}: {replacement} ({file}:{numbers})"
         if edit in ambiguous:
             text += f" or an equivalent edit, see {command}"
         texts.append(text)
@@ -143,8 +143,15 @@ def _edits(found: Explanation, command: str) -> list[str]:
 
 
 def _words(reading: Reading) -> str:
-    edits = [change.edit.replace(" -> ", " by ") for change in reading.changes]
-    return " and ".join(edits)
+    """Return the edits of a reading as orders: "replace a by b", "insert `+ a`" or "delete `2 *`"."""
+    orders: list[str] = []
+    for change in reading.changes:
+        old, arrow, new = change.edit.partition(" -> ")
+        if arrow:
+            orders.append(f"replace {old} by {new}")
+        else:
+            orders.append(change.edit)
+    return " and ".join(orders)
 
 
 def _numbers(found: Explanation) -> list[str]:

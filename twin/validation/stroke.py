@@ -20,6 +20,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import AssemblyError, KinematicsError, TwinError
 from twin.core.findings import Finding, Kind
+from twin.core.format import quantity
 from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
 from twin.core.result import Part, Result, TextTable
@@ -387,9 +388,9 @@ class Strokes(Result):
             if largest is None:
                 yield s.joint, stroke, name, "-", "-", "-", curve.note
                 continue
-            mean = f"{errors['position_mean'] / UM:.3g} µm"
-            rotation = f"{errors['rotation_max'] / DEG:.2g}°"
-            yield s.joint, stroke, name, mean, f"{largest / UM:.3g} µm", rotation, self._mark(s, name, largest)
+            mean = quantity(errors["position_mean"], "m")
+            rotation = quantity(errors["rotation_max"], "rad")
+            yield s.joint, stroke, name, mean, quantity(largest, "m"), rotation, self._mark(s, name, largest)
 
     def _mark(self, s: StrokeSweep, name: str, largest: float) -> str:
         """Return the judgement of a model whose largest position error is `largest` in m."""

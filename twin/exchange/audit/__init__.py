@@ -184,12 +184,15 @@ def _has_drawn_states(contents: Sequence[Content]) -> bool:
 def _compare_still(
     contents: Sequence[Content], expected: FilePhysics, states: Callable[[], DrawnStates] | None
 ) -> list[Content]:
-    """Compare files without motion with the mechanism; return those whose links have other names in the end."""
+    """Compare what is still with the mechanism; return the files whose links have other names in the end.
+
+    That is the rest pose of every file; in files without motion also drawn states.
+    """
     strangers = []
     for content in contents:
+        compare_joints(content, expected)
         if content.clips:
             continue
-        compare_joints(content, expected)
         physics = content.physics
         named = set(content.rest)
         if physics is not None:

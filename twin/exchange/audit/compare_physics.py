@@ -367,7 +367,12 @@ def _state(view: View, canonical: Mapping[str, FileJoint], known: set[str], mova
             view.say(f"frame '{name}'", {"existence": True, "link": frame.link, "frame pose": frame.T})
     for name, point in physics.points.items():
         view.say(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
-    view.say("the world", {"gravity": physics.gravity})
+    world = {
+        "gravity": physics.gravity,
+        "medium": physics.medium,
+        "collisions of its own links": physics.self_collision,
+    }
+    view.say("the world", world)
     if still is not None:
         view.say("the world", {"held": tuple(sorted(still))})
     view.say("the loops", {"opening": physics.opening})
@@ -533,6 +538,8 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
             ordered = joint.turned()
         quantity = "pose" if joint.kind == "fixed" else "zero"
         view.say(subject, {quantity: ordered.T})
+    if joint.kind == "spherical":
+        view.say(subject, {"cone": joint.drive.cone})
     if joint.kind in _SINGLE:
         drive = joint.drive
         if joint.tied:  # a tie is between points, and has no coordinate of its own

@@ -162,6 +162,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "pose": Compared(_place, 5e-6, "m"),
     "zero": Compared(_place, 5e-6, "m"),
     "limits": Compared(_ends, 1e-5, "m or rad"),
+    "cone": Compared(_ends, 1e-5, "rad"),
     "driven": Compared(_word, 0.0),
     "stiffness": Compared(_number, 1e-5, "N/m or N m/rad", True),
     "damping": Compared(_number, 1e-5, "N s/m or N m s/rad", True),
@@ -175,6 +176,8 @@ QUANTITIES: Mapping[str, Compared] = {
     "closed": Compared(_word, 0.0),
     "colours": Compared(apart, 0.02),
     "gravity": Compared(_distance, 1e-3, "m/s2"),
+    "medium": Compared(_passive, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
+    "collisions of its own links": Compared(_word, 0.0),
     "held": Compared(_word, 0.0),
     "ratios": Compared(_distance, 1e-5),
     "sum": Compared(_distance, 1e-6, "m or rad"),
@@ -272,6 +275,9 @@ def _plain(value: Any) -> str:
         return " + ".join(terms) or "nothing"
     if isinstance(value, tuple):
         if value and all(isinstance(v, int | float) for v in value):
-            return " .. ".join(f"{v:g}" for v in value)
+            numbers = [f"{v:g}" for v in value]
+            if len(numbers) == 2:
+                return " .. ".join(numbers)
+            return f"({', '.join(numbers)})"
         return ", ".join(map(str, value)) or "nothing"
     return str(value)

@@ -88,6 +88,8 @@ class FileDrive:
             itself, in SI units.
         law: "force" if the drive's gains give a force, "acceleration" if they give an acceleration.
         breaks: force in N at which the joint breaks; infinite if it never breaks.
+        cone: half angles in rad of the cone of a ball joint, about the two directions across its axis; infinite without
+            a cone.
     """
 
     limits: tuple[float, float] | None = None
@@ -99,7 +101,11 @@ class FileDrive:
     passive: tuple[float, float, float, float] | None = None
     law: str | None = None
     breaks: float | None = None
+    cone: tuple[float, float] | None = None
 
+
+EMPTY = (0.0, 0.0, 0.0, 0.0, 0.0)
+"""`FilePhysics.medium` where nothing slows the robot down."""
 
 FREE_JOINT = (0.0, 0.0, 0.0, 0.0)
 """`Drive.passive` of a joint without spring, damper, friction and rotor."""
@@ -254,6 +260,9 @@ class FilePhysics:
         points: {name: named point}, as frames with the axes of the link. A frame may have the name of a point.
         marks: "frame", "point": those of which `frames` or `points` contains all that the robot has.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
+        medium: (density in kg/m3, viscosity in Pa s, wind x, y, z in m/s) of what the robot moves in; zeros where no
+            force acts on it, as in formats that cannot hold a medium; None if not stated.
+        self_collision: whether links of the robot may collide with each other; None if not stated.
         held: links that a joint fixes directly to the world; None if the format cannot state that a link is fixed.
         tool: name of the frame that protocols move; "" if not stated.
         trocars: names of the trocar joints; the protocol determines their positions.
@@ -278,6 +287,8 @@ class FilePhysics:
     points: dict[str, FileFrame] = field(default_factory=dict)
     marks: frozenset[str] = frozenset()
     gravity: Array | None = None
+    medium: tuple[float, ...] | None = None
+    self_collision: bool | None = None
     held: frozenset[str] | None = None
     tool: str = ""
     trocars: frozenset[str] = frozenset()

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.mechanism_data import (
+    EMPTY,
     FREE_JOINT,
     FileDrive,
     FileFrame,
@@ -54,6 +55,7 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         points=points,
         marks=frozenset({"frame", "point"}),
         gravity=np.array(mechanism.gravity),
+        medium=EMPTY,
         held=frozenset({mechanism.base}),
         tool=mechanism.tool,
         trocars=frozenset(mechanism.trocars),
@@ -105,6 +107,9 @@ def _joints(mechanism: Mechanism, motors: Mapping[str, FileMotor]) -> list[FileJ
 def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, FileMotor]) -> FileDrive:
     """Return the drive at a joint: its own, or that of the motors behind a transmission, felt at the joint."""
     joint = mechanism.joint(name)
+    if joint.type == "spherical":
+        half_angle = np.inf if joint.cone is None else joint.cone
+        return FileDrive(cone=(half_angle, half_angle))
     if joint.type not in ("revolute", "prismatic"):
         return FileDrive()
     stiffness = None

@@ -100,7 +100,7 @@ def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str
     """Yield the edits of a statement that have one of the given kinds."""
     seen: set[tuple[int, int, str]] = set()
     writer = _Writer(source, statement, pool)
-    for make in (_names, _calls, _signs, _operators, _numbers, _sides, _terms, _factors):
+    for make in (_names, _calls, _quotients, _signs, _operators, _numbers, _sides, _terms, _factors):
         for edit in make(writer, statement.node):
             key = (edit.start, edit.end, edit.new)
             if edit.kind in kinds and key not in seen and edit.new != edit.old:
@@ -208,6 +208,19 @@ def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield w.replace(node, f"{w.text(node.right)} @ {w.text(node.left)}", "order")
             for side in (x for x in (node.left, node.right) if getattr(x, "attr", "") != "T"):
                 yield w.replace(side, f"({w.text(side)}).T", "transpose")
+
+
+def _quotients(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+    """Yield `atan2(n, d)` in place of `atan(n / d)`, which has angles of two quadrants only."""
+    for node in _expressions(root):
+        if not isinstance(node, ast.Call) or len(node.args) != 1:
+            continue
+        function, quotient = w.text(node.func), node.args[0]
+        if function.rpartition(".")[2] not in ("atan", "arctan"):
+            continue
+        if isinstance(quotient, ast.BinOp) and isinstance(quotient.op, ast.Div):
+            new = f"{function}2({w.text(quotient.left)}, {w.text(quotient.right)})"
+            yield w.replace(node, new, "function")
 
 
 def _signs(w: _Writer, root: ast.AST) -> Iterator[Edit]:

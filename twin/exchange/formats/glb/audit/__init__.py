@@ -61,6 +61,7 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     content.declared = links or None
     clips = Clips(file, nodes, order)
     _check_names(file, nodes, clips.animated)
+    _check_scene(file, nodes, order, ledger)
     _check_matrices(nodes, clips.animated, ledger)
     rest = clips.world({})
     _check_scales(nodes, rest, clips.animated, ledger)
@@ -105,6 +106,26 @@ def _check_clip_names(content: Content) -> None:
         if count > 1:
             content.ledger.wrong("gltf.duplicate_clip", f"two clips are named '{name}'.", name)
             return  # one finding is enough
+
+
+def _check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger) -> None:
+    """Report links and shapes that are not in the scene that viewers show; `order` has parents before children."""
+    scenes = file.items("scenes")
+    number = file.json.get("scene", 0)
+    roots: Any = []
+    if isinstance(number, int) and 0 <= number < len(scenes):
+        roots = scenes[number].get("nodes", [])
+    inside = {i for i in roots if isinstance(i, int)} if isinstance(roots, list) else set()
+    for i in order:
+        if nodes[i].parent in inside:
+            inside.add(i)
+    absent: list[str] = []
+    for node in nodes:
+        if node.index not in inside and (node.is_link or "mesh" in node.spec):
+            absent.append(node.label)
+    if absent:
+        text = f"{len(absent)} links or shapes, such as '{absent[0]}', are not in the scene that viewers show."
+        ledger.wrong("gltf.scene", text, absent[0], suggestion="add the root node to the nodes of the scene")
 
 
 def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:

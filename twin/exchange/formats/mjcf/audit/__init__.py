@@ -279,13 +279,17 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape
     folder = ""
     if compiler is not None:
         folder = compiler.get("meshdir", compiler.get("assetdir", ""))
-    assets: dict[str | None, tuple[str, Array]] = {}
+    assets: dict[str | None, tuple[str, Array, Array]] = {}
     for mesh in root.findall("asset/mesh"):
         file = mesh.get("file", "")
         name = mesh.get("name") or Path(file).stem
         if folder:
             file = f"{folder}/{file}"
-        assets[name] = (file, numbers(mesh.get("scale"), 3, (1, 1, 1)))
+        if "refquat" in mesh.attrib:  # twin does not write it; such shapes are not read
+            continue
+        # MuJoCo subtracts the reference position from the points of the file, before it scales them
+        scale = numbers(mesh.get("scale"), 3, (1, 1, 1))
+        assets[name] = (file, scale, scale * numbers(mesh.get("refpos"), 3, (0, 0, 0)))
     checked: dict[str, tuple[Array, Array] | None] = {}
     shapes: dict[str, LinkShape] = {}
     for body in (*root.iter("worldbody"), *root.iter("body")):
@@ -298,13 +302,13 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape
             seen.add(place)
             if geom.get("mesh") not in assets or not _ROTATIONS.isdisjoint(geom.keys()):
                 continue
-            file, scale = assets[geom.get("mesh")]
+            file, scale, reference = assets[geom.get("mesh")]
             solid = named_mesh(path, file, scale, checked, ledger, "mjcf")
             if solid is None:
                 continue
             q_wxyz = numbers(geom.get("quat"), 4, (1, 0, 0, 0))
             T = poses.pose(poses.rotation(q_wxyz[[1, 2, 3, 0]]), numbers(geom.get("pos"), 3, (0, 0, 0)))
-            part = placed_shape(solid, T, "mjcf")
+            part = placed_shape(solid, T @ poses.pose(None, -reference), "mjcf")
             if part is not None:
                 parts.append(part)
         shape = joined(parts)
@@ -360,23 +364,35 @@ def _check_servo(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:
         ledger.wrong(
             "mjcf.control", text, name, size=Measured(gain, stiffness), suggestion="write gainprm = -biasprm[1]"
         )
-    j = int(m.actuator_trnid[a, 0])
-    by_joint = int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-    if not by_joint or not m.actuator_ctrllimited[a] or not m.jnt_limited[j] or m.jnt_type[j] not in (HINGE, SLIDE):
+    stretch = _stretch(m, a)
+    gear = float(m.actuator_gear[a, 0])
+    if stretch is None or not m.actuator_ctrllimited[a] or not gear:
         return
-    ref = float(m.qpos0[m.jnt_qposadr[j]])
-    ordered = m.actuator_ctrlrange[a] / float(m.actuator_gear[a, 0])
+    range_, at_home, kind = stretch
+    lowest, highest = np.sort(m.actuator_ctrlrange[a] / gear)
     beyond = []
-    for start in (0.0, ref):
-        low, high = m.jnt_range[j] - start
-        beyond.append(max(float(low - ordered[0]), float(ordered[1] - high)))
-    largest = float(np.abs(m.jnt_range[j]).max())
+    for start in (0.0, at_home):
+        low, high = range_ - start
+        beyond.append(max(float(low - lowest), float(highest - high)))
+    largest = float(np.abs(range_).max())
     if min(beyond) > LIMIT_TOL * max(1.0, largest):
         text = (
-            f"actuator '{name}': ctrlrange {ordered[0]:.6g} .. {ordered[1]:.6g} goes beyond the range of its joint by "
-            f"{min(beyond):.6g}: relative to ref it is {low:.6g} .. {high:.6g}."
+            f"actuator '{name}': ctrlrange {lowest:.6g} .. {highest:.6g} goes beyond the range of its {kind} by "
+            f"{min(beyond):.6g}: relative to home it is {low:.6g} .. {high:.6g}."
         )
-        ledger.wrong("mjcf.control", text, name, size=min(beyond), suggestion="write ctrlrange = range - ref")
+        advice = f"write ctrlrange = range of the {kind} - its value at home"
+        ledger.wrong("mjcf.control", text, name, size=min(beyond), suggestion=advice)
+
+
+def _stretch(m: mujoco.MjModel, a: int) -> tuple[Array, float, str] | None:
+    """Return (range (2,), value at home, "joint" or "tendon") of what an actuator moves; None if it has no range."""
+    i = int(m.actuator_trnid[a, 0])
+    moves = int(m.actuator_trntype[a])
+    if moves == int(mujoco.mjtTrn.mjTRN_TENDON) and m.tendon_limited[i]:
+        return m.tendon_range[i], float(m.tendon_length0[i]), "tendon"
+    if moves == int(mujoco.mjtTrn.mjTRN_JOINT) and m.jnt_limited[i] and m.jnt_type[i] in (HINGE, SLIDE):
+        return m.jnt_range[i], float(m.qpos0[m.jnt_qposadr[i]]), "joint"
+    return None
 
 
 def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.mechanism_data import (
+    EMPTY,
     FileDrive,
     FileFrame,
     FileJoint,
@@ -50,9 +51,14 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
     m = model
     gravity = np.zeros(3) if m.opt.disableflags & _NO_GRAVITY else np.array(m.opt.gravity)
     out = FilePhysics(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(m))
+    out.medium = EMPTY
+    if m.opt.density or m.opt.viscosity:  # without them, wind has no effect
+        out.medium = (m.opt.density, m.opt.viscosity, *m.opt.wind.tolist())
     out.floats = {name: float(m.body_gravcomp[i]) for name, i in bodies.items()}
     out.motors = _motors(m)
     out.all_motors = True
+    out.shown = {name: bool(m.body_geomnum[i]) for name, i in bodies.items() if i}  # the world has floors and walls
+    out.self_collision = _self_collision(m)
     names = [m.body(i).name for i in range(m.nbody)]
     for name, i in bodies.items():
         if i and (m.body_mass[i] or m.body_weldid[i]):  # a body fixed to the world needs no mass: 0 means "not stated"
@@ -71,6 +77,17 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
     _read_sites(m, names, out)
     out.opening = _opening(m)
     return out
+
+
+def _self_collision(m: mujoco.MjModel) -> bool:
+    """Return whether shapes of any two moving bodies are allowed to collide, also if they never meet.
+
+    MuJoCo filters collisions by the bits of two shapes: one's contype and the other's conaffinity share a bit.
+    """
+    robot = m.body_weldid[m.geom_bodyid] > 0  # not fixed to the world, as floors and the base are
+    types = np.bitwise_or.reduce(m.geom_contype[robot], initial=0)
+    affinities = np.bitwise_or.reduce(m.geom_conaffinity[robot], initial=0)
+    return bool(types & affinities)
 
 
 def _joint(m: mujoco.MjModel, body: int, names: list[str], drives: list[FileDrive]) -> FileJoint:
@@ -252,7 +269,8 @@ def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
         limits = (-np.inf, np.inf)
         if m.jnt_limited[j] and not m.opt.disableflags & _NO_LIMITS:
             low, high = map(float, m.jnt_range[j])
-            limits = (low, high)
+            margin = float(m.jnt_margin[j])  # MuJoCo pushes back from this far within the range
+            limits = (low + margin, high - margin)
         dof = m.jnt_dofadr[j]
         # np.max, because stiffness and damping may be polynomials
         passive = (

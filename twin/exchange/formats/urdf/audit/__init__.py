@@ -89,6 +89,10 @@ class Urdf:
         twice = {link for link in links if links.count(link) > 1}
         if twice:
             ledger.wrong("urdf.duplicate_name", f"two links are named '{min(twice)}'.", min(twice))
+        joint_names = [element.get("name", "") for element in root.findall("joint")]
+        twice = {joint for joint in joint_names if joint_names.count(joint) > 1}
+        if twice:
+            ledger.wrong("urdf.duplicate_name", f"two joints are named '{min(twice)}'.", min(twice))
         self.links = links
         self.above: dict[str, UrdfJoint] = {}
         for element in root.findall("joint"):
@@ -104,6 +108,7 @@ class Urdf:
         self.content = Content(ledger, "urdf")
         self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
         self.content.rest = dict.fromkeys(links, np.eye(4))
+        self._shown = {str(link.get("name")): link.find("visual") is not None for link in root.findall("link")}
         self.content.shapes, self.content.colors = _shapes(root, path, ledger)
         check_collisions(root, ledger, lambda name: mesh_path(path, name), _scale_and_pose)
         masses = _masses(root)
@@ -150,6 +155,7 @@ class Urdf:
         # The ends of loops are frames, unless they have a shape: they are no links of the mechanism.
         bodies = [link for link in self.links if link not in ends or link in self.content.shapes]
         physics = _tree_physics(bodies, masses, self.above.values(), moving)
+        physics.shown = {link: self._shown[link] for link in bodies}
         physics.joints += self.closures.joints()
         if self.closures.couplings is not None:
             couplings: dict[str, tuple[Mapping[str, float], float]] = {}
@@ -406,7 +412,7 @@ def _scale_and_pose(shape: ET.Element) -> tuple[Array, Array]:
 
 def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
     shapes: dict[str, LinkShape] = {}
-    named = {material.get("name"): material.find("color") for material in root.findall("material")}
+    named = _materials(root)
     palette = Palette()
     checked: dict[str, tuple[Array, Array] | None] = {}
     for link in root.findall("link"):
@@ -425,8 +431,13 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Lin
             color = None
             if material is not None:
                 color = material.find("color")
-                if color is None:
-                    color = named.get(material.get("name"))
+                known = material.get("name") in named
+                if color is None and known:
+                    color = named[material.get("name")]
+                if color is None and not known:
+                    text = f"link '{name}' has the material '{material.get('name')}', which the file does not define."
+                    advice = "define the material: readers such as urdfdom refuse the file"
+                    ledger.wrong("urdf.material", text, name, suggestion=advice)
             if color is not None and part is not None:
                 rgba = numbers(color.get("rgba"), 4, (1, 1, 1, 1))
                 red, green, blue = linear(rgba[:3]).tolist()
@@ -437,6 +448,15 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Lin
         if shape is not None:
             shapes[name] = shape
     return shapes, palette.shares()
+
+
+def _materials(root: ET.Element) -> dict[str | None, ET.Element | None]:
+    """Return {name: its colour} of all materials that a file defines; None for one that has only a texture."""
+    named: dict[str | None, ET.Element | None] = {}
+    for material in root.iter("material"):
+        if material.find("color") is not None or material.find("texture") is not None:
+            named.setdefault(material.get("name"), material.find("color"))
+    return named
 
 
 def placed_shape(solid: tuple[Array, Array], T: Array, code: str) -> LinkShape | None:

@@ -21,6 +21,7 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
 from twin.exchange.audit.context import Context
+from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.poses import Array
@@ -73,9 +74,16 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     _check_materials(prims, ledger)
     if bodies:
         _check_stray(prims, body_paths, ledger)
+        _check_colliders(prims, ledger)
         shown_paths = {prim.GetPath() for prim in shown.values()}
         content.shapes, content.colors = _shapes(prims, shown_paths, world, ledger)
         content.physics = stage_physics(stage, bodies, world.meters, world.up)
+        hidden: dict[str, bool] = {}
+        for name, prim in shown.items():
+            if name not in content.shapes and not _has_shape(prim, shown_paths):
+                hidden[name] = False
+        content.physics.shown = hidden
+        _check_cones(stage, content.physics, ledger)
         check_drive_targets(stage, content.rest, content.physics, world.meters, ledger, moving=len(codes) > 0)
     else:
         content.shapes, content.colors = _shapes(prims, None, world, ledger)
@@ -220,6 +228,22 @@ def _assumed(stage: Usd.Stage) -> dict[str, str]:
     return reasons
 
 
+def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None:
+    """Compare the cones of ball joints with the parameters "<joint> cone" that the stage itself lists."""
+    parameters = stage.GetDefaultPrim().GetCustomDataByKey("twin:parameters") or {}
+    for joint in physics.joints:
+        name = " ".join(joint.names)
+        listed = parameters.get(f"{name} cone")
+        if listed is None or joint.drive.cone is None:
+            continue
+        expected = float(listed["value"])
+        stated = max(joint.drive.cone, key=lambda half_angle: abs(half_angle - expected))
+        if not abs(stated - expected) < 1e-5:  # half angles are in single precision
+            shown = f"{stated * 180 / np.pi:.6g} deg, but its parameter is {expected * 180 / np.pi:.6g} deg"
+            text = f"joint '{name}' has a cone of {shown}."
+            ledger.wrong("usd.cone", text, name, suggestion="export the stage again")
+
+
 def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
     for prim in prims:
         binding = prim.GetRelationship("material:binding")
@@ -248,6 +272,31 @@ def _check_stray(prims: list[Usd.Prim], bodies: Set[Sdf.Path], ledger: Ledger) -
         elif colored and prim.GetPath() not in colored:
             text = f"the shape {path} has no material, but {len(colored)} other shapes have one."
             ledger.add("usd.no_material", "warning", text, path, suggestion="bind the material again")
+
+
+def _check_colliders(prims: list[Usd.Prim], ledger: Ledger) -> None:
+    """Report colliders that are disabled while others of the stage are enabled."""
+    colliders = [prim for prim in prims if prim.HasAPI(UsdPhysics.CollisionAPI)]
+    disabled = [prim for prim in colliders if UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is False]
+    if len(disabled) == len(colliders):
+        return
+    for prim in disabled:
+        path = str(prim.GetPath())
+        text = f"the collider {path} is disabled, but {len(colliders) - len(disabled)} others are enabled."
+        ledger.add("usd.collider", "warning", text, path, suggestion="enable the collider, or remove its CollisionAPI")
+
+
+def _has_shape(body: Usd.Prim, bodies: Set[Sdf.Path]) -> bool:
+    """Return whether viewers show any shape of a body; shapes of bodies below it do not count."""
+    prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim != body and prim.GetPath() in bodies:
+            prims.PruneChildren()
+            continue
+        invisible = UsdGeom.Imageable(prim).ComputeVisibility() == UsdGeom.Tokens.invisible
+        if prim.IsA(UsdGeom.Gprim) and _is_for_display(prim) and not invisible:
+            return True
+    return False
 
 
 def _is_for_display(prim: Usd.Prim) -> bool:

@@ -8,7 +8,16 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import FileDrive, FileFrame, FileJoint, FileMass, FileMotor, FilePhysics, along
+from twin.exchange.audit.mechanism_data import (
+    EMPTY,
+    FileDrive,
+    FileFrame,
+    FileJoint,
+    FileMass,
+    FileMotor,
+    FilePhysics,
+    along,
+)
 from twin.exchange.audit.poses import Array
 from twin.exchange.formats.usd.audit.joint_gaps import AXES, SIX, is_locked, is_stated, joint_ends
 
@@ -21,6 +30,11 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     """
     names = {str(p.GetPath()): p.GetName() for p in bodies}
     out = FilePhysics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
+    out.medium = EMPTY
+    for prim in stage.Traverse():
+        collides = prim.GetAttribute("physxArticulation:enabledSelfCollisions")
+        if collides and collides.HasAuthoredValue():
+            out.self_collision = bool(collides.Get()) or bool(out.self_collision)
     robot = stage.GetDefaultPrim()
     if robot:
         out.motors = _motors(robot)
@@ -207,7 +221,26 @@ def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
     return known.get(free, f"free along {directions}"), 2
 
 
+def _cone(prim: Usd.Prim) -> tuple[float, float] | None:
+    """Return the half angles in rad of the cone of a ball joint; None for a joint that is not PhysicsSphericalJoint."""
+    ball = UsdPhysics.SphericalJoint(prim)
+    if not ball:
+        return None
+    drawn = prim.GetAttribute("twin:cone").Get()  # in rad: the schema cannot express a cone about turned axes
+    if drawn is not None:
+        return float(drawn), float(drawn)
+    half_angles: list[float] = []
+    for attribute in (ball.GetConeAngle0LimitAttr(), ball.GetConeAngle1LimitAttr()):
+        degrees = float(attribute.Get())
+        if degrees < 0:  # the schema's value for a joint without a cone
+            degrees = np.inf
+        half_angles.append(degrees * np.pi / 180)
+    return half_angles[0], half_angles[1]
+
+
 def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDrive:
+    if kind == "spherical":
+        return FileDrive(cone=_cone(prim))
     if kind not in ("revolute", "prismatic"):
         return FileDrive()
     # `unit` is the stage's unit of the coordinate in rad or m, `effort_unit` that of the effort in N m or N.
