@@ -64,6 +64,10 @@ class Branch:
             return margin >= 0 if self.at_zero is True else margin > 0
         return margin <= 0 if self.at_zero is False else margin < 0
 
+    def only_affects(self, results: Collection[str]) -> bool:
+        """Return whether no result but the given ones depends on it."""
+        return bool(self.effects) and self.effects <= set(results)
+
 
 class Branches:
     """The conditions of the equations as functions of the state.
@@ -521,7 +525,7 @@ def examined(
             fewer = true if true.sum() <= (~true).sum() else ~true
             if fewer.sum() < _RARE:
                 rare.append(state[:, fewer][:, :_KEPT])
-                if branch.effects <= set(unclaimed):
+                if branch.only_affects(unclaimed):
                     silent.append(branches.effect(i))
             continue
         if bool(not true[0]) in branch.undefined:
@@ -536,7 +540,7 @@ def examined(
     found = searched(branches, rest, state, limits) if rest else []
     texts = []
     for i, other in zip(rest, found, strict=True):
-        if branches.all[i].effects <= set(unclaimed):
+        if branches.all[i].only_affects(unclaimed):
             silent.append(branches.effect(i))
         elif not other.shape[1]:
             texts.append(f"{branches.text(i)} (margin {np.abs(margins[i]).min():.2g} or more)")

@@ -5,7 +5,7 @@ Nothing here is taken from the equations: the values of the joints are given.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,6 +169,33 @@ def place(exact: ExactMechanism, joints: Mapping[str, Value], T_base_tool: Matri
     closing = [joint for joint in pending if joint.parent in poses and joint.child in poses]
     missing = [body.name for body in mechanism.bodies if body.name not in poses]
     return PlacedBodies(poses, closing, missing)
+
+
+def judges(mechanism: Mechanism, joint: str, missing: Collection[str]) -> bool:
+    """Return whether a wrong value of a joint can contradict the other joints and the pose of the tool.
+
+    It can if the joint is in a loop of placed bodies, where the given pose of the tool closes one as well. A joint that
+    only carries what hangs on it, or that holds a body of `missing`, is not judged.
+    """
+    edges = [(mechanism.base, mechanism.frame(mechanism.tool).body)]
+    own: tuple[str, str] | None = None
+    for other in mechanism.joints:
+        if {other.parent, other.child} & set(missing):
+            continue
+        if other.name == joint:
+            own = (other.parent, other.child)
+        else:
+            edges.append((other.parent, other.child))
+    if own is None:
+        return False
+    reached = {own[0]}
+    size = 0
+    while len(reached) > size:
+        size = len(reached)
+        for ends in edges:
+            if reached & set(ends):
+                reached |= set(ends)
+    return own[1] in reached
 
 
 def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, str, list[ExactValue]]]:

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
-from twin.proof import draws, field, values
+from twin.proof import draws, field, mechanism, values
 from twin.proof.attempt import Attempt, RootGroup, attempted, with_roots
 from twin.proof.branches import MOST_BOXES, Branches, BranchReport, examined
 from twin.proof.claims import JudgedClaim, unclaimed
@@ -326,10 +326,8 @@ def _uncovered_values(work: Attempt) -> Iterator[str]:
     """Yield the passive joints, margins, measures and aspects of the equations of whose values nothing is claimed."""
     formula = work.states.formula
     robot = work.states.robot
-    names = {joint.name for joint in robot.joints}
     for name in formula.passive:
-        # only a joint between placed bodies is judged
-        if name not in names or {robot.joint(name).parent, robot.joint(name).child} & work.uncovered:
+        if not mechanism.judges(robot, name, work.uncovered):
             yield f"passive joint {name}"
     yield from (f"margin {name}" for name in formula.reach)
     yield from (f"measure {measure.name}" for measure in formula.measures)
