@@ -91,6 +91,7 @@ class Proved(Result):
             "published_angles": list(proof.fixed),
             "largest_rounding_of_cad": proof.largest,
             "recognised_lengths": dict(proof.recognised),
+            "near_numbers": dict(proof.near),
             "uncovered_bodies": list(proof.uncovered),
             "uncovered_points": list(proof.uncovered_points),
             "uncovered_values": list(proof.uncovered_values),
@@ -261,6 +262,9 @@ def _findings(proof: Proof) -> list[Finding]:
     for number, form in list(proof.recognised.items())[:_SHOWN]:
         text = f"{number} of the CAD is taken as {form}; the number in the file stays as it is"
         findings.append(info("prove.number", number, text))
+    for number, near in list(proof.near.items())[:_SHOWN]:
+        text = f"{number} is {near}, but for its last digit; it is taken as written: give more digits if that is meant"
+        findings.append(info("prove.near_number", number, text))
     return findings
 
 

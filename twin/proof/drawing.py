@@ -16,6 +16,7 @@ from twin.proof import constants, values
 from twin.proof import form as forms
 from twin.proof.constants import ROOTS, ExactNumber, decimal, exact_angle
 from twin.proof.form import Form
+from twin.proof.near_numbers import near_length
 from twin.proof.transforms import Matrix, compose, shifted, turn
 from twin.proof.values import Angle, ExactValue
 
@@ -43,6 +44,7 @@ class Drawing:
         states: number k of states.
         unrecognised: numbers without an exact form, as texts with their body.
         recognised: {length as text: its exact form}, for lengths that are no decimals.
+        near: {length without an exact form as text: the root of a drawing that it is, but for its last digit}.
         largest: the largest difference in m or rad between a number and its exact form.
     """
 
@@ -60,6 +62,7 @@ class Drawing:
         self.states = states
         self.unrecognised: list[str] = []
         self.recognised: dict[str, str] = {}
+        self.near: dict[str, str] = {}
         self.largest = 0.0
         self._lengths = lengths
         self._formulas = formulas
@@ -141,7 +144,11 @@ class Drawing:
         found = self._exact_length(value)
         if found is not None:
             return self._recognised(found, value)
-        self.unrecognised.append(f"{value * 1e3:.9g} mm of {what}")
+        text = f"{value * 1e3:.9g} mm of {what}"
+        self.unrecognised.append(text)
+        near = near_length(value, {name: float(length) for name, length in self._lengths.items() if length})
+        if near:
+            self.near[text] = near
         return values.unknown(np.full(self.states, value))
 
     def _exact_length(self, value: float) -> ExactNumber | None:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
-from twin.proof import draws, field, mechanism, values
+from twin.proof import draws, field, formula_side, mechanism, values
 from twin.proof.attempt import Attempt, RootGroup, attempted, with_roots
 from twin.proof.branches import MOST_BOXES, Branches, BranchReport, examined
 from twin.proof.claims import JudgedClaim, unclaimed
 from twin.proof.constants import exact_angle
+from twin.proof.near_numbers import near_length, near_number
 from twin.proof.precise import certainly_not_zero
 from twin.proof.random_states import ANGULAR, ProofStates, angles, random_states
 from twin.proof.rational_witness import rational_witness
@@ -68,6 +71,7 @@ class Proof:
         largest: largest difference in m or rad between a number of the CAD and its exact form.
         unrecognised: numbers of the CAD without an exact form.
         recognised: {length of the CAD as text: its exact form}, for lengths that are no decimals.
+        near: {number that is taken as it is written: the root of a drawing that it is, but for its last digit}.
         uncovered: bodies that no claim covers.
         uncovered_points: points of the equations that no claim covers.
         uncovered_values: passive joints, margins, measures and aspects of the equations of whose values nothing is
@@ -85,6 +89,7 @@ class Proof:
     largest: float
     unrecognised: tuple[str, ...]
     recognised: Mapping[str, str]
+    near: Mapping[str, str]
     uncovered: tuple[str, ...]
     uncovered_points: tuple[str, ...]
     uncovered_values: tuple[str, ...]
@@ -183,6 +188,7 @@ class _Course:
         exact = all(exact_angle(float(p.value), 1e-12) for p in formula.parameters if p.unit in ANGULAR)
         # with an angle without an exact form nothing is proved yet: this attempt only refutes
         proof = self._attempt((), self.count if exact else min(self.count, STATES))
+        proof = replace(proof, near={**proof.near, **_near_in_equations(formula, self.variants)})
         if proof.count("refuted"):
             return self._explained(proof)
         if not proof.inside:
@@ -315,11 +321,32 @@ def _proof_of(work: Attempt, states: int) -> Proof:
         largest=drawing.largest,
         unrecognised=tuple(dict.fromkeys(drawing.unrecognised)),
         recognised=dict(drawing.recognised),
+        near=dict(drawing.near),
         uncovered=tuple(sorted(work.uncovered)),
         uncovered_points=tuple(work.uncovered_points),
         uncovered_values=tuple(_uncovered_values(work)),
         ranges=made.ranges,
     )
+
+
+def _near_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str, str]:
+    """Return {parameter or number of the equations: the root that it is, but for its last digit}."""
+    found: dict[str, str] = {}
+    lengths = {p.name: float(p.value) for p in formula.parameters if p.unit in ("mm", "m") and p.value}
+    for name, length in lengths.items():
+        others = {other: value for other, value in lengths.items() if other != name}
+        found[f"parameter {name}, {1e3 * length:.12g} mm"] = near_length(length, others)
+    if formula.has("inverse"):
+        function = formula_side.from_pose(formula, variants, coordinates=not formula.has("forward")).function
+    else:
+        function = formula_side.from_joints(formula, variants).function
+    for k in range(function.n_instructions()):
+        if function.instruction_id(k) == ca.OP_CONST:
+            number = float(function.instruction_constant(k))
+            if not math.isfinite(number):
+                continue
+            found[f"{number:.12g} in the equations"] = near_number(number) or near_length(number, lengths)
+    return {text: near for text, near in found.items() if near}
 
 
 def _uncovered_values(work: Attempt) -> Iterator[str]:
