@@ -129,6 +129,22 @@ def test_repeated_stage_ends_when_every_lane_has_converged(single):
     assert error.max() <= 1e-12
 
 
+def test_a_result_does_not_depend_on_its_neighbours():
+    """Samples that need few steps are not changed by steps for others; sums are fused as in one lane."""
+    rng = np.random.default_rng(4)
+    P = rng.uniform(1e-3, 1e6, (1, 999))
+    start = rng.uniform(1e-2, 1e3, (1, 999))
+    turned = Stage(ca.Function("turned", [a, b], [a * b - b * b, ca.sin(a) * b + a / b]), ("x", "p"), ("y", "z"))
+    names = ["x", "error", "y", "z"]
+    together = Kernel([root(), turned], {"p": 1, "x": 1}, names)(P, start)
+    alone = Kernel([root(), turned], {"p": 1, "x": 1}, names, single=True)(P, start)
+    shuffled = rng.permutation(999)
+    elsewhere = Kernel([root(), turned], {"p": 1, "x": 1}, names)(P[:, shuffled], start[:, shuffled])
+    for one, other, third in zip(together, alone, elsewhere, strict=True):
+        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(one[:, shuffled], third)
+
+
 def test_repeated_stage_ends_with_nan_and_after_its_limit():
     kernel = Kernel([root()], {"p": 1, "x": 1}, ["x"])
     (x,) = kernel(np.array([[np.nan, 4.0, -1.0]]), np.array([[1.0, 1.0, 1.0]]))

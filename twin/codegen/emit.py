@@ -3,7 +3,11 @@
 Each instruction of a function becomes a line that operates on a vector of `width` samples (lanes). Mathematical library
 functions would process one lane at a time and be ten times slower. Therefore sine and cosine are written inline without
 branches, and `lower` replaces the other functions. NaN and infinity follow IEEE 754, so that unreachable poses remain
-NaN. A product and a sum may be fused, which avoids a rounding.
+NaN.
+
+A product that is added or subtracted is fused with the sum, which avoids a rounding. This is done here, not by LLVM,
+which would choose between two products differently for each target: so a sample has the same result, bit for bit, in
+vectors of any width, whatever its neighbours, and on a graphics processor.
 
 An exact kernel has one lane and fuses no operations. It rounds after each operation and calls the functions of the C
 library, so that its results equal those of CasADi's interpreter bit for bit.
@@ -19,12 +23,6 @@ import casadi as ca
 
 from twin.codegen.lower import lowered
 
-_ARITHMETIC = {
-    ca.OP_ADD: "fadd",
-    ca.OP_SUB: "fsub",
-    ca.OP_MUL: "fmul",
-    ca.OP_DIV: "fdiv",
-}
 _LIBRARY = {
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
@@ -124,7 +122,6 @@ class _Writer:
     def __init__(self, width: int, exact: bool = False) -> None:
         self.width = width
         self.exact = exact
-        self.contract = "" if exact else "contract "
         # LLVM types of the values, conditions and integers of all lanes
         if width > 1:
             self.V = f"<{width} x double>"
@@ -210,6 +207,7 @@ class _Writer:
         inverses: dict[str, str] = {}
         sines: dict[str, tuple[str, str]] = {}
         points: dict[str, tuple[str, str]] = {}  # (y, x) of each angle that is an arc tangent
+        products: dict[str, tuple[str, str]] = {}  # factors of each product that a sum may take in
         results = [[zero] * function.numel_out(i) for i in range(function.n_out())]
         for k in range(function.n_instructions()):
             op = function.instruction_id(k)
@@ -236,19 +234,21 @@ class _Writer:
                 result = self.library(_LIBRARY[op], *operands)
             elif op == ca.OP_DIV and not self.exact and _invertible(numbers.get(b, 0.0)):
                 # Multiplication is ten times as fast as division; the rounding error is larger by half a unit.
-                result = self.put(f"fmul contract {V} {a}, {self.constant(1 / numbers[b])}")
+                result = self._product(a, self.constant(1 / numbers[b]), products)
             elif op == ca.OP_DIV and reciprocals:
                 if b not in inverses:
                     inverses[b] = self.put(f"fdiv {V} {one}, {b}")
-                result = self.put(f"fmul contract {V} {a}, {inverses[b]}")
+                result = self._product(a, inverses[b], products)
             elif op == ca.OP_DIV:
                 result = self.put(f"fdiv {V} {a}, {b}")
-            elif op in _ARITHMETIC:
-                result = self.put(f"{_ARITHMETIC[op]} {self.contract}{V} {a}, {b}")
+            elif op == ca.OP_MUL:
+                result = self._product(a, b, products)
             elif op == ca.OP_SQ:
-                result = self.put(f"fmul {self.contract}{V} {a}, {a}")
+                result = self._product(a, a, products)
+            elif op in (ca.OP_ADD, ca.OP_SUB):
+                result = self._sum(a, b, products, minus=op == ca.OP_SUB)
             elif op == ca.OP_TWICE:
-                result = self.put(f"fadd {self.contract}{V} {a}, {a}")
+                result = self.put(f"fadd {V} {a}, {a}")
             elif op == ca.OP_NEG:
                 result = self.put(f"fneg {V} {a}")
             elif op == ca.OP_INV:
@@ -282,6 +282,29 @@ class _Writer:
             names[target] = result
         return results
 
+    def _product(self, a: str, b: str, products: dict[str, tuple[str, str]]) -> str:
+        """Return the LLVM name of a product, and note its factors; one that only sums take in is not computed."""
+        result = self.put(f"fmul {self.V} {a}, {b}")
+        if not self.exact:
+            products[result] = (a, b)
+        return result
+
+    def _sum(self, a: str, b: str, products: Mapping[str, tuple[str, str]], *, minus: bool) -> str:
+        """Return the LLVM name of a + b, or with `minus` of a - b; fused with the second product of the two, if any."""
+        V = self.V
+        if b in products:
+            first, second = products[b]
+            if minus:
+                first = self.put(f"fneg {V} {first}")
+            return self.intrinsic("fma", first, second, a)
+        if a in products:
+            first, second = products[a]
+            if minus:
+                b = self.put(f"fneg {V} {b}")
+            return self.intrinsic("fma", first, second, b)
+        word = "fsub" if minus else "fadd"
+        return self.put(f"{word} {V} {a}, {b}")
+
     def _sine(self, x: str) -> tuple[str, str]:
         """Return the LLVM names of sine and cosine of x."""
         self.sines = True
@@ -298,7 +321,7 @@ class _Writer:
         one = self.constant(1.0)
         x_squared = self.put(f"fmul {V} {x}, {x}")
         y_squared = self.put(f"fmul {V} {y}, {y}")
-        square = self.put(f"fadd contract {V} {x_squared}, {y_squared}")
+        square = self.put(f"fadd {V} {x_squared}, {y_squared}")
         length = self.intrinsic("sqrt", square)
         at_origin = self.put(f"fcmp oeq {V} {length}, {zero}")
         inverse = self.put(f"fdiv {V} {one}, {length}")
@@ -523,18 +546,16 @@ def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]]
         arguments[name] = [f"%f{number}.{name}.{i}" for i in range(len(known[name]))]
     values = w.call(stage.function, [arguments[name] for name in stage.takes], stage.reciprocals)
     results = dict(zip(stage.gives, values, strict=True))
+    # false for NaN: a sample without solution does not delay the others
+    above = w.put(f"fcmp ogt {w.V} {results['error'][0]}, {w.constant(stage.tolerance)}")
     # %k counts the calls
     phis = [f"  %k{number} = phi i64 [ 1, %{before} ], [ %kn{number}, %{block} ]"]
+    if w.width > 1:
+        above = _keep_finished(w, number, results, arguments, fed_back, above, phis, (before, block))
     for name in fed_back:
         for argument, first, next_value in zip(arguments[name], known[name], results[name], strict=True):
             phis.append(f"  {argument} = phi {w.V} [ {first}, %{before} ], [ {next_value}, %{block} ]")
     w.lines[place_of_phis:place_of_phis] = phis
-    # false for NaN: a sample without solution does not delay the others
-    above = w.put(f"fcmp ogt {w.V} {results['error'][0]}, {w.constant(stage.tolerance)}")
-    if w.width > 1:
-        any_lane = f"i1 @llvm.vector.reduce.or.v{w.width}i1"
-        w.declared.add(f"declare {any_lane}({w.B})")
-        above = w.put(f"call {any_lane}({w.B} {above})")
     w.line(f"%kn{number} = add i64 %k{number}, 1")
     calls_left = w.put(f"icmp slt i64 %k{number}, {stage.repeat}")
     again = w.put(f"and i1 {above}, {calls_left}")
@@ -542,3 +563,48 @@ def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]]
     w.lines.append(f"{after}:")
     known |= results
     return after
+
+
+def _keep_finished(
+    w: _Writer,
+    number: int,
+    results: dict[str, list[str]],
+    arguments: Mapping[str, Sequence[str]],
+    fed_back: Sequence[str],
+    above: str,
+    phis: list[str],
+    blocks: tuple[str, str],
+) -> str:
+    """Write what keeps the results of finished lanes while others are called again; return whether any lane goes on.
+
+    Without it, a sample's result would depend on its neighbours in the vector, and not be that of one lane alone.
+
+    Args:
+        w: the writer.
+        number: number of the stage.
+        results: results of a call; they are replaced by those of the last call in which a lane was not finished.
+        arguments: arguments of the call, with the values of the call before for the names `fed_back`.
+        fed_back: names of results that are arguments of the next call.
+        above: whether the error of each lane is above the tolerance.
+        phis: lines at the begin of the loop, which are extended.
+        blocks: labels of the block before the loop, and of the loop.
+    """
+    before, block = blocks
+    unfinished = f"%unfinished{number}"
+    for k, (name, values) in enumerate(results.items()):
+        if name in fed_back:
+            last_values = arguments[name]
+        else:
+            last_values = [f"%last{number}.{k}.{i}" for i in range(len(values))]
+        kept = []
+        for value, last in zip(values, last_values, strict=True):
+            kept.append(w.choose(unfinished, value, last))
+        if name not in fed_back:
+            for value, last in zip(kept, last_values, strict=True):
+                phis.append(f"  {last} = phi {w.V} [ {w.constant(0.0)}, %{before} ], [ {value}, %{block} ]")
+        results[name] = kept
+    goes_on = w.put(f"and {w.B} {unfinished}, {above}")
+    phis.append(f"  {unfinished} = phi {w.B} [ splat (i1 true), %{before} ], [ {goes_on}, %{block} ]")
+    any_lane = f"i1 @llvm.vector.reduce.or.v{w.width}i1"
+    w.declared.add(f"declare {any_lane}({w.B})")
+    return w.put(f"call {any_lane}({w.B} {goes_on})")
