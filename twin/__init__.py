@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         study as study,
         track as track,
         validate as validate,
+        validate_samples as validate_samples,
         world as world,
     )
     from twin.checking.checker import check as check
@@ -87,6 +88,7 @@ _HOMES = {
         "study",
         "track",
         "validate",
+        "validate_samples",
         "world",
     ),
     "twin.api.difference": ("diff",),

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         plan as plan,
         strokes as strokes,
         validate as validate,
+        validate_samples as validate_samples,
     )
     from twin.api.make import (
         audit as audit,
@@ -60,7 +61,7 @@ _HOMES = {
     "comparison": ("compare",),
     "control": ("track",),
     "current": ("check_build",),
-    "judge": ("check_plan", "explain", "plan", "strokes", "validate"),
+    "judge": ("check_plan", "explain", "plan", "strokes", "validate", "validate_samples"),
     "make": ("audit", "build", "export"),
     "new": ("new",),
     "proof": ("prove",),

@@ -14,10 +14,12 @@ from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.units import UM
 
 if TYPE_CHECKING:
+    from twin.core.compute_device import Choice
     from twin.planning.link_motion import LinkMotion
     from twin.planning.protocol import Protocol, Solver
     from twin.planning.trajectory import Trajectory
     from twin.validation.explain.explanation import Explanation
+    from twin.validation.range_samples import RangeSamples
     from twin.validation.result import Report
     from twin.validation.retimed import CheckedPlan
     from twin.validation.rows import Tolerances
@@ -249,6 +251,56 @@ def explain(
         cad=cad,
         prover=prover,
     )
+
+
+def validate_samples(
+    robot: Robot | str | Path,
+    samples: int = 1_000_000,
+    *,
+    variants: Mapping[str, str] | str | None = None,
+    tolerances: Tolerances | None = None,
+    device: Choice = "cpu",
+    progress: Progress = silent,
+) -> RangeSamples:
+    """Compare the equations with the mechanism at states all over the joint range, as many as wanted.
+
+    Compiled kernels find the states at which the equations seem to be wrong; the reference model judges them, and some
+    of the others. The states are evenly spread, and the same in each call. They are computed in blocks, so that their
+    number is not limited by memory.
+
+    Args:
+        robot: a robot with CAD and equations, its name or its folder.
+        samples: number of states.
+        variants: variants of the equations to judge; default: the robot's own.
+        tolerances: see `validate`; 10 times these count as agreement, as in every check of the whole range.
+        device: what computes the kernels, see `twin.computing_on`.
+        progress: see `Progress`.
+
+    Raises:
+        TwinError: the robot has no equations, `samples` is below 1, or there is no such device.
+
+    Examples:
+        >>> import twin
+        >>> twin.validate_samples("davinci_ecm", 20_000).verdict
+        'agree'
+    """
+    from twin.core.compute_device import computing_on
+    from twin.validation.lengths import check_parameters
+    from twin.validation.range_samples import SampledRange
+    from twin.validation.rows import Tolerances
+
+    if samples < 1:
+        raise TwinError(f"samples = {samples}: give at least 1")
+    robot = loaded(robot)
+    progress("read CAD", 0.0)
+    mechanism = robot.mechanism
+    used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss, mechanism.link_length)
+    kin = robot.kinematics(variants)
+    check_parameters(kin, robot.cad.description)
+    passive = robot.passive_check if mechanism.limited else None
+    judge = SampledRange(robot.name, kin, robot.loops, passive, robot.reference(), used)
+    with computing_on(device):
+        return judge.judge(samples, progress)
 
 
 def strokes(

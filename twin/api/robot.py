@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from twin.core import assets
+from twin.core import assets, compute_device
 from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import STAGE_SUFFIXES, read_bytes
@@ -24,6 +24,7 @@ from twin.core.spatial import Array
 if TYPE_CHECKING:
     from twin.cad.build import CadModel
     from twin.cad.description import Description
+    from twin.core.compute_device import Choice
     from twin.kinematics import Formula, Kinematics, Solution, Task
     from twin.kinematics.closed_loops import LoopSolver
     from twin.kinematics.closed_loops.passive_limits import PassiveCheck
@@ -407,15 +408,22 @@ class Robot:
         return tuple(frame.name for frame in self.mechanism.frames)
 
     def inverse(
-        self, T_base_tool: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None
+        self,
+        T_base_tool: Array,
+        variant: Mapping[str, str] | str | None = None,
+        seed: Array | None = None,
+        *,
+        device: Choice | None = None,
     ) -> Array:
         """Return q (n,) for a pose (4, 4), or (k, n) for poses (k, 4, 4).
 
         Without an inverse equation, each solution is searched from the solution for the pose before; the first search
         starts at `seed` (n,). Without any equations, the mechanism is solved, from the rest poses or from `seed`.
+        `device` is what computes many poses, see `twin.computing_on`; None: what the surrounding block chooses.
 
         Raises:
             KinematicsError: a pose is out of reach; for several poses, the message names the index of the first one.
+            TwinError: there is no such device.
 
         Examples:
             >>> import twin
@@ -426,23 +434,33 @@ class Robot:
             True
         """
         T = np.asarray(T_base_tool, float)
-        if variant is None and not self.has_equations:
+        with _on(device):
+            if variant is None and not self.has_equations:
+                if T.ndim == 2:
+                    return self._by_mechanism.inverse(T, seed)
+                return self._by_mechanism.inverse_of_all(T, seed)
+            kin = self.kinematics(variant)
             if T.ndim == 2:
-                return self._by_mechanism.inverse(T, seed)
-            return self._by_mechanism.inverse_of_all(T, seed)
-        kin = self.kinematics(variant)
-        if T.ndim == 2:
-            return kin.inverse(T, seed)
-        return kin.inverse_of_all(T, seed)
+                return kin.inverse(T, seed)
+            return kin.inverse_of_all(T, seed)
 
-    def forward(self, q: Array, variant: Mapping[str, str] | str | None = None, seed: Array | None = None) -> Array:
+    def forward(
+        self,
+        q: Array,
+        variant: Mapping[str, str] | str | None = None,
+        seed: Array | None = None,
+        *,
+        device: Choice | None = None,
+    ) -> Array:
         """Return T_base_tool (4, 4) for q (n,), or (k, 4, 4) for q (k, n), on the branch of the seed pose (4, 4).
 
         For rows of q (k, n) without a solution, the poses are NaN. Without equations, the mechanism is solved, from
-        the rest poses or from its assembly at the seed pose.
+        the rest poses or from its assembly at the seed pose. `device` is what computes many rows, see
+        `twin.computing_on`; None: what the surrounding block chooses.
 
         Raises:
             KinematicsError: for q (n,), there is no assembly, or no assembly on that branch.
+            TwinError: there is no such device.
 
         Examples:
             >>> import twin
@@ -451,14 +469,15 @@ class Robot:
             (4, 4)
         """
         q = np.asarray(q, float)
-        if variant is None and not self.has_equations:
+        with _on(device):
+            if variant is None and not self.has_equations:
+                if q.ndim == 1:
+                    return self._by_mechanism.forward(q, seed)
+                return self._by_mechanism.forward_many(q, seed)
+            kin = self.kinematics(variant)
             if q.ndim == 1:
-                return self._by_mechanism.forward(q, seed)
-            return self._by_mechanism.forward_many(q, seed)
-        kin = self.kinematics(variant)
-        if q.ndim == 1:
-            return kin.forward(q, seed)
-        return kin.forward_many(q, seed)
+                return kin.forward(q, seed)
+            return kin.forward_many(q, seed)
 
     def jacobian(self, q: Array, seed: Array | None = None) -> Array:
         """Return the Jacobian (6, n) from rates of the active joints to the tool twist in base, linear rows first.
@@ -724,6 +743,13 @@ class Robot:
             auxiliary=auxiliary,
             takes=lambda Ts: kin.takes(Ts) or follower.model.freedoms == 6,
         )
+
+
+def _on(device: Choice | None) -> contextlib.AbstractContextManager[object]:
+    """Return the block in which a device computes; without a choice, one that changes nothing."""
+    if device is None:
+        return contextlib.nullcontext()
+    return compute_device.computing_on(device)
 
 
 def loaded(robot: Robot | str | Path) -> Robot:

@@ -213,13 +213,15 @@ class Command(_Parser):
         text = "accuracy of the CAD in micrometres: smaller differences count as agreement (default 0.001)"
         self.number("--tolerance-um", "UM", text)
 
-    def device(self) -> None:
-        """Add the option --device."""
+    def device(self, when: str = "") -> None:
+        """Add the option --device; `when` names the option that it needs, in which case its default is None."""
         text = (
             "what computes: the processor (cpu), an NVIDIA graphics processor (gpu), or such a one where it is "
             "expected to be faster, copies included (auto)"
         )
-        self.add_argument("--device", choices=CHOICES, default="auto", help=f"{text} (default auto)")
+        if when:
+            text = f"with {when}: {text}"
+        self.add_argument("--device", choices=CHOICES, default=None if when else "auto", help=f"{text} (default auto)")
 
     def scheduler(self) -> None:
         """Add the option --scheduler."""

@@ -63,7 +63,7 @@ def joint_range(model: ReferenceModel, count: int = STATES) -> JointRange:
     """Return about `count` states of the mechanism, spread over the range of its driven joints; always the same."""
     mechanism = model.mechanism
     home = model.home()
-    low, high = _ends(mechanism, home.q)
+    low, high = ends(mechanism, home.q)
     closing = Closing(model, np.ones(len(low)))
     targets = _targets(low, high, count)
     states = np.zeros((0, len(home.x)))
@@ -75,7 +75,7 @@ def joint_range(model: ReferenceModel, count: int = STATES) -> JointRange:
     return JointRange(model.collect(states), low, high)
 
 
-def _ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
+def ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
     """Return the lower and the upper end (n,) of the range of each driven joint."""
     half = np.array([_UNLIMITED[j.is_angle] for j in mechanism.active])
     low, high = mechanism.limits.T
@@ -90,24 +90,26 @@ def _targets(low: Array, high: Array, count: int) -> Array:
     corners = np.zeros((0, n))
     if n <= _CORNERS:
         corners = np.array(list(product((_INSET, 1 - _INSET), repeat=n)))
-    parts = np.concatenate([corners, _draws(count - len(corners), n)])
+    parts = np.concatenate([corners, draws(1, 1 + count - len(corners), n)])
     # Lines that are cut off after the first part still have draws and corners.
     parts = parts[np.random.default_rng(0).permutation(count)]
     return low + parts * (high - low)
 
 
-def _draws(count: int, n: int) -> Array:
-    """Return low-discrepancy points (count, n) of the unit cube: from its middle, n irrational steps modulo 1.
+def draws(first: int, last: int, n: int) -> Array:
+    """Return the low-discrepancy points (last - first, n) of the unit cube with the numbers `first` to `last` - 1.
 
-    The steps are powers of 1 / g with g^(n + 1) = g + 1, so that for n = 1, g is the golden ratio (M. Roberts, "The
-    unreasonable effectiveness of quasirandom sequences", 2018). scipy.stats.qmc takes longer to import than the check.
+    Point 0 is the middle of the cube; each following point is n irrational steps further, modulo 1. The steps are
+    powers of 1 / g with g^(n + 1) = g + 1, so that for n = 1, g is the golden ratio (M. Roberts, "The unreasonable
+    effectiveness of quasirandom sequences", 2018). scipy.stats.qmc takes longer to import than the check.
+
+    Begin with point 1: in the middle itself, an arm with symmetric limits is stretched, and has two solutions in one.
     """
     g = 2.0
     for _ in range(60):
         g = (1.0 + g) ** (1.0 / (n + 1))
     steps = g ** -np.arange(1.0, n + 1)
-    # The middle itself is left out: there, an arm with symmetric limits is stretched, and has two solutions in one.
-    return (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
+    return (0.5 + np.outer(np.arange(first, last), steps)) % 1.0
 
 
 def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: Array) -> Array:

@@ -38,6 +38,7 @@ Kind = Literal[
     "twin/prove-workspace/1",
     "twin/report/1",
     "twin/reports/1",
+    "twin/samples/1",
     "twin/scene-export/1",
     "twin/scene/1",
     "twin/selftest/1",

@@ -31,7 +31,7 @@ from twin.validation.rows import Tolerances, rotation_vectors
 
 HEADING = "joint range"
 
-_SLACK = 10.0
+SLACK = 10.0
 """Factor on the tolerances of the protocol: singularities at the ends of the range magnify rounding errors."""
 
 _CHANGE = 0.4
@@ -86,14 +86,17 @@ class RangeErrors:
         """Return (k,) bool: whether any equations have no result, or an error above the tolerance."""
         out = np.zeros(len(self.drawn.run.x), bool)
         for offset, turn in self.errors.values():
-            right = (offset <= _SLACK * tolerances.position) & (turn <= _SLACK * tolerances.rotation)
+            right = (offset <= SLACK * tolerances.position) & (turn <= SLACK * tolerances.rotation)
             out |= self.inside & ~right
         return out
 
 
-def range_errors(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances) -> RangeErrors:
-    """Return the errors of the equations over the joint range."""
-    drawn = joint_range(model)
+def range_errors(
+    kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, drawn: JointRange | None = None
+) -> RangeErrors:
+    """Return the errors of the equations at the states `drawn`; default: those of `reference.joint_range`."""
+    if drawn is None:
+        drawn = joint_range(model)
     own = np.ones(len(drawn.run.x), bool)
     errors = {}
     if kin.closed_inverse:
@@ -211,7 +214,7 @@ def poses_by_inverse(
     true = run.Ts_base_tool[other]
     out[other] = np.inf
     least = np.full(len(q), np.inf)
-    reads_orientation = _reads_orientation(kin, true)
+    turned = reads_orientation(kin, true)
     closing = Closing(model, np.ones(q.shape[1]))
     closing.keep(run.q, run.x)
     # Full turns change no pose, but a walk from the known states may reach only one of the values.
@@ -228,7 +231,7 @@ def poses_by_inverse(
             continue
         states, possible = closing.states(values[rows])
         Ts = model.collect(states).Ts_base_tool
-        if not reads_orientation:
+        if not turned:
             Ts[:, :3, :3] = true[new, :3, :3]  # in another working mode, a position has another orientation
         error = np.linalg.norm(Ts[:, :3, 3] - true[new, :3, 3], axis=1)
         error += np.linalg.norm(rotation_vectors(true[new], Ts), axis=1)
@@ -238,7 +241,7 @@ def poses_by_inverse(
     return out, own
 
 
-def _reads_orientation(kin: Kinematics, Ts: Array) -> bool:
+def reads_orientation(kin: Kinematics, Ts: Array) -> bool:
     """Return whether the inverse equations depend on the orientation of tool poses (k, 4, 4)."""
     rates = kin.inverse_jacobian_many(Ts=Ts)[:, :, 3:]
     return bool(np.nanmax(np.abs(rates), initial=0.0) > 0)
@@ -287,8 +290,8 @@ class _Judge:
         judged = self.inside & ~np.isnan(offset)
         if not judged.any():
             return
-        position_limit = _SLACK * self.tolerances.position
-        rotation_limit = _SLACK * self.tolerances.rotation
+        position_limit = SLACK * self.tolerances.position
+        rotation_limit = SLACK * self.tolerances.rotation
         position = self._row(name, "m", offset, judged, position_limit)
         rotation = self._row(name, "rad", turn, judged, rotation_limit)
         self.out.residuals += [position, rotation]

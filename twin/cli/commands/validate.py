@@ -8,19 +8,21 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.cli.parser import VARIANT, Command
+from twin.cli.parser import VARIANT, Command, count
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
     from twin.core.result import Result
+    from twin.validation.rows import Tolerances
 
 EXAMPLES = """\
   twin validate sils
   twin validate sils --variant eq1=printed
   twin validate sils --all-protocols --json
   twin validate sils --prove                                also the claims of `twin prove`, at all poses
-  twin validate sher --sweep q5 --compare serial,mimic      over the joint range instead of along a protocol"""
+  twin validate sher --sweep q5 --compare serial,mimic      over the joint range instead of along a protocol
+  twin validate pa10 --samples 1e6                          at a million states all over the joint range"""
 
 
 def arguments(command: Command) -> None:
@@ -35,6 +37,9 @@ def arguments(command: Command) -> None:
     command.text("--sweep", "JOINTS", text, nargs="?", const="all")
     text = "with --sweep: also compute the error of simplified loop models (comma-separated list of serial, mimic)"
     command.text("--compare", "NAMES", text)
+    text = "compare at N states all over the joint range, such as 1e6, instead of along a protocol"
+    command.number("--samples", "N", text, None, count)
+    command.device(when="--samples")
     command.flag("--prove", "also prove the claims of `twin prove`, at all poses, for each set of variants")
 
 
@@ -53,6 +58,10 @@ def run(args: argparse.Namespace) -> int:
     tolerances = None
     if width is not None:
         tolerances = Tolerances().widened(width, robot.mechanism.link_length)
+    if args.samples is not None:
+        return _samples(robot, args, tolerances)
+    if args.device is not None:
+        raise TwinError("--device applies to --samples N: give both, or omit --device")
     if args.sweep or args.compare:
         return _strokes(robot, args)
     chosen = protocols(robot, args)
@@ -107,6 +116,40 @@ def _proved(
     with assets.atomic_folder(folder) as work:
         pages.write_result(result, work)
     return result, folder
+
+
+def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | None) -> int:
+    """Compare equations and mechanism at states all over the joint range; write samples.json and a page.
+
+    The exit code is 1 if the equations disagree.
+    """
+    from twin.api.judge import validate_samples
+    from twin.cli import pages, show
+    from twin.cli.chosen import asked
+    from twin.core import assets
+
+    for option in ("sweep", "compare", "protocol", "all_protocols", "timing", "prove"):
+        if getattr(args, option):
+            name = option.replace("_", "-")
+            raise TwinError(f"--{name} and --samples cannot be combined: states over the joint range are compared")
+    if args.samples < 1:
+        raise TwinError(f"--samples {args.samples}: give at least 1")
+    variants = asked(args.variant)
+    if isinstance(variants, str):
+        raise TwinError(f"--variant {variants}: with --samples, give EQ=NAME, such as eq1={variants}")
+    folder = show.folder(args, robot.name) / "samples"
+    with show.progress(args.quiet or args.json) as progress:
+        found = validate_samples(
+            robot,
+            args.samples,
+            variants=variants,
+            tolerances=tolerances,
+            device=args.device or "auto",
+            progress=progress,
+        )
+        with assets.atomic_folder(folder) as work:
+            shown = pages.write_result(found, work)
+    return show.finish(found, args, folder, shown)
 
 
 def _strokes(robot: Robot, args: argparse.Namespace) -> int:
