@@ -67,7 +67,7 @@ def same(a, b) -> bool:
 def test_public_names_are_those_promised():
     calls = {"load", "names", "plan", "validate", "explain", "strokes", "study", "masses", "build", "export", "audit"}
     calls |= {"check", "compare", "diff", "new", "prove"}
-    calls |= {"check_plan", "equations_of_motion"}
+    calls |= {"check_plan", "equations_of_motion", "validate_samples"}
     calls |= {"console", "load_scene", "operate", "operate_console", "play", "replay_session", "world"}
     calls |= {"operate_procedure", "replay_procedure"}
     analyses = {"workspace", "tolerance", "sweep", "track"}

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
@@ -24,7 +25,7 @@ FALL = 0.4
 
 PACKAGES = (
     *("numpy", "casadi", "llvmlite", "pin", "mujoco", "scipy", "toppra", "drake", "numba", "mink", "pin-pink", "daqp"),
-    *("roboticstoolbox-python", "pybullet"),
+    *("roboticstoolbox-python", "pybullet", "eaik", "ssik"),
 )
 Results = Mapping[str, list[Table]]
 
@@ -66,68 +67,68 @@ def write(results: Results, where: Mapping[str, Any], page: Path, picture: Path,
 
 # -- for people -------------------------------------------------------------------------------------------
 
-HEAD = """# Benchmarks
+PAGE = Path(__file__).resolve().parents[2] / "docs/benchmarks.md"
+"""The published page. What stands above its date is written by hand, and kept."""
 
-Written by `make bench` (tests/benchmarks). Contenders take turns in one process, so that a busy moment meets them all;
-what counts is the **ratio**: the time of a contender over that of the first row in the same round, median over rounds,
-with its quartiles. Above 1 the first row is faster. Absolute times depend on the machine and its load and are given
-for scale. Every error is measured by one judge for all, which is named.
+_WHEN = re.compile(r"^\d{4}-\d\d-\d\d, ", re.MULTILINE)
+"""How the line with date, machine and versions begins."""
 
-How to read it:
 
-- Peers are called from Python as their users call them, and tuned in tolerance only; in C++ they would be faster. They
-  are installed by `uv sync --group peers`; those that are not there are left out, and named.
-- Closed loops: every peer gets the same mechanism, the same start and the same joint coordinates; Gauss-Newton leaves
-  out rows that say nothing, and takes numpy's cheapest solver. CasADi and scipy get twin's own equations, so that they
-  only differ in what solves them. "Right" counts answers that are closed to 10 µm on the branch of the truth.
-- Closed forms: gcc is a peer of the benchmark only; twin needs no compiler. Rows with one thread are compared with one
-  thread, into memory that is there.
-- Exponents include what a call costs by itself, which is why they can be below 1. Loops and links are reported without
-  a bar: how cost grows depends on how loops hang together.
-- Not in the table are the next five measurements.
-- OMPL (tests/benchmarks/obstacles.py, which says how to run it): out of the dome, three seeds, busy
-  machine, processor time, medians: our FMT* took 0.33 s with 500 samples, 0.62 s with 1000 and 1.09 s with 2000;
-  OMPL's FMT with the same test of states, called from Python at its own spacing, 3.9, 7.8 and 9.1 s (12.4, 12.6 and
-  8.4 times). To a path as short as OMPL's, our search with shortcuts took 0.12, 0.13 and 0.07 s (32, 58 and 126 times
-  less). With Pinocchio and coal in C++ as the test OMPL found no path in 30 s.
-- tests/benchmarks/dome.py: plans of 500 samples out of the dome, followed by simulated motors, judged by coal.
-  Of 200 seeds, 200 came out of the dome with tracking; no plan and no tracked motion collides. On a machine with a
-  load of 2 to 4 a path takes 0.46 s with its timing and the certificate 0.30 s more (medians of 14 seeds); it is at
-  most 0.54 mm below the exact minimum and never above it. Without the cache of distances, the first search takes 12 s
-  longer.
-- tests/benchmarks/table2.py, the paper's Table 2 with our dome, ten seeds: with 200, 500, 1000 and 2000
-  samples, 0.14, 0.34, 0.60 and 1.18 s, lengths 0.238, 0.224, 0.209 and 0.205 m, all seeds with a path. The time grows
-  by n^0.91 and the length by n^-0.07 (paper: time n^1.75; its cost of eq. (1), which is not this length, n^-0.61). The
-  paper's 3.7 and 216 s, on its machine, are 27 and 182 times these times. The printed algorithm found no path with any
-  of the ten seeds: its loop does not end. The shortest path of OMPL's RRT* (30 s) is 0.220 m, of BIT* (30 s) 0.206 m,
-  of our search with 4000 samples and
-  shortcuts 0.173 m; 500 samples and three informed rounds lead below it with every seed (1.3 s; by 4.1 % in the
-  median).
-- These times of OMPL, dome.py and table2.py were measured before coal decided in searches too. Since then 500 samples
-  out of the dome take 0.41 s instead of 0.25 s (medians of six seeds, same machine).
-- tests/benchmarks/plans.py: plans between random configurations whose straight path is not free, all but 6 of
-  106, judged by coal with pairs of its own. Raven in the dome 27 plans, PA-10 in `vsrs` 25 of 27, an arm of the da
-  Vinci in `davinci` 26, SILS before a cube 20 of 26; for the other 8, an end seems to be enclosed. No plan collides.
-  The certificate is never above the exact minimum and 0.19 to 0.84 mm below it. Medians of a plan, processor time:
-  0.31, 0.59, 2.1 and 5.5 s.
-- tests/benchmarks/closing.py: loops of SILS closed for 2000 states together take 71 us a state, one state
-  after the other 2.4 ms (34 times, medians of five rounds).
-- Not here: ruckig, whose free version knows no waypoints.
-- `make bench-check` runs the short form and fails when a ratio (of the shortest times) is more than 40 % below the one
-  in tests/benchmarks/recorded.json. A machine with wider vectors does better than the record, one with narrower worse.
-"""
+def head() -> str:
+    """Return what the published page says before the figures."""
+    text = PAGE.read_text(encoding="utf-8")
+    first = _WHEN.search(text)
+    assert first is not None, f"{PAGE} has no line with the date of the record"
+    return text[: first.start()]
+
+
+def when(where: Mapping[str, Any]) -> str:
+    """Return the line with date, machine and versions."""
+    versions = ", ".join(f"{n} {v}" for n, v in where["versions"].items() if v != "-")
+    return (
+        f"{where['date']}, {where['processor']}, {where['processors']} processors, {where['doubles a vector']} doubles "
+        f"a vector, load average {where['load']}; {versions}.\n"
+    )
+
+
+def renew(results: Results, where: Mapping[str, Any]) -> None:
+    """Put the figures of some topics into the published page; those of the others stay, and so does the picture."""
+    text = PAGE.read_text(encoding="utf-8")
+    for topic, tables in results.items():
+        lines = [f"## {topic}\n", f"Recorded later than the other topics: {when(where)}"]
+        for t in tables:
+            lines += [f"### {t.title}\n", *table(t)]
+        section = "\n".join(lines).rstrip() + "\n\n"
+        old = re.compile(rf"^## {re.escape(topic)}\n.*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+        if old.search(text):
+            text = old.sub(lambda _, section=section: section, text, count=1)
+        else:
+            text = text.rstrip() + "\n\n" + section
+        rows = [row for row in summary({topic: tables}) if row.startswith(f"| {topic}: ")]
+        text = _renewed_rows(text, topic, rows)
+    PAGE.write_text(text.rstrip() + "\n", encoding="utf-8")
+
+
+def _renewed_rows(text: str, topic: str, rows: list[str]) -> str:
+    """Return the page with the rows of a topic in the table of bars replaced, or added at its end."""
+    lines = text.split("\n")
+    own = [k for k, line in enumerate(lines) if line.startswith(f"| {topic}: ")]
+    if own:
+        first = own[0]
+        lines = [line for k, line in enumerate(lines) if k not in own]
+    else:
+        first = lines.index("|---|---|---:|---:|---|") + 1
+        while lines[first].startswith("|"):
+            first += 1
+    return "\n".join([*lines[:first], *rows, *lines[first:]])
 
 
 def markdown(results: Results, where: Mapping[str, Any], picture: str, short: bool) -> str:
     """Return the page."""
-    versions = ", ".join(f"{n} {v}" for n, v in where["versions"].items() if v != "-")
-    lines = [HEAD]
+    lines = [head()]
     if short:
         lines.append("This is the short form: small sizes, few rounds.\n")
-    lines.append(
-        f"{where['date']}, {where['processor']}, {where['processors']} processors, {where['doubles a vector']} doubles "
-        f"a vector, load average {where['load']}; {versions}.\n"
-    )
+    lines.append(when(where))
     lines += [f"![Ratios]({picture})\n", *summary(results)]
     for topic, tables in results.items():
         lines.append(f"## {topic}\n")

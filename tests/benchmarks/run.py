@@ -4,6 +4,7 @@
     python tests/benchmarks/run.py loops timing           two of them
     python tests/benchmarks/run.py --short --check        under a minute; 1 if a ratio fell far below its record
     python tests/benchmarks/run.py --docs --record        docs/benchmarks.md, and the record, anew
+    python tests/benchmarks/run.py loops --docs --record  the figures of one topic in both, the others stay
 
 A topic is a module here with `topic(effort) -> list[Table]`. Absolute times depend on the machine; ratios do, much
 less: they are recorded by the machine that `recorded.json` names. Peers: `uv sync --group peers`; those that are not
@@ -29,6 +30,7 @@ TOPICS = {
     "loops": "closed_loops",
     "closed form": "closed_form",
     "instrument arm": "psm_inverse",
+    "serial arm": "serial_arm",
     "timing": "timing",
     "trocar": "trocar",
     "control": "control",
@@ -69,7 +71,9 @@ def main(argv: list[str] | None = None) -> int:
     results = run(options.topics or list(TOPICS), effort)
     pages.write(results, where, options.out / "bench.md", options.out / "bench.png", options.short)
     print(f"\n{options.out / 'bench.md'}, .json and .png")
-    if options.docs:
+    if options.docs and options.topics:
+        pages.renew(results, where)
+    elif options.docs:
         pages.write(results, where, ROOT / "docs/benchmarks.md", ROOT / "docs/pictures/benchmarks.png", options.short)
     if options.record:
         pages.record(results, where, options.short)
