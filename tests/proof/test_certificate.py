@@ -14,6 +14,7 @@ import twin
 from made.certificates import audited, digest, require_refusal, require_short
 from made.scripts import script
 from twin.exchange.audit import certificate as audit_of_certificates
+from twin.exchange.audit.certificate import audit_certificate
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "docs/check_certificate.py"
@@ -110,6 +111,8 @@ def test_the_audit_agrees_with_decimals_of_60_digits(tmp_path, certificate, caps
     assert code == 0
     assert len(report["checks"]) == 15
     assert all(check["worst"] < 1e-40 for check in report["checks"])
+    headline = audit_certificate(tmp_path / "c.json").headline
+    assert headline == "VALID: what the certificate claims holds wherever it was tried"
 
 
 def test_the_audit_refuses_what_was_cut_or_changed_or_is_of_other_files(tmp_path, certificate, capsys):
