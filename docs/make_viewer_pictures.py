@@ -52,6 +52,19 @@ def printed(front: Front, page: Page) -> None:
             client.camera.look_at = at
 
 
+def instruments(front: Front, page: Page) -> None:
+    """SILS with its two instruments at work in the port, beside the endoscope."""
+    front.ask("load", lambda: front.load(front.hand, "instruments"))
+    while front.hand.playback is None:
+        time.sleep(0.2)
+    front.ask("seek", lambda: (front.clock.seek(15.0), front.stand(), setattr(front.gizmo, "visible", False)))
+    at = np.array([480, 320, 180]) * MM
+    for client in front.server.get_clients().values():
+        with client.atomic():
+            client.camera.position = at + np.array([0.62, 0.05, 0.12])
+            client.camera.look_at = at
+
+
 def workspace(front: Front, page: Page) -> None:
     """SILS with the set that its tool can reach as it is turned now."""
     tab(page, "Design")
@@ -65,6 +78,7 @@ def workspace(front: Front, page: Page) -> None:
 
 
 PICTURES: dict[str, tuple[str, Callable[[Any, Page], None]]] = {
+    "instruments": ("sils_instruments", instruments),
     "play": ("sher", play),
     "printed": ("sils", printed),
     "workspace": ("sils", workspace),

@@ -300,8 +300,8 @@ def bar(d, err):
 
 
 # ---- platform ---------------------------------------------------------------
-def platform(d, err):
-    """Draw the platform: a plate, three ball cups, a laparoscope with camera head, and two instrument modules."""
+def bare_platform(d, err):
+    """Return the plate, and the parts (ball cups, laparoscope with camera head) of a platform without instruments."""
     third = d.lp / sqrt(3)
     nominal = [(third / 2, -d.lp / 2), (-third, 0.0), (third / 2, d.lp / 2)]
     top, low = d.plate_top, d.plate_top - d.plate_thickness
@@ -354,7 +354,13 @@ def platform(d, err):
         ("cable", cable, "plastic"),
     ]
     out += [(f"key{k + 1}", key, "orange_plastic") for k, key in enumerate(keys)]
+    return plate, out
 
+
+def platform(d, err):
+    """Draw the platform: a plate, three ball cups, a laparoscope with camera head, and two rigid instrument modules."""
+    plate, out = bare_platform(d, err)
+    top = d.plate_top
     tilt = radians(d.tool_tilt)
     for n, a in ((1, radians(d.tool_azimuth)), (2, -radians(d.tool_azimuth))):
         out_, side = np.array([cos(a), sin(a), 0.0]), np.array([-sin(a), cos(a), 0.0])

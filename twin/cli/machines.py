@@ -1,4 +1,4 @@
-"""The option --machine: connect to machines of a scene that are already running, and start the others."""
+"""The option --machine: connect to machines that are already running, and start the others of a scene."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
+    from twin.api.robot import Robot
     from twin.simulation.machine.link import Address
+    from twin.ui.session.driven_machine import DrivenMachine
     from twin.ui.session.loaded_scene import LoadedScene
 
 
@@ -32,6 +34,23 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
             raise TwinError(f"--machine {text}: {name} is given twice; give each robot once")
         out[name] = Address.parse(where)
     return out
+
+
+def driven(robot: Robot, given: Sequence[str] | None) -> DrivenMachine | None:
+    """Connect to the machine of a robot that the option --machine names; None: the option is not given.
+
+    Raises:
+        TwinError: the option is wrong, the robot has no machine, or the machine does not answer.
+    """
+    from twin.api.machine import machine_parts
+    from twin.ui.session.driven_machine import DrivenMachine
+
+    where = running(given)
+    if not where:
+        return None
+    if list(where) != [robot.name]:
+        raise TwinError(f"--machine {', '.join(where)}: the robot of this page is {robot.name}; name its machine only")
+    return DrivenMachine(where[robot.name], machine_parts(robot))
 
 
 def connected(loaded: LoadedScene, given: Sequence[str] | None) -> LoadedScene:

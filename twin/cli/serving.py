@@ -46,8 +46,6 @@ def serve(args: argparse.Namespace) -> int:
     for file in (args.record, args.session):
         if file is not None:
             assets.require_writable_file(Path(file))
-    if args.machine and scenes.find(args.robot) is None:
-        raise TwinError(f"--machine applies to a scene with machines, such as raven; {args.robot} is a robot")
     if args.guided is not None:
         guided.guide(args, _part_server(args, port, context))
         return 0
@@ -126,12 +124,13 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served], TaskChoi
     file = scenes.find(args.robot)
     if file is None:
         text = f"{_OPTION} requires a scene with a console, such as davinci; {args.robot} is a robot"
-        _refuse(args, _CONSOLE, text)
+        _refuse(args, [option for option in _CONSOLE if option != "machine"], text)
         if args.protocols:
             raise TwinError(f"--protocols applies to a scene with a console; {args.robot} is a robot: omit --protocols")
         robot = api.load(args.robot)
         protocols_of(robot, args.protocol)
-        return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans), None
+        machine = machines.driven(robot, args.machine)
+        return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans, machine=machine), None
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
     from twin.model.scene import load_scene
@@ -267,7 +266,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
         text = "--record and --replay cannot be combined: the replayed session is already in a file"
         _refuse(args, ("record",), text)
         _refuse(args, ("session",), "--session and --replay cannot be combined: a replay has no hands to record")
-        unsteered = (*_CONNECTIONS, "haptics", "participant", "trials")
+        unsteered = (*_CONNECTIONS, "haptics", "participant", "trials", "machine")
         _refuse(args, unsteered, f"{_OPTION} and --replay cannot be combined: a recorded session cannot be controlled")
     if args.mqtt is None:
         _refuse(args, ("mqtt_topic",), "--mqtt-topic requires --mqtt HOST")

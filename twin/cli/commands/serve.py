@@ -10,6 +10,7 @@ EXAMPLES = """\
   twin serve sils                     for a Quest by USB cable, first: adb reverse tcp:8765 tcp:8765
   twin serve sher phantom --no-browser
   twin serve my_robot/                your own robot; a USD stage also works
+  twin serve sils --machine sils=127.0.0.1:36000:36001    a machine follows the platform that a hand drags
   twin serve vsrs                     the operation of a scene, by your own hands
   twin serve davinci                  instruments and camera, controlled from the page or the headset
   twin serve davinci --task pegboard            rings to grasp, with a scoreboard

@@ -96,6 +96,7 @@ class Live:
         twins = tuple(self.twins.values())
         for twin in twins:
             twin.poll(tick)
+            twin.drive(passed)
         if self.clock.advance(passed):
             self._stand()
         for twin in twins:

@@ -29,6 +29,7 @@ from twin.ui.headset.description import assumptions, describe, numbers, pose
 from twin.ui.headset.live import Live
 from twin.ui.headset.twin import Twin
 from twin.ui.session.desk import Desk
+from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.feed import Feed, FieldSurface
 from twin.ui.session.loaded_scene import LoadedScene
@@ -80,16 +81,22 @@ class Served:
 
 
 def of_robot(
-    robot: Robot, source: str, protocol: str | None = None, plans: bool = True, feed: Feed | None = None
+    robot: Robot,
+    source: str,
+    protocol: str | None = None,
+    plans: bool = True,
+    feed: Feed | None = None,
+    machine: DrivenMachine | None = None,
 ) -> Served:
     """Return the content for one robot, with the patients of its protocols; call this function in an event loop.
 
-    `robot`, `source`, `protocol` and `plans` are arguments of `Twin`; `feed` is the source of deformables, None: none.
+    `robot`, `source`, `protocol`, `plans` and `machine` are arguments of `Twin`; `feed` is the source of deformables,
+    None: none.
     """
     from twin.exchange.formats.glb.write import glb_bytes
 
     clock = Clock()
-    twin = Twin(robot, source, protocol, plans, clock)
+    twin = Twin(robot, source, protocol, plans, clock, machine=machine)
     about = twin.description
     own = files.robot_files(glb_bytes(robot.mechanism), about)
     patients = {}

@@ -29,6 +29,7 @@ from twin.ui.headset.reach import ReachablePoints
 from twin.ui.headset.worker import Worker
 from twin.ui.session import instruments
 from twin.ui.session.desk import UNDOS, Desk, MoveResult, start_of
+from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.instruments import RobotReading
 from twin.ui.session.patient import Patient
 from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
@@ -58,6 +59,7 @@ class Twin:
         plans: bool = True,
         clock: Clock | None = None,
         place: Place | None = None,
+        machine: DrivenMachine | None = None,
     ) -> None:
         """Create the robot and, if `plans` is True, start planning the protocol.
 
@@ -69,7 +71,10 @@ class Twin:
             clock: clock of the playback; None: a new clock.
             place: the robot's place in a scene, which has its own surroundings. None: there is no scene, and the
                 patients of the robot's protocols can be shown.
+            machine: a machine that follows the tool while a client holds the robot, and that the robot follows
+                otherwise; None: none. This object closes it.
         """
+        self._machine = machine
         self.robot = robot
         self.source = source
         self.place = place
@@ -123,6 +128,8 @@ class Twin:
             self._planner = None
         self._reach.close()
         self._worker.close()
+        if self._machine is not None:
+            self._machine.close()
 
     # -- time -----------------------------------------------------------------------------------------
 
@@ -133,6 +140,24 @@ class Twin:
             self._take_plan()
         if self._wish is not None:
             self._move(self._wish)
+
+    def drive(self, passed: float) -> None:
+        """Let a machine follow the tool while a client holds the robot; otherwise, show the robot where it stands.
+
+        `passed` is the time in s since the last call. While a protocol is shown, the machine rests.
+        """
+        machine = self._machine
+        if machine is None:
+            return
+        if self._hold is not None:
+            tool = self.desk.mechanism.frame(self.desk.mechanism.tool)
+            T_base_body = wire.pose_of(self._shown.poses[self.links.index(tool.body)])
+            machine.advance(passed, T_base_body @ tool.T_body_frame)
+            return
+        machine.advance(passed, None)
+        at = machine.elsewhere(np.array(self._shown.q, float))
+        if at is not None and self._sample is None and not self._worker.waits("move"):
+            self._move(lambda: self.desk.move_joints(at))
 
     def look(self) -> None:
         """Update the readings every `LOOK` ticks, and send new workspace points."""
@@ -520,7 +545,7 @@ class Twin:
             "phase": phase,
             "planning": self._wanted if self._planner is not None else None,
             "holder": self.holder,
-            "reason": shown.reason or self._failed or None,
+            "reason": shown.reason or self._failed or self._machine_problem or None,
             **measured(self._reading, distance_to_ghost),
             "rcm": trocar_entries[0]["at"] if trocar_entries else None,
             "trocars": trocar_entries,
@@ -528,4 +553,12 @@ class Twin:
             "distances": [[index, value] for index, value in sorted(self._distances.values.items())],
             "workspace": self._reach.on,
             "postures": list(self.desk.postures),
+            **({} if self._machine is None else {"machine": self._machine.state()}),
         }
+
+    @property
+    def _machine_problem(self) -> str:
+        """Reason why the machine does not follow the robot that a client holds; "" if it does, or there is none."""
+        if self._machine is None or self._hold is None:
+            return ""
+        return self._machine.problem

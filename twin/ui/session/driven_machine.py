@@ -1,0 +1,95 @@
+"""A machine whose tool follows that of a robot on a page, while somebody holds the robot (SILS paper, Fig. 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.core.errors import KinematicsError
+from twin.core.json_types import JsonObject
+from twin.core.spatial import Array
+from twin.simulation.machine.levels import Level
+from twin.simulation.machine.link import Address, MachineLink
+from twin.simulation.machine.machine_master import MachineMaster
+from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.simulated_machine import Parts
+
+_MOST = 100
+"""Maximum number of packets at once, after a pause of the page."""
+
+_APART = 1e-5
+"""Difference in m or rad up to which the robot of the page counts as standing where the machine stands."""
+
+
+class DrivenMachine:
+    """Packets and states of one machine.
+
+    Attributes:
+        master: sends the packets.
+    """
+
+    def __init__(self, address: Address, parts: Parts) -> None:
+        """Connect to a machine of a robot with these compiled parts.
+
+        Raises:
+            DeviceError: nothing answers at this address.
+            DescriptionError: the machine file does not say how fast the tool may be moved.
+        """
+        self._link = MachineLink(address, len(parts.home))
+        try:
+            self.master = MachineMaster(self._link, parts)
+        except Exception:
+            self._link.close()
+            raise
+        self._late = 0.0  # time in s for which no packet has been sent yet
+        self._goal: Array | None = None
+
+    def close(self) -> None:
+        """End the connection; the machine's pedal goes up after its time-out."""
+        self._link.close()
+
+    def advance(self, passed: float, goal: Array | None) -> None:
+        """Send the packets of `passed` s: towards a pose (4, 4) of the tool; None: the pedal is up."""
+        self._goal = goal
+        if goal is None:
+            self.master.rest()
+        else:
+            self.master.lead(goal)
+        self._late += passed
+        ticks = int(self._late / TICK)
+        self._late -= ticks * TICK
+        self.master.step(min(ticks, _MOST))
+
+    def elsewhere(self, q: Array) -> Array | None:
+        """Return the joint values (n,) of the machine if they are not q (n,); None: they are, or it does not answer."""
+        state = self._link.state
+        if state is None or np.abs(state.q - q).max() <= _APART:
+            return None
+        return state.q
+
+    @property
+    def problem(self) -> str:
+        """Reason why the machine does not follow a held robot; "" if it follows, or is not asked to."""
+        if self._link.problem:
+            return self._link.problem
+        state = self._link.state
+        if state is not None and state.level == Level.E_STOP:
+            return "the machine is in E_STOP: press its start button (twin machine --start)"
+        if self.master.held:
+            return "the machine holds this pose as out of its reach"
+        return ""
+
+    def state(self) -> JsonObject:
+        """Return run level of the machine, distance in m of its tool from the goal (None: no goal), and the problem."""
+        state = self._link.state
+        behind = None
+        if state is not None and self._goal is not None:
+            try:
+                T = self.master.tool(state.q)
+                behind = round(float(np.linalg.norm((T - self._goal)[:3, 3])), 6)
+            except KinematicsError:
+                behind = None
+        return {
+            "level": None if state is None else state.level.name,
+            "behind": behind,
+            "problem": self.problem or None,
+        }
