@@ -15,7 +15,7 @@ sys.path.insert(0, str(HERE.parent))
 import drawing as cad
 
 NUMBERS = (1, 2)
-MOVING = ("lean", "swing", "instrument")
+MOVING = ("cradle", "guide", "instrument")
 
 
 def _sils():

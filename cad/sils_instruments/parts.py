@@ -1,8 +1,8 @@
 """Parts of the SILS platform with two instruments; the other bodies are those of `cad/sils`.
 
 The bodies of an instrument are drawn in its frame (mm), with lean and swing at zero and the shaft at the drawn depth:
-    leanN        shoe on the arc of the platform, turns about y; carries the second arc
-    swingN       shoe on the second arc, turns about x; carries the rod
+    cradleN      shoe on the arc of the platform, turns about y; carries the second arc
+    guideN       shoe on the second arc, turns about x; carries the rod
     instrumentN  slide on the rod with module, motors, shaft and jaws, moves along -z
 """
 
@@ -70,7 +70,7 @@ def _slot(d):
     return hull(corners, Plane(origin=(0, 0, height - 25)), 50)
 
 
-def lean(d):
+def cradle(d):
     """Draw the shoe on the arc of the platform, with the second arc."""
     far = -d.lean_near - d.arc_width
     low, high = d.lean_radius + d.shoe_gap, d.lean_radius + d.shoe_height
@@ -90,7 +90,7 @@ def lean(d):
     ]
 
 
-def swing(d):
+def guide(d):
     """Draw the shoe on the second arc, with the guide rod of the slide."""
     low, high = d.swing_radius + d.shoe_gap, d.swing_radius + d.shoe_height
     half = d.shoe_half

@@ -88,7 +88,7 @@ def test_the_instruments_are_auxiliary_and_the_equations_are_those_of_sils(robot
 def test_no_instrument_touches_anything_above_the_lowered_patient(robot):
     """At the ends of all its joints, with the platform before and after the insertion of lowered_patient."""
     mechanism, reference = robot.mechanism, robot.reference()
-    moving = [f"{kind}{n}" for kind in ("lean", "swing", "instrument") for n in (1, 2)]
+    moving = [f"{kind}{n}" for kind in ("cradle", "guide", "instrument") for n in (1, 2)]
     shapes = {body.name: Shape(body.name, body.name, body.meshes) for body in mechanism.bodies if body.meshes}
     mated = {frozenset((joint.parent, joint.child)) for joint in mechanism.joints}
     pairs = []
