@@ -228,7 +228,7 @@ class Source:
     def elements(self, statement: Statement, edits: Iterable[Edit] = ()) -> list[CodeType]:
         """Return the elements of the tuple that a statement returns, each compiled as `compiled` does.
 
-        The list is empty if the statement returns no tuple.
+        The list is empty if the statement returns no tuple of plain elements.
 
         Raises:
             SyntaxError: the edited text is not valid Python.
@@ -238,7 +238,9 @@ class Source:
         text = f"({self.edited(statement, edits)[len('return') :].strip()}\n)"
         value = ast.parse(text, mode="eval").body
         codes: list[CodeType] = []
-        for element in value.elts if isinstance(value, ast.Tuple) else ():
+        if not isinstance(value, ast.Tuple) or any(isinstance(element, ast.Starred) for element in value.elts):
+            return codes
+        for element in value.elts:
             codes.append(_code(f"{OUT} = ({ast.get_source_segment(text, element)}\n)", self.path, self._casadi))
         return codes
 
