@@ -195,10 +195,17 @@ def test_a_missing_root_in_a_function_of_many_rows_is_found(tmp_path, monkeypatc
     assert seeds.outcome(case, formula, tmp_path, SECONDS) == "rank 1"
 
 
-def test_a_wrong_name_in_a_return_statement_is_found(tmp_path):
+@pytest.mark.parametrize(
+    ("right", "old", "new"),
+    [
+        ("return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3", "Z_S1", "Z_S2"),
+        pytest.param("return q1, q2, q3, q4, q5, q6", "q5", "q3", marks=pytest.mark.slow),
+    ],
+    ids=["explicit", "implicit"],
+)
+def test_a_wrong_name_in_a_return_statement_is_found(right, old, new, tmp_path):
     """The returned symbol has a row of its own above, so that the cured return is right for every value."""
-    right = "return X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3"
-    case, formula = changed("sils", right, right.replace("Z_S1", "Z_S2"), tmp_path)
+    case, formula = changed("sils", right, right.replace(old, new), tmp_path)
     assert seeds.outcome(case, formula, tmp_path, 4.0) == "rank 1"
 
 

@@ -50,7 +50,7 @@ class Dependence:
         if not rows:
             return
         for row in rows:
-            if not self.determined(c, row):
+            if not (self._returns_own(c, row) or self.determined(c, row)):
                 c.hollow = True
                 return
         after = self._answers(c.step, c.edits, rows)
