@@ -838,6 +838,15 @@ for kind, edit, says in (
 ):
     more(f"USD: {kind}", edit, says, r"\.usd|\.xml|\.urdf|\.glb")
 for kind, edit, says in (
+    (
+        "soft limits",
+        text(
+            "*.urdf",
+            '(type="(?:revolute|prismatic)">(?:(?!</joint>)[^$])*<limit [^>]*/>)',
+            r'\1<safety_controller soft_lower_limit="0" soft_upper_limit="0.01" k_velocity="1" k_position="1"/>',
+        ),
+        "soft limits",
+    ),
     ("material undefined", text("*.urdf", '<material name="[^"]*" />', '<material name="nobody" />'), "material"),
     (
         "two joints of one name",

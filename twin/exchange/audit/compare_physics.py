@@ -543,9 +543,10 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
     if joint.kind in _SINGLE:
         drive = joint.drive
         if joint.tied:  # a tie is between points, and has no coordinate of its own
-            drive = replace(drive, limits=None, passive=None)
+            drive = replace(drive, limits=None, soft=None, passive=None)
         values = {
             "limits": drive.limits,
+            "soft limits": drive.soft,
             "driven": drive.driven,
             "reduction": _reduction(view.physics, joint),
             "passive": drive.passive,

@@ -162,6 +162,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "pose": Compared(_place, 5e-6, "m"),
     "zero": Compared(_place, 5e-6, "m"),
     "limits": Compared(_ends, 1e-5, "m or rad"),
+    "soft limits": Compared(_ends, 1e-5, "m or rad"),
     "cone": Compared(_ends, 1e-5, "rad"),
     "driven": Compared(_word, 0.0),
     "stiffness": Compared(_number, 1e-5, "N/m or N m/rad", True),

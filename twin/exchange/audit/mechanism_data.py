@@ -90,6 +90,7 @@ class FileDrive:
         breaks: force in N at which the joint breaks; infinite if it never breaks.
         cone: half angles in rad of the cone of a ball joint, about the two directions across its axis; infinite without
             a cone.
+        soft: range (lower, upper) in m or rad in which a safety controller keeps the joint; the limits without one.
     """
 
     limits: tuple[float, float] | None = None
@@ -102,6 +103,7 @@ class FileDrive:
     law: str | None = None
     breaks: float | None = None
     cone: tuple[float, float] | None = None
+    soft: tuple[float, float] | None = None
 
 
 EMPTY = (0.0, 0.0, 0.0, 0.0, 0.0)

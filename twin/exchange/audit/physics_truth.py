@@ -133,4 +133,5 @@ def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, FileMotor]) -> 
         FREE_JOINT,
         "force",
         np.inf,
+        soft=joint.soft_limits or joint.limits or (-np.inf, np.inf),
     )

@@ -53,6 +53,7 @@ class UrdfJoint:
         speed: maximum speed in m/s or rad/s; None if not stated.
         damping, friction: of <dynamics>, in N s/m or N m s/rad, and N or N m; 0 if not stated.
         mimic: (leader, multiplier, offset) if the joint follows the joint `leader`, else None.
+        soft: (lower, upper) of <safety_controller> in rad or m, within the limits; None without one.
     """
 
     name: str
@@ -65,6 +66,7 @@ class UrdfJoint:
     mimic: tuple[str, float, float] | None
     damping: float = 0.0
     friction: float = 0.0
+    soft: tuple[float, float] | None = None
 
     def values(self, clip: FileClip) -> Array | None:
         """Return the values (k,) in rad or m of the joint in a track; None if the track lacks the values.
@@ -381,7 +383,20 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     damping = _number(dynamics, "damping", 0.0)
     friction = _number(dynamics, "friction", 0.0)
     step = ChainStep(T, KINDS[kind], axis, name)
-    return UrdfJoint(name, ends[0], ends[1], step, limits, effort, speed, mimic, damping, friction)
+    soft = _soft_limits(element.find("safety_controller"), limits)
+    return UrdfJoint(name, ends[0], ends[1], step, limits, effort, speed, mimic, damping, friction, soft)
+
+
+def _soft_limits(safety: ET.Element | None, limits: tuple[float, float] | None) -> tuple[float, float] | None:
+    """Return the soft limits of a joint within its limits; None if it has none, or none within its limits."""
+    low, high = _bound(safety, "soft_lower_limit"), _bound(safety, "soft_upper_limit")
+    if low is None or high is None:
+        return None
+    if limits is not None:
+        low, high = max(low, limits[0]), min(high, limits[1])
+    if low >= high:
+        return None
+    return low, high
 
 
 def _text(element: ET.Element | None, key: str) -> str | None:
@@ -576,7 +591,8 @@ def _tree_physics(
             driven = j.name in moving if moving else None
             effort = _known_bound(j.effort)
             speed = _known_bound(j.speed)
-            drive = FileDrive((low, high), driven, None, None, effort, speed, (0.0, j.damping, j.friction, 0.0))
+            passive = (0.0, j.damping, j.friction, 0.0)
+            drive = FileDrive((low, high), driven, None, None, effort, speed, passive, soft=j.soft)
         out.joints.append(FileJoint((j.name,), j.parent, j.child, T, motions, drive))
     return out
 

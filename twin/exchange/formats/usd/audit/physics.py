@@ -273,7 +273,12 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
     marked = prim.GetAttribute("twin:active").Get()
     active = driven if marked is None else bool(marked)
     breaks = float(UsdPhysics.Joint(prim).GetBreakForceAttr().Get())
-    return FileDrive((lower, upper), active, stiffness, damping, effort, speed, law=law, breaks=breaks)
+    limits = (lower, upper)
+    own_soft = prim.GetAttribute("twin:softLimits").Get()  # in m or rad
+    soft = None if marked is None else limits  # stages of others do not state soft limits
+    if own_soft is not None:
+        soft = float(own_soft[0]), float(own_soft[1])
+    return FileDrive(limits, active, stiffness, damping, effort, speed, law=law, breaks=breaks, soft=soft)
 
 
 def _scaled(value: float | None, unit: float, per: float) -> float | None:
