@@ -182,7 +182,10 @@ def row(live, name):
 
 def test_an_attempt_is_ended_and_restarted(theatre, tmp_path):
     file = tmp_path / "hands.session"
-    live = LiveConsole(theatre, Exercise(theatre.scene.tasks["pegboard"], file))
+    ends = []
+    live = LiveConsole(
+        theatre, Exercise(theatre.scene.tasks["pegboard"], file, ended=lambda: ends.append(live.attempt))
+    )
     start = {n: live.world.signals[n] for n in ("ring1.pose", "psm1.q")}
     for number in range(40):
         live.give("page 1", *hands(number, lift=0.0005 * number))
@@ -195,7 +198,9 @@ def test_an_attempt_is_ended_and_restarted(theatre, tmp_path):
     live.feel("page 1", False)
     live.advance(0.01)
     assert not live.reading["haptics"]
+    assert not ends
     live.end("page 1")
+    assert ends == [1]
     shown, tick = live.advance(0.01) or live.reading, live.world.tick
     assert shown["task"]["over"] == "The task was ended."
     assert shown["owner"] is None
