@@ -61,7 +61,8 @@ export class Coach {
     const { console, model } = this.app;
     if (!console || !model.console) return null;
     if (console.pens.active) this.done = true;
-    const busy = model.console.owner !== null || console.plan.phase !== 'off' || Boolean(model.console.task?.over);
+    const waits = console.forms.due !== null || Boolean(model.console.task?.over);
+    const busy = model.console.owner !== null || console.plan.phase !== 'off' || waits;
     if (this.done || busy || console.views.large !== 'scope') return null;
     const tip = console.tip('right');
     return tip ? console.views.project(tip, 'scope') : null;
