@@ -199,8 +199,8 @@ class Command(_Parser):
     def machines(self) -> None:
         """Add the option for machines that are already running."""
         text = (
-            "robot of the scene whose `twin machine` is already running, with its host, UDP port of packets and TCP "
-            "port of states; this command starts the other machines"
+            "robot whose `twin machine` is already running, with its host, UDP port of packets and TCP port of states; "
+            "in a scene, this command starts the other machines"
         )
         self.text("--machine", "ROBOT=HOST:PORT:STATEPORT", text, action="append")
 

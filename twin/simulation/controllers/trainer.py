@@ -197,6 +197,10 @@ class Smooth:
         self._dt = dt
         self.begin(np.eye(4), 0.0)
 
+    def slow(self, bounds: TrainerLimits) -> None:
+        """Use other limits of the speeds from the next packet on."""
+        self._bounds = bounds
+
     def begin(self, T: Array, jaw: float) -> None:
         """Start at rest at a pose (4, 4) of the tool and an opening of the jaws in rad."""
         self.sent = T.copy()

@@ -1,12 +1,15 @@
 """Move the tool of a machine to goal poses by packets with small increments, as the machine's master.
 
 The machine adds the increments to the pose that its tool has when the pedal goes down. Therefore the pedal goes down
-first; the increments begin when a state says that the machine is in PEDAL_DN, from its desired joint values.
-If the machine holds a target as out of reach, or packets get lost, the master waits until the machine has answered all
-packets, and begins again from the pose that the machine has.
+first; the increments begin when a state says that the machine is in PEDAL_DN, from its desired joint values. Near a
+singularity a joint moves many times as fast as the tool: the master slows down as soon as a joint needs more than a part
+of its speed limit. If the machine holds a target as out of reach, or packets get lost, the master waits until the
+machine has answered all packets, and begins again from the pose that the machine has.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,6 +41,17 @@ _CLOSE = 5e-6
 """Difference in m or rad of these poses up to which nothing is corrected; the increments are whole micrometres."""
 
 
+_SHARE = 0.7
+"""Part of the speed limit of a joint above which the tool becomes slower."""
+
+_SLOWER = 0.97
+_FASTER = 1.003
+"""Factors of the tool's speed in each packet above and below this part: 20 ms and 0.2 s to half and double."""
+
+_SLOWEST = 0.02
+"""Minimum of these factors together: slower, the increments would be rounded to nothing."""
+
+
 class MachineMaster:
     """Sends the packets of one machine.
 
@@ -60,6 +74,13 @@ class MachineMaster:
             )
         unused = (0.0, 0.0, 0.0, 0.0, 0.0)
         limits = TrainerLimits(number.tool_speed.value, number.tool_turn.value, *unused)
+        self._limits = limits
+        self._pace = 1.0  # part of these limits that is used
+        fastest = []
+        for joint in parts.arm.mechanism.active:
+            fastest.append(joint.max_speed or np.inf)
+        self._fastest = _SHARE * TICK * np.array(fastest)  # steps of the joints in a tick
+        self._q: Array | None = None  # joint values that belong to the pose after the last packet
         self.link = link
         self.parts = parts
         self._smooth = Smooth(limits, number.grasp_step.value, TICK)
@@ -158,12 +179,29 @@ class MachineMaster:
         """Return the values (9,) of a packet on the way to a goal (4, 4)."""
         jaw = self._smooth.opening if self._jaw is None else self._jaw
         values = self._smooth.values(goal, jaw)
+        self._keep_pace()
         if values[:3].any() or values[7] or np.abs(values[4:7]).max() > _TURN:
             self._moved = self._count + 1
             self._still = 0
         else:
             self._still += 1
         return values
+
+    def _keep_pace(self) -> None:
+        """Make the next packets slower if a joint needs more than its share of speed, otherwise faster again."""
+        before = self._q
+        try:
+            self._q = self.parts.kin.inverse(self._smooth.sent, before)
+        except KinematicsError:
+            self._q = None  # the machine will hold this target
+        if self._q is None or before is None:
+            return
+        moving = ~self.parts.kin.auxiliary
+        steps = np.abs(self._q - before)[moving] / self._fastest[moving]
+        factor = _SLOWER if steps.max() > 1 else _FASTER
+        self._pace = min(max(self._pace * factor, _SLOWEST), 1.0)
+        speed, turn = self._pace * self._limits.speed, self._pace * self._limits.turn
+        self._smooth.slow(replace(self._limits, speed=speed, turn=turn))
 
     def _begin(self, state: State) -> bool:
         """Begin the increments at the pose of the machine's desired joint values; return whether this is possible."""
@@ -173,6 +211,7 @@ class MachineMaster:
             return False
         self._smooth.begin(T, float(state.wanted[self._auxiliary].sum()))
         self._begun = True
+        self._q = None
         self._held = state.held
         self._still = 0
         return True

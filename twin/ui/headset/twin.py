@@ -229,7 +229,7 @@ class Twin:
         return (
             wire.GHOST * (shown.ghost is not None)
             | wire.PLAYING * self.clock.playing
-            | wire.REFUSED * bool(shown.reason)
+            | wire.REFUSED * bool(shown.reason or self._machine_problem)
             | wire.HELD * (self._hold is not None)
         )
 
