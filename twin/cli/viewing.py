@@ -147,9 +147,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
         TwinError: a name or option is invalid; raised before a port opens.
     """
     if args.machine is not None and assets.scene_file(args.robot) is None:
-        raise TwinError(
-            f"--machine: the page of `twin serve {args.robot} --machine …` drives a machine, this one does not"
-        )
+        raise TwinError(f"--machine: this page drives no machine of a robot; use `twin serve {args.robot} --machine …`")
     for option, value in (("--task", args.task), ("--fulcrum", args.fulcrum), ("--machine", args.machine)):
         if value is not None:
             raise TwinError(f"{option} is for the live console of a scene; omit --html and name a scene with a console")

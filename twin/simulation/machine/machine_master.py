@@ -2,8 +2,8 @@
 
 The machine adds the increments to the pose that its tool has when the pedal goes down. Therefore the pedal goes down
 first; the increments begin when a state says that the machine is in PEDAL_DN, from its desired joint values. Near a
-singularity a joint moves many times as fast as the tool: the master slows down as soon as a joint needs more than a part
-of its speed limit. If the machine holds a target as out of reach, or packets get lost, the master waits until the
+singularity a joint moves many times as fast as the tool: the master slows down as soon as a joint needs more than a
+part of its speed limit. If the machine holds a target as out of reach, or packets get lost, the master waits until the
 machine has answered all packets, and begins again from the pose that the machine has.
 """
 
