@@ -67,7 +67,7 @@ def moved(T, way):
 
 
 def test_no_carriage_is_faster_than_its_limit_on_the_way_to_a_singularity(parts):
-    """The way ends where carriages 3 and 4 would come closer than 40 mm: q4 there needs some 9 times the tool's speed."""
+    """The way ends where carriages 3 and 4 would come closer than 40 mm; q4 there needs 9 times the tool's speed."""
     desk = Desk(parts)
     desk.run(100)
     goal = moved(desk.tool, (41, -10, -91))
