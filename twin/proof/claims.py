@@ -203,8 +203,9 @@ def _together(numbers: Iterable[ExactValue], inside: Truths) -> _Together:
     nodes = []
     for number in numbers:
         nodes.append(number.node)
-        # a difference of a parameter and a length of the CAD is a polynomial that is zero at the published value
-        wrong = bool((np.abs(number.real[inside]) > ROUNDING).any())
+        # a difference of a parameter and a length of the CAD is a polynomial that is zero at the published value; the
+        # few states of formulas need not be within reach
+        wrong = bool((np.abs(number.real) > ROUNDING).any())
         if number.form and wrong:
             errors.append((str(number.form), len(number.form.terms)))
         known &= number.known
