@@ -211,7 +211,7 @@ def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _quotients(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """Yield `atan2(n, d)` in place of `atan(n / d)`, which has angles of two quadrants only."""
+    """Yield `atan2(n, d)` instead of `atan(n / d)`, which has angles of two quadrants only."""
     for node in _expressions(root):
         if not isinstance(node, ast.Call) or len(node.args) != 1:
             continue
