@@ -109,7 +109,7 @@ class LoopContinuation:
         return X, solved
 
     def _pseudoinverses(self, A: Array) -> Array:
-        """Return what `ReferenceModel.pseudoinverse_of` returns, for most loops in a third of the time.
+        """Return what `ReferenceModel.pseudoinverse_of` returns, in a third of the time for the loops of SILS.
 
         Where the columns of the passive joints, P, are independent, the pseudoinverse is (P^T P)^-1 P^T. Its rounding
         error grows with the square of the condition number of P; the step G + (I - G P) G squares this error.

@@ -314,7 +314,7 @@ def point_acceleration(twists: Array, biases: Array, p: Array) -> Array:
 
 
 def cross_products(a: Array, b: Array) -> Array:
-    """Return the cross products (..., 3); for few vectors, four times as fast as `numpy.cross`."""
+    """Return the cross products (..., 3); for few vectors, in a third of the time of `numpy.cross`."""
     # each factor twice in a row, so that its cyclic permutations are slices
     aa = np.concatenate((a, a), axis=-1)
     bb = np.concatenate((b, b), axis=-1)
