@@ -123,11 +123,12 @@ def test_servo_cp_moves_the_platform_of_the_machine_and_topics_have_its_states(p
             words = [message["state"] for message in client.heard["/SILS/operating_state"]]
             # nobody sends goals any more: the pedal goes up
             await until(lambda: m.link.state.level == Level.PEDAL_UP)
-            return goal, asked, words, client.statuses, topics, m.server.machine.receiver.refused
+            return goal, asked, words, client.statuses, topics, m.server.machine.reason
 
-    goal, heard, words, statuses, topics, refused = asyncio.run(move())
+    # on a busy computer packets get lost, and the master begins again from where the machine is
+    goal, heard, words, statuses, topics, reason = asyncio.run(move())
     assert not statuses
-    assert refused == 0
+    assert reason == ""
     assert dict(zip(topics["topics"], topics["types"], strict=True))["/SILS/state_command"].endswith("/StringStamped")
     names = [joint.name for joint in parts.arm.mechanism.active]
     for kind in ("measured", "setpoint"):

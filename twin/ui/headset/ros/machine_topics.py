@@ -19,6 +19,9 @@ from twin.simulation.machine.state_packets import State
 from twin.ui.headset.ros.operations import JointState, PoseStamped, StateCommand, checked_message
 from twin.ui.headset.ros.topic_table import InputTopic, OutputTopic, TopicTable
 
+_PRESSED = 500
+"""Number of ticks within which the stop button has stopped the machine."""
+
 PATIENCE = 0.25
 """Time in s without a goal after which the client no longer leads the machine, and the pedal goes up."""
 
@@ -45,6 +48,7 @@ class MachineTopics(TopicTable):
         self._client: str | None = None  # who leads the machine
         self._heard = -np.inf  # time in s of the client's last goal, by the monotonic clock
         self._stopped = False  # whether a client has pressed the stop button
+        self._stop_tick = 0  # tick of the machine when it did
         self._ran = False  # whether the machine has been on
         self._goal: Array | None = None
         name = f"/{robot.upper()}"
@@ -75,7 +79,8 @@ class MachineTopics(TopicTable):
         state = self.master.link.state
         if state is not None and state.level != Level.E_STOP:
             self._ran = True
-            self._stopped = False
+            if state.tick > self._stop_tick + _PRESSED:
+                self._stopped = False  # started again since
         self.master.step(ticks)
 
     def about(self) -> JsonObject:
@@ -137,6 +142,9 @@ class MachineTopics(TopicTable):
                 return f"{self._client} moves the machine; it may also be stopped with disable"
             self.leave(client)
         elif command == "disable":  # any client may stop the machine
+            newest = self.master.link.reader.newest
+            if newest is not None:
+                self._stop_tick = newest.tick
             self._stopped = True
             self.master.link.reader.press("stop")
         else:
