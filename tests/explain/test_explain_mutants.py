@@ -270,6 +270,13 @@ TWO = (
     ),
     ("pa10", ("return a * n + sqrt(RL3**2 - a**2)", "return a + sqrt(RL3**2 - up**2)")),
     ("sher", WHOLE_ELSEWHERE),
+    (
+        "sher",
+        (
+            "acos((L_AR**2 + AQ**2 - QR**2) / (2 * L_AR * AQ)) + atan2(y_AR",
+            "acos((AQ**2 - QR**2) / (2 * L_AR * AQ)) + atan2(x_AR",
+        ),
+    ),
 )
 
 
@@ -292,6 +299,7 @@ TWO = (
         "cosine that stands nowhere else",
         "operands of a sum",
         "whole elsewhere",
+        "function without a value",
     ],
 )
 @pytest.mark.slow

@@ -177,7 +177,9 @@ class _Newton:
         """Return the derivatives of the rows that the one expression of each choice moves."""
         values = self._start()
         base = self._residuals(values)
-        values[:, :, 0] = DIFFERENCE
+        if base is not None:  # without a value, it would seem that an expression moves nothing
+            values, base = self._with_values(values, base)
+        values[:, :, 0] += DIFFERENCE
         moved = self._residuals(values)
         out: list[dict[Key, Array]] = []
         for n in range(len(self.choices)):
