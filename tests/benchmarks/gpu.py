@@ -188,7 +188,7 @@ def users_work(count: int) -> dict[str, Any]:
     turns = 10
     work: dict[str, Callable[[], object]] = {
         "workspace sils": lambda: workspace(sils, count, tilt=0.2, turns=turns),
-        "tolerance sher": lambda: tolerance(sher, Spread(1e-5, 1e-5, 1e-6, 1e-5), samples=count // 10),
+        "tolerance sher": lambda: tolerance(sher, Spread(1e-5, 1e-5, 1e-6, 1e-5), samples=count),
     }
     found: dict[str, Any] = {}
     for name, run in work.items():

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import twin
-from made.lanes import contrasting
 from twin.analysis.search import workspace
 from twin.analysis.tolerance import Spread, tolerance
+from twin.api.judge import validate_samples
 from twin.codegen import Kernel
 from twin.codegen.gpu_entry import THREADS
+from twin.core import assets
 from twin.core.ptx import ARCHITECTURE, ptx
 from twin.formula import flow
 
@@ -47,6 +48,7 @@ def kernels(name: str, monkeypatch) -> dict[str, Kernel]:
     monkeypatch.setattr(flow, "_MANY", 1)
     robot = twin.load(name)
     workspace(robot, 2000)
+    validate_samples(robot, 1000)
     tolerance(robot, Spread(1e-5, 1e-5, 1e-6, 1e-5), samples=1000)
     q = np.repeat(robot.loops.q[None], 20, axis=0)
     Ts = robot.loops.forward_many(q).Ts_base_tool
@@ -59,7 +61,7 @@ def kernels(name: str, monkeypatch) -> dict[str, Kernel]:
     return {kernel.for_gpu.text: kernel for kernel in made if kernel.for_gpu is not None}
 
 
-@pytest.mark.parametrize("name", contrasting())
+@pytest.mark.parametrize("name", assets.names())
 def test_every_kernel_is_assembled(name, assembler, tmp_path, monkeypatch):
     texts = kernels(name, monkeypatch)
     assert len(texts) >= 3, name

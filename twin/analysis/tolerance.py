@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from twin.analysis.declared_limits import beyond_limits
+from twin.analysis.quantile import UpperQuantile
 from twin.analysis.tightening import COST, Tightening, least_cost
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, loaded, silent
@@ -179,12 +180,15 @@ class ErrorPropagation:
         budget = ErrorBudget(name, q, S, self.labels, self.sigma, covariance, _within(covariance))
         if not samples:
             return budget
-        twists = self._sampled_twists(budget.q, state, samples, rng or np.random.default_rng(0))
-        shifts = np.linalg.norm(twists[:, :3], axis=1)
-        rotations = np.linalg.norm(twists[:, 3:], axis=1)
-        far, turned = np.quantile([shifts, rotations], SHARE, axis=1)
-        sampled: Array = twists.T @ twists / samples
-        return replace(budget, sampled=sampled, sampled_within=(far, turned), samples=samples)
+        squares = np.zeros((6, 6))
+        far = UpperQuantile(SHARE, samples)
+        turned = UpperQuantile(SHARE, samples)
+        for twists in self._sampled_twists(budget.q, state, samples, rng or np.random.default_rng(0)):
+            squares += twists.T @ twists
+            far.add(np.linalg.norm(twists[:, :3], axis=1))
+            turned.add(np.linalg.norm(twists[:, 3:], axis=1))
+        within = (far.value, turned.value)
+        return replace(budget, sampled=squares / samples, sampled_within=within, samples=samples)
 
     def _derivatives(self, T: ca.SX) -> ca.Function:
         """Return derivatives of residual and tool pose with respect to unknowns, frame errors and active joints."""
@@ -229,11 +233,13 @@ class ErrorPropagation:
         # The pseudoinverse closes overconstrained loops by least squares.
         return direct - Tx @ np.linalg.pinv(Jx, rcond=1e-9) @ np.hstack([Je, Jq])
 
-    def _sampled_twists(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Array:
-        """Return the tool error (samples, 6) in the base frame for random errors: shift in m, then rotation in rad."""
+    def _sampled_twists(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Iterator[Array]:
+        """Yield the tool errors (k, 6) in the base frame for random errors: shift in m, then rotation in rad.
+
+        There are `samples` of them in all, in batches: memory does not limit their number.
+        """
         kernel = self._kernel
         T0 = self.solver.forward(q)
-        twists = np.zeros((samples, 6))
         frames = self.error.numel()
         for first in range(0, samples, _CHUNK):
             k = min(_CHUNK, samples - first)
@@ -242,9 +248,9 @@ class ErrorPropagation:
             states = np.repeat(state[:, None], k, axis=1)
             (pose,) = kernel(errors[:frames], qs, states)
             pose = pose.T.reshape(k, 3, 4)
-            twists[first : first + k, :3] = pose[:, :, 3] - T0[:3, 3]
-            twists[first : first + k, 3:] = spatial.log_so3(pose[:, :, :3] @ T0[:3, :3].T)
-        return twists
+            shifts = pose[:, :, 3] - T0[:3, 3]
+            rotations = spatial.log_so3(pose[:, :, :3] @ T0[:3, :3].T)
+            yield np.hstack([shifts, rotations])
 
     @property
     def _kernel(self) -> Kernel:

@@ -14,8 +14,8 @@ EXAMPLES = """\
   twin tolerance sils --protocol table2 --samples 100000 --json"""
 
 
-_SAMPLES = 10_000_000
-"""Maximum number of samples; each sample needs about 100 bytes of memory."""
+_SAMPLES = 1_000_000_000
+"""Maximum number of samples; a twentieth of them is kept, in two numbers each: 2 GB."""
 
 
 _LARGEST, _WIDEST = 10 * MM, 10 * DEG

@@ -1,0 +1,68 @@
+"""A quantile of numbers that come in batches, of which only the largest are kept."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from twin.core.spatial import Array
+
+
+class UpperQuantile:
+    """The quantile of a known number of values, exactly: as `numpy.quantile` returns it for all of them together.
+
+    Only the values above the quantile are kept: for the quantile 0.95, a twentieth, and as many that are new.
+    """
+
+    def __init__(self, share: float, count: int) -> None:
+        """Expect `count` values; `share` (0 to 1) of them are below the quantile.
+
+        Raises:
+            ValueError: there is no value, or `share` is not within 0 to 1.
+        """
+        if count < 1 or not 0 <= share <= 1:
+            raise ValueError(f"a quantile {share:g} of {count} values: give at least 1 value, and 0 to 1")
+        place = share * (count - 1)  # of the quantile among the sorted values
+        below = math.floor(place)
+        self._between = place - below
+        self._kept = count - below
+        self._count = count
+        self._seen = 0
+        self._largest: list[Array] = []
+
+    def add(self, values: Array) -> None:
+        """Add values (k,).
+
+        Raises:
+            ValueError: more values are given than were expected.
+        """
+        self._seen += len(values)
+        if self._seen > self._count:
+            raise ValueError(f"{self._seen} values are given; {self._count} were expected")
+        self._largest.append(values)
+        if sum(len(part) for part in self._largest) > 2 * self._kept + len(values):
+            self._drop()
+
+    def _drop(self) -> None:
+        """Drop all values but the largest."""
+        values = np.concatenate(self._largest)
+        if len(values) > self._kept:
+            values = np.partition(values, len(values) - self._kept)[-self._kept :]
+        self._largest = [values]
+
+    @property
+    def value(self) -> float:
+        """The quantile.
+
+        Raises:
+            ValueError: fewer values were given than were expected.
+        """
+        if self._seen < self._count:
+            raise ValueError(f"{self._seen} values are given; {self._count} were expected")
+        self._drop()
+        (values,) = self._largest
+        if self._kept == 1:
+            return float(values[0])
+        first, second = np.partition(values, 1)[:2]
+        return float(first + self._between * (second - first))
