@@ -15,7 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from race import Row, Table
+from race import Row, Table, measures
 
 from twin.core import machine_code
 
@@ -95,7 +95,7 @@ def renew(results: Results, where: Mapping[str, Any]) -> None:
     """Put the figures of some topics into the published page; those of the others stay, and so does the picture."""
     text = PAGE.read_text(encoding="utf-8")
     for topic, tables in results.items():
-        lines = [f"## {topic}\n", f"Recorded later than the other topics: {when(where)}"]
+        lines = [f"## {topic}\n", f"Recorded apart from the other topics ({measures()}): {when(where)}"]
         for t in tables:
             lines += [f"### {t.title}\n", *table(t)]
         section = "\n".join(lines).rstrip() + "\n\n"

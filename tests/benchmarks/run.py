@@ -24,6 +24,7 @@ import time
 from pathlib import Path
 
 import pages
+import race
 from race import Effort, Table
 
 TOPICS = {
@@ -63,10 +64,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--check", action="store_true", help="compare with recorded.json")
     parser.add_argument("--record", action="store_true", help="write recorded.json")
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md and its picture, too")
+    parser.add_argument("--busy", action="store_true", help="compare processor times of all threads, not the clock's")
     parser.add_argument("--out", type=Path, default=Path("bench-out"), help="folder (default bench-out)")
     options = parser.parse_args(argv)
     if strange := [t for t in options.topics if t not in TOPICS]:
         parser.error(f"no topic is named {', '.join(strange)}; there are {', '.join(TOPICS)}")
+    if options.busy:
+        race.by_processor_time()
     effort, where = Effort(options.short), pages.here()
     results = run(options.topics or list(TOPICS), effort)
     pages.write(results, where, options.out / "bench.md", options.out / "bench.png", options.short)

@@ -79,8 +79,9 @@ class JudgedStage:
         position, rotation: largest errors in m and rad, over the states without a suspicion.
         suspects: number of states at which the kernels find no result, or an error above the tolerance.
         examined: number of suspects that the reference model has judged.
-        wrong: number of examined states at which an error is above the tolerance, by the reference model.
-        missing: number of examined states without a result of the equations.
+        by_reference: number of states that the reference model has judged: examined ones, and some without a suspicion.
+        wrong: number of these at which an error is above the tolerance.
+        missing: number of these without a result of the equations.
         worst: largest errors in m and rad, and the joint values (n,) at which they occur, over the wrong states; None
             if there is no wrong state with a result.
         missing_at: joint values (n,) of a state without a result; None if there is none.
@@ -92,6 +93,7 @@ class JudgedStage:
     rotation: float
     suspects: int
     examined: int
+    by_reference: int
     wrong: int
     missing: int
     worst: tuple[float, float, Array] | None = None
@@ -142,7 +144,8 @@ class RangeSamples(Result):
     def _of_stage(self, stage: JudgedStage) -> list[Finding]:
         found = []
         share = f"{stage.suspects} of {stage.judged} states ({_percent(stage.suspects, stage.judged)})"
-        decided = f"the reference model judged {stage.examined} of them"
+        judged = f"{stage.by_reference} states that the reference model judged"
+        suspected = f"the compiled kernels suspect {share}"
         if stage.worst is not None:
             position, rotation, q = stage.worst
             size = mm(position)
@@ -151,18 +154,21 @@ class RangeSamples(Result):
                 size = deg(rotation)
                 limit = deg(self.tolerance[1])
             text = (
-                f"over the joint range, the {stage.name} equations differ from the mechanism or have no result at "
-                f"{share}; {decided}, and {stage.wrong} have a wrong result; the largest error"
+                f"over the joint range, the {stage.name} equations are wrong at {stage.wrong} of {judged}; {suspected}; "
+                "the largest error"
             )
             found.append(_DIFFERS(stage.name, text, size, limit, when=self._state(q), cause=stage.name))
         if stage.missing_at is not None:
             text = (
-                f"over the joint range, the {stage.name} equations give no result at {stage.missing} of "
-                f"{stage.examined} examined states that the mechanism can take"
+                f"over the joint range, the {stage.name} equations give no result at {stage.missing} of {judged} and "
+                f"that the mechanism can take; {suspected}"
             )
             found.append(_NO_ANSWER(stage.name, text, when=self._state(stage.missing_at), cause=stage.name))
         if not found and stage.examined < stage.suspects:
-            text = f"the {stage.name} equations seem to be wrong at {share}; {decided}, and finds them right there"
+            text = (
+                f"over the joint range, {suspected} of wrong {stage.name} equations; the reference model judged "
+                f"{stage.examined} of these, and found the equations right there"
+            )
             found.append(_UNDECIDED(stage.name, text))
         return found
 
@@ -186,6 +192,7 @@ class RangeSamples(Result):
                     "rotation_max": stage.rotation,
                     "suspects": stage.suspects,
                     "examined": stage.examined,
+                    "judged_by_reference": stage.by_reference,
                     "wrong": stage.wrong,
                     "without_result": stage.missing,
                 }
@@ -219,7 +226,8 @@ class RangeSamples(Result):
             counts = (stage.suspects, stage.examined, stage.wrong, stage.missing)
             rows.append((stage.name, str(stage.judged), position, rotation, *(str(count) for count in counts)))
         yield TextTable(header, rows)
-        yield "  largest errors: of states without a suspicion; none: examined states without a result"
+        yield "  largest errors: of states without a suspicion; suspected: by the compiled kernels; examined: suspected"
+        yield "  states that the reference model judged; wrong, none: states with a wrong result, or without one, by it"
         yield f"  the reference model also judged {self.confirmed} states without a suspicion"
         yield ""
 
@@ -458,6 +466,7 @@ class SampledRange:
             tally.rotation,
             tally.suspects,
             examined,
+            len(q),
             int(wrong.sum()),
             int(missing.sum()),
             worst,
