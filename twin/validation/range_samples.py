@@ -154,8 +154,8 @@ class RangeSamples(Result):
                 size = deg(rotation)
                 limit = deg(self.tolerance[1])
             text = (
-                f"over the joint range, the {stage.name} equations are wrong at {stage.wrong} of {judged}; {suspected}; "
-                "the largest error"
+                f"over the joint range, the {stage.name} equations are wrong at {stage.wrong} of {judged}; "
+                f"{suspected}; the largest error"
             )
             found.append(_DIFFERS(stage.name, text, size, limit, when=self._state(q), cause=stage.name))
         if stage.missing_at is not None:
