@@ -91,11 +91,12 @@ def when(where: Mapping[str, Any]) -> str:
     )
 
 
-def renew(results: Results, where: Mapping[str, Any]) -> None:
+def renew(results: Results, where: Mapping[str, Any], short: bool) -> None:
     """Put the figures of some topics into the published page; those of the others stay, and so does the picture."""
     text = PAGE.read_text(encoding="utf-8")
+    form = "short form, small sizes and few rounds; " if short else ""
     for topic, tables in results.items():
-        lines = [f"## {topic}\n", f"Recorded apart from the other topics ({measures()}): {when(where)}"]
+        lines = [f"## {topic}\n", f"Recorded apart from the other topics ({form}{measures()}): {when(where)}"]
         for t in tables:
             lines += [f"### {t.title}\n", *table(t)]
         section = "\n".join(lines).rstrip() + "\n\n"

@@ -76,7 +76,7 @@ def main(argv: list[str] | None = None) -> int:
     pages.write(results, where, options.out / "bench.md", options.out / "bench.png", options.short)
     print(f"\n{options.out / 'bench.md'}, .json and .png")
     if options.docs and options.topics:
-        pages.renew(results, where)
+        pages.renew(results, where, options.short)
     elif options.docs:
         pages.write(results, where, ROOT / "docs/benchmarks.md", ROOT / "docs/pictures/benchmarks.png", options.short)
     if options.record:
