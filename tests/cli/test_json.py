@@ -37,6 +37,7 @@ DONE = {
     "plan": ("plan", ["plan", "sils", str(SHORT)]),
     "validate": ("report", ["validate", "hibou"]),
     "validate over the strokes": ("stroke", ["validate", "sher", "--sweep", "q5"]),
+    "validate at many states": ("samples", ["validate", "hibou", "--samples", "300"]),
     "run": ("report", ["run", "hibou"]),
     "export": ("export", ["export", "hibou", "--to", "tracks", "--out", "made"]),
     "audit": ("audit", ["audit", str(ROOT / "usd/hibou/hibou.usda")]),
