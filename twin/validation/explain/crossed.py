@@ -135,7 +135,11 @@ class Crossed:
                     edits = self._all[site.statement.index]
                     runs.append(list(operand_pairs(site, edits, scope, self._rest, deadline)))
             if len(runs) == len(self._angles):
-                pairs = [(*ones, *others) for others, ones in self._found(runs, _MOST_IN_ONE)]
+                pairs: list[tuple[Edit, Edit]] = []
+                for others, ones in self._found(runs, _MOST_IN_ONE):
+                    (first,) = ones
+                    (second,) = others
+                    pairs.append((first, second))
                 pairs.sort(key=lambda pair: sum(edit.kind not in TOKENS for edit in pair))
                 yield from pairs[:_MOST_FOUND]
 
