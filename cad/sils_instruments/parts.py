@@ -7,6 +7,7 @@ The bodies of an instrument are drawn in its frame (mm), with lean and swing at 
 """
 
 from math import radians, sin
+from pathlib import Path
 
 import drawing as cad
 import numpy as np
@@ -18,8 +19,6 @@ MATERIALS = METAL_AND_PLASTIC
 
 def _sils():
     """Return the parts of the robot without instruments."""
-    from pathlib import Path
-
     return cad.parts(Path(__file__).resolve().parents[1] / "sils")
 
 
@@ -32,16 +31,14 @@ def arc(axis, start, width, inner, outer, first, last):
     corners = [(0.0, 0.0)]
     for angle in np.radians(np.linspace(first, last, 5)):
         corners.append((far * np.sin(angle), far * np.cos(angle)))
-    if axis == Y:  # u is x
-        plane = Plane(origin=(0, start - 1, 0), x_dir=X, z_dir=(0, -1, 0))
+    if axis == Y:
         begin = (0, start, 0)
-        wedge = prism(corners[::-1], -(width + 2), plane)
-    else:  # u is -y
-        plane = Plane(origin=(start - 1, 0, 0), x_dir=(0, -1, 0), z_dir=(-1, 0, 0))
+        plane = Plane(origin=(0, start - 1, 0), x_dir=X, z_dir=(0, -1, 0))
+    else:
         begin = (start, 0, 0)
-        wedge = prism(corners[::-1], -(width + 2), plane)
-    ring = pipe(begin, axis, inner, outer, width)
-    return ring & wedge
+        plane = Plane(origin=(start - 1, 0, 0), x_dir=(0, -1, 0), z_dir=(-1, 0, 0))
+    wedge = prism(corners[::-1], -(width + 2), plane)
+    return pipe(begin, axis, inner, outer, width) & wedge
 
 
 def platform(d, frames):
