@@ -44,7 +44,7 @@ from made.audit_seeds import (
 from made.glb_apart import Glb
 
 MORE: list[Seed] = []
-WARNED = ("USD: stray shape", "USD: binding lost", "USD: collider disabled")
+WARNED = ("USD: stray shape", "USD: binding lost", "USD: collider disabled", "MJCF: soft limit")
 """Kinds that are warnings: the motion is right."""
 
 
@@ -828,6 +828,8 @@ for kind, edit, says in (
     ("links collide", text("*.xml", 'contype="0"', 'contype="1"', count=0), "collisions of its own links"),
     ("reference of a mesh", text("*.xml", '(<mesh name="[^"]*")', r'\1 refpos="10 0 0"'), "mesh"),
     ("margin of a limit", text("*.xml", '(type="hinge")( [^>]*range=)', r'\1 margin="0.2"\2'), "limits"),
+    ("filter of a drive", text("*.xml", "(<general )", r'<general dyntype="filter" dynprm="2" '), "law"),
+    ("soft limit", text("*.xml", '(type="hinge")( [^>]*range=)', r'\1 solreflimit="0.5 1"\2'), "limit of joint"),
     ("control beyond a tendon", text("*.xml", '(tendon="[^>]*ctrlrange=")-', r"\1-1"), "ctrlrange .* tendon"),
 ):
     more(f"MJCF: {kind}", edit, says, r"\.xml")
@@ -855,6 +857,7 @@ for kind, edit, says in (
     ),
 ):
     more(f"URDF: {kind}", edit, says, r"\.urdf")
+more("GLB: units", glb(lambda data: data.document["asset"]["extras"].update(units="mm, g, s")), "units", r"\.glb")
 more("GLB: scene empty", glb(scene_empty), "scene", r"\.glb")
 
 

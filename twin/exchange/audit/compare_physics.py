@@ -393,6 +393,7 @@ def _state(view: View, canonical: Mapping[str, FileJoint], known: set[str], mova
             "rotor inertia": motor.inertia,
             "stiffness": motor.stiffness,
             "damping": motor.damping,
+            "law": motor.law,
         }
         view.say(subject, values)
 

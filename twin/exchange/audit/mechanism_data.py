@@ -126,6 +126,7 @@ class FileMotor:
         inertia: inertia of the rotor in kg m2, or its mass in kg; 0 without a rotor.
         stiffness: stiffness of the position drive in N/m or N m/rad; 0 without a drive.
         damping: damping of the position drive in N s/m or N m s/rad; 0 without a drive.
+        law: what the gains give, as in `FileDrive`.
     """
 
     row: Mapping[str, float] | None = None
@@ -136,6 +137,7 @@ class FileMotor:
     inertia: float | None = None
     stiffness: float | None = None
     damping: float | None = None
+    law: str | None = None
 
 
 def felt(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | None:

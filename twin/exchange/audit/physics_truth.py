@@ -90,6 +90,7 @@ def _motors(mechanism: Mechanism) -> dict[str, FileMotor]:
             actuator.rotor_inertia or 0.0,
             actuator.stiffness or 0.0,
             actuator.damping,
+            "force",
         )
     return motors
 

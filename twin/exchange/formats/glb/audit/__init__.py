@@ -30,6 +30,10 @@ _UNDERSTOOD = {"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_tran
 """Extensions that change nothing that the audit reads, or that the audit supports."""
 
 
+UNITS = "m, kg, s"
+"""Units that a GLB of twin states in the extras of its asset."""
+
+
 def read_gltf(path: Path, ledger: Ledger) -> Content:
     """Return the content of a .glb or .gltf file, and report its faults.
 
@@ -53,7 +57,8 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     required = [str(e) for e in file.json.get("extensionsRequired", []) if e not in _UNDERSTOOD]
     if required:
         text = f"the file requires the extension {', '.join(required)}, which the audit does not support."
-        ledger.add("gltf.extension", "warning", text)
+        ledger.add("gltf.extension", "error", text, suggestion="export the file without this extension")
+    _check_units(asset, ledger)
     # Also accessors that nothing uses are read, because reading reports their faults.
     for i in range(len(file.items("accessors"))):
         file.accessor(i)
@@ -106,6 +111,17 @@ def _check_clip_names(content: Content) -> None:
         if count > 1:
             content.ledger.wrong("gltf.duplicate_clip", f"two clips are named '{name}'.", name)
             return  # one finding is enough
+
+
+def _check_units(asset: JsonObject, ledger: Ledger) -> None:
+    """Report units in the extras of a file of twin that are not those of its numbers."""
+    extras = asset.get("extras")
+    if not isinstance(extras, dict) or extras.get("schema") != "twin-glb":
+        return
+    units = extras.get("units")
+    if units != UNITS:
+        text = f"the file states its units as '{units}'; lengths of glTF are in m, and its masses in kg: '{UNITS}'."
+        ledger.wrong("gltf.units", text, "units")
 
 
 def _check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger) -> None:

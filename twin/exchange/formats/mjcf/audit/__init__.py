@@ -98,7 +98,7 @@ class Mjcf:
         if m.neq:
             self._ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst, "m", LOOP_TOL, where=where, when=when)
         if worst > LOOP_TOL:
-            text = f"clip '{clip.name}': equality '{where}' is open by {quantity(worst, 'm')}."
+            text = f"clip '{clip.name}': equality '{where}' is open by {_opening(m, where, worst)}."
             self._ledger.wrong("mjcf.loop", text, where, size=um(worst, LOOP_TOL), when=when)
         T = poses.pose(poses.rotation(turn[..., [1, 2, 3, 0]]), place)
         links = {name: T[:, i] for name, i in number.items() if name in clip.links}
@@ -234,6 +234,13 @@ def _gap(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[float, str]:
     return float(gaps[row]), m.equality(int(d.efc_id[row])).name
 
 
+def _opening(m: mujoco.MjModel, equality: str, gap: float) -> str:
+    """Return the residual of an equality constraint as text: a length of points, else in m or rad."""
+    if equality and m.equality(equality).type == mujoco.mjtEq.mjEQ_CONNECT:
+        return quantity(gap, "m")
+    return f"{gap:.4g} m or rad"
+
+
 def _holds(root: ET.Element) -> bool:
     """Return whether the world is the base of the robot: True if a joint connects a top-level body to the world."""
     return any(world.find("body/joint") is not None for world in root.iter("worldbody"))
@@ -340,6 +347,7 @@ def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
     for a in range(m.nu):
         _check_servo(m, a, ledger)
     _check_softness(m, ledger)
+    _check_soft_limits(m, ledger)
     for k in range(m.nkey):
         _check_key(m, d, k, ledger)
     mujoco.mj_resetData(m, d)
@@ -414,6 +422,26 @@ def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:
             ledger.wrong("mjcf.softness", text, name, suggestion="give all loops the same solref and solimp")
 
 
+def _check_soft_limits(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report limits of joints that give way by other parameters of the solver than most others in the file."""
+    rows: dict[str, tuple[float, ...]] = {}
+    for j in range(m.njnt):
+        if m.jnt_limited[j]:
+            rows[m.joint(j).name] = (*m.jnt_solref[j].tolist(), *m.jnt_solimp[j].tolist())
+    if len(rows) < 3:  # two that differ say nothing about which of them is meant
+        return
+    common, count = Counter(rows.values()).most_common(1)[0]
+    if count < 0.7 * len(rows):
+        return
+    for name, row in rows.items():
+        if row != common:
+            text = (
+                f"the limit of joint '{name}' has solref {row[0]:g} {row[1]:g} and solimp {row[2]:g} {row[3]:g}, most "
+                f"others have {common[0]:g} {common[1]:g} and {common[2]:g} {common[3]:g}: it gives way differently."
+            )
+            ledger.add("mjcf.softness", "warning", text, name, suggestion="give all limits the same parameters")
+
+
 def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> None:
     name = m.key(k).name or f"key {k}"
     mujoco.mj_resetDataKeyframe(m, d, k)
@@ -422,7 +450,7 @@ def _check_key(m: mujoco.MjModel, d: mujoco.MjData, k: int, ledger: Ledger) -> N
     if m.neq:
         ledger.row(f"loops at keyframe '{name}'", worst, "m", KEY_GAP)
     if worst > KEY_GAP:
-        text = f"keyframe '{name}': equality '{where}' is open by {quantity(worst, 'm')}."
+        text = f"keyframe '{name}': equality '{where}' is open by {_opening(m, where, worst)}."
         ledger.wrong("mjcf.keyframe", text, name, size=Measured(worst, KEY_GAP, "m"))
     for j in range(m.njnt):
         q = float(d.qpos[m.jnt_qposadr[j]])

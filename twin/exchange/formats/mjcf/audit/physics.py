@@ -250,8 +250,16 @@ def _motors(m: mujoco.MjModel) -> dict[str, FileMotor]:
             float(m.tendon_armature[t]) / gear**2,
             -float(m.actuator_biasprm[a, 1]) * servo,
             -float(m.actuator_biasprm[a, 2]) * servo,
+            _law(m, a),
         )
     return out
+
+
+def _law(m: mujoco.MjModel, a: int) -> str:
+    """Return what the gains of an actuator give: always a force, which MuJoCo may delay."""
+    if m.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_NONE:
+        return "force"
+    return f"force, delayed by {m.actuator_dynprm[a, 0]:g} s"
 
 
 def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
@@ -293,7 +301,7 @@ def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
         if m.actuator_forcelimited[a]:
             effort = float(np.abs(m.actuator_forcerange[a]).max() * abs(gear))
         drive = FileDrive(limits, True, stiffness, damping, effort)
-        out.append(replace(drive, passive=passive, law="force", breaks=np.inf))  # MuJoCo has no other law
+        out.append(replace(drive, passive=passive, law=_law(m, a), breaks=np.inf))
     return out
 
 

@@ -384,18 +384,20 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     friction = _number(dynamics, "friction", 0.0)
     step = ChainStep(T, KINDS[kind], axis, name)
     soft = _soft_limits(element.find("safety_controller"), limits)
+    if soft is not None and soft[0] >= soft[1]:
+        text = f"joint '{name}': its soft limits and its limits have no range in common."
+        ledger.wrong("urdf.limits", text, name, suggestion="write soft limits within the limits")
+        soft = None
     return UrdfJoint(name, ends[0], ends[1], step, limits, effort, speed, mimic, damping, friction, soft)
 
 
 def _soft_limits(safety: ET.Element | None, limits: tuple[float, float] | None) -> tuple[float, float] | None:
-    """Return the soft limits of a joint within its limits; None if it has none, or none within its limits."""
+    """Return the soft limits of a joint, cut at its limits; None if it has none."""
     low, high = _bound(safety, "soft_lower_limit"), _bound(safety, "soft_upper_limit")
     if low is None or high is None:
         return None
     if limits is not None:
         low, high = max(low, limits[0]), min(high, limits[1])
-    if low >= high:
-        return None
     return low, high
 
 

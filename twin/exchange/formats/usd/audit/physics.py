@@ -315,6 +315,7 @@ def _motors(root: Usd.Prim) -> dict[str, FileMotor]:
             float(values.get("rotor_inertia", 0.0)),
             float(values.get("stiffness", 0.0)),
             float(values.get("damping", 0.0)),
+            "force",
         )
     return motors
 
