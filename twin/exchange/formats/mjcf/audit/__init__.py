@@ -423,7 +423,7 @@ def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:
 
 
 def _check_soft_limits(m: mujoco.MjModel, ledger: Ledger) -> None:
-    """Report limits of joints that give way by other parameters of the solver than most others in the file."""
+    """Report limits of joints that yield by other parameters of the solver than most others in the file."""
     rows: dict[str, tuple[float, ...]] = {}
     for j in range(m.njnt):
         if m.jnt_limited[j]:
@@ -437,7 +437,7 @@ def _check_soft_limits(m: mujoco.MjModel, ledger: Ledger) -> None:
         if row != common:
             text = (
                 f"the limit of joint '{name}' has solref {row[0]:g} {row[1]:g} and solimp {row[2]:g} {row[3]:g}, most "
-                f"others have {common[0]:g} {common[1]:g} and {common[2]:g} {common[3]:g}: it gives way differently."
+                f"others have {common[0]:g} {common[1]:g} and {common[2]:g} {common[3]:g}: it yields differently."
             )
             ledger.add("mjcf.softness", "warning", text, name, suggestion="give all limits the same parameters")
 
