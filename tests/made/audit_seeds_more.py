@@ -858,6 +858,14 @@ for kind, edit, says in (
 ):
     more(f"URDF: {kind}", edit, says, r"\.urdf")
 more("GLB: units", glb(lambda data: data.document["asset"]["extras"].update(units="mm, g, s")), "units", r"\.glb")
+
+
+def fewer_normals(glb) -> None:
+    attributes = glb.document["meshes"][0]["primitives"][0]["attributes"]
+    glb.document["accessors"][attributes["NORMAL"]]["count"] -= 3
+
+
+more("GLB: normals missing", glb(fewer_normals), "NORMAL has", r"\.glb")
 more("GLB: scene empty", glb(scene_empty), "scene", r"\.glb")
 
 

@@ -91,7 +91,13 @@ _CHECKS = {
     "alpha": ("gltf.alpha",),
     "names": ("gltf.duplicate_name", "gltf.duplicate_clip"),
     "scale, mirrors, matrices": ("gltf.scale", "gltf.mirrored", "gltf.matrix"),
-    "accessors: bounds, min, max, finite": ("gltf.bounds", "gltf.minmax", "gltf.finite", "gltf.alignment"),
+    "accessors: bounds, counts, min, max, finite": (
+        "gltf.bounds",
+        "gltf.count",
+        "gltf.minmax",
+        "gltf.finite",
+        "gltf.alignment",
+    ),
     "key times": ("gltf.times", "gltf.start", "gltf.samples"),
 }
 """Codes of the findings of each check of one file."""
@@ -305,6 +311,15 @@ def _add_colors(file: Gltf, mesh: JsonObject, link: str, palette: Palette) -> No
         palette.add(link, _base_color(pbr, "baseColorFactor"), surface_area(vertices, triangles))
 
 
+def _check_counts(file: Gltf, primitive: JsonObject, count: int, name: str) -> None:
+    """Report attributes that do not have one value for each of the `count` points of a primitive."""
+    for attribute, accessor in primitive["attributes"].items():
+        values = file.item("accessors", accessor).get("count")
+        if values != count:
+            text = f"mesh '{name}': {attribute} has {values} values for {count} points."
+            file.ledger.wrong("gltf.count", text, name, suggestion="give each point one value of each attribute")
+
+
 def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
     """Check a mesh, and return the points (n, 3) and triangles (m, 3) of all its primitives."""
     points = [np.zeros((0, 3))]
@@ -318,6 +333,7 @@ def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
         if not ("min" in spec and "max" in spec):
             text = f"mesh '{name}': the accessor of the positions lacks min and max."
             file.ledger.wrong("gltf.minmax", text, name)
+        _check_counts(file, primitive, len(vertices), name)
         if not len(triangles) or vertices.shape[1] != 3:
             continue
         normal = np.zeros(0)
