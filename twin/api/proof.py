@@ -163,6 +163,8 @@ class Proved(Result):
             refuted += motion.proof.count("refuted")
             unproved += motion.proof.count("unproved")
         agreement = "PROVED: the equations agree with the mechanism at all poses"
+        if proof.inside < 1:
+            agreement += " within reach of the equations"
         without = len(proof.uncovered_values) + len(proof.uncovered_points)
         if without:
             agreement += f", but for {without} values without a claim"
