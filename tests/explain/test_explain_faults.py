@@ -19,6 +19,7 @@ from made import explain_seeds as seeds
 FAULTS = int(os.environ.get("TWIN_FAULTS", "8"))
 PAIRS = int(os.environ.get("TWIN_PAIRS", "2"))
 REWRITES = int(os.environ.get("TWIN_REWRITES", "20"))
+REWRITES_SEED = int(os.environ.get("TWIN_REWRITES_SEED", "8"))
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +82,7 @@ def test_two_slips_at_once_are_undone(cases, tmp_path, capsys, monkeypatch):
 def check_rewrites(cases, count, tmp_path):
     from twin.validation.explain.row_deviations import Judge
 
-    rng, done = np.random.default_rng(8), 0
+    rng, done = np.random.default_rng(REWRITES_SEED), 0
     for case in cycle(cases):  # a function of calls only has nothing to rewrite: go on with the next robot
         text = rewrites.rewritten(case, rng)
         if text is None:
