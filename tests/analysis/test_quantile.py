@@ -27,6 +27,14 @@ def test_equal_values_and_few_of_them_are_kept():
     assert quantile.value == 1.0
 
 
+def test_nan_is_not_lost():
+    quantile = UpperQuantile(0.5, 400)
+    quantile.add(np.array([np.nan]))
+    for _ in range(399):
+        quantile.add(np.ones(1))
+    assert np.isnan(quantile.value)
+
+
 def test_another_number_of_values_is_refused():
     with pytest.raises(ValueError, match="at least 1 value"):
         UpperQuantile(0.95, 0)

@@ -30,6 +30,7 @@ class UpperQuantile:
         self._count = count
         self._seen = 0
         self._largest: list[Array] = []
+        self._held = 0  # number of values in `_largest`
 
     def add(self, values: Array) -> None:
         """Add values (k,).
@@ -41,19 +42,21 @@ class UpperQuantile:
         if self._seen > self._count:
             raise ValueError(f"{self._seen} values are given; {self._count} were expected")
         self._largest.append(values)
-        if sum(len(part) for part in self._largest) > 2 * self._kept + len(values):
+        self._held += len(values)
+        if self._held > 2 * self._kept + len(values):
             self._drop()
 
     def _drop(self) -> None:
-        """Drop all values but the largest."""
+        """Drop all values but the largest; NaN counts as larger than any number."""
         values = np.concatenate(self._largest)
         if len(values) > self._kept:
             values = np.partition(values, len(values) - self._kept)[-self._kept :]
         self._largest = [values]
+        self._held = len(values)
 
     @property
     def value(self) -> float:
-        """The quantile.
+        """The quantile; NaN if any value is NaN.
 
         Raises:
             ValueError: fewer values were given than were expected.
@@ -62,6 +65,8 @@ class UpperQuantile:
             raise ValueError(f"{self._seen} values are given; {self._count} were expected")
         self._drop()
         (values,) = self._largest
+        if np.isnan(values).any():
+            return float("nan")
         if self._kept == 1:
             return float(values[0])
         first, second = np.partition(values, 1)[:2]
