@@ -18,6 +18,7 @@ from made.lanes import nightly
 from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
+from twin.ui.session.display_meshes import looks
 from twin.ui.session.instruments import read
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer import view_export
@@ -447,6 +448,96 @@ def test_browsers_come_and_go(browser, sils):
     until(lambda: not front._wishes, "the wish")
     third = Looker(browser, front, 600, 400)  # sees the present pose, not the first one
     third.page.close()
+
+
+def hit(look, x, y):
+    """Return (name of the nearest link, its point (3,) in m in the world) at a pixel of the page, by our own rays."""
+    desk = look.front.hand.desk
+    camera, box = look.clients[0].camera, look.page.locator("canvas").first.bounding_box()
+    focal = 0.5 * box["height"] / np.tan(camera.fov / 2)
+    ray = np.array([x - box["x"] - box["width"] / 2, y - box["y"] - box["height"] / 2, focal])
+    ray = spatial.matrix_from_quat_wxyz(np.asarray(camera.wxyz)) @ ray / np.linalg.norm(ray)
+    found = []
+    for body in desk.mechanism.bodies:
+        T = desk.assembly.link_poses[body.name]
+        for vertices, triangles, *_ in looks(body):
+            corners = (vertices @ T[:3, :3].T + T[:3, 3])[triangles]
+            a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+            p = np.cross(ray, e2)
+            det = np.einsum("ij,ij->i", e1, p)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                s = camera.position - a
+                u = np.einsum("ij,ij->i", s, p) / det
+                q = np.cross(s, e1)
+                v = q @ ray / det
+                far = np.einsum("ij,ij->i", e2, q) / det
+            inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0)
+            if inside.any():
+                found.append((far[inside].min(), body.name))
+    if not found:
+        return "", np.full(3, np.nan)
+    far, name = min(found)
+    return name, camera.position + far * ray
+
+
+def seen(look, link):
+    """Return a pixel (x, y) of the page at which a link is seen, in the middle of one of its largest triangles."""
+    desk = look.front.hand.desk
+    T = desk.assembly.link_poses[link]
+    corners = np.concatenate([vertices[triangles] for vertices, triangles, *_ in looks(desk.mechanism.body(link))])
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    for k in np.argsort(-area)[:60]:
+        pixel = look.at(T[:3, :3] @ corners[k].mean(axis=0) + T[:3, 3])
+        if hit(look, *pixel)[0] == link:
+            return pixel
+    raise AssertionError(f"{link} is hidden")
+
+
+def test_links_are_named_measured_and_fitted_and_a_link_opens_the_posture(sils):
+    look, page, front = sils, sils.page, sils.front
+    desk = still(look)
+    page.wait_for_function("window.twinTools?.meshes().length > 10")
+    first, second = seen(look, "limb1"), seen(look, "frame")
+    names, points = [], []
+    for x, y in (first, second):
+        name, p = hit(look, x, y)
+        names.append(name)
+        points.append(p)
+        page.mouse.move(x - 3, y)
+        page.mouse.move(x, y)
+        until(lambda n=name: page.locator(".twin-name").text_content() == n, f"the name {name}")
+    assert len(set(names)) == 2
+    page.locator("[data-id=measure]").click()
+    for x, y in (first, second):
+        page.mouse.click(x, y)
+    until(lambda: page.locator(".twin-measure").get_attribute("data-mm"), "a distance")
+    shown = float(page.locator(".twin-measure").get_attribute("data-mm"))
+    assert shown == pytest.approx(np.linalg.norm(points[1] - points[0]) / MM, rel=2e-3)  # a pixel is about 1 mm
+    page.locator("[data-id=measure]").click()
+    control = "window.__viserMutable.cameraControl.distance"
+    before = page.evaluate(control)
+    page.mouse.dblclick(*first)
+    until(lambda: page.evaluate(control) < 0.7 * before, "the view of one link")
+    page.locator("[data-id=fit]").click()
+    until(lambda: page.evaluate(control) > 0.9 * before, "the view of the robot")
+    page.locator("[data-id=view-top]").click()
+
+    def is_above():
+        camera = look.clients[0].camera
+        away = camera.position - camera.look_at
+        return away[2] > 0.99 * np.linalg.norm(away)
+
+    until(is_above, "the view from above")
+    q = desk.assembly.q.copy()
+    desk.move_joint(0, q[0] + 5 * MM)
+    front.ask("look", lambda: None)
+    until(lambda: page.evaluate("fetch('state.json').then(r => r.json())")["joints"]["q1"]["value"] != q[0] / MM, "it")
+    link = page.evaluate("fetch('state.json').then(r => r.json())")["link"]
+    wanted = desk.assembly.q.copy()
+    still(look)
+    page.evaluate(f"location.hash = '{link}'")
+    until(lambda: np.allclose(desk.assembly.q, wanted, rtol=0, atol=1e-9), "the posture of the link")
+    assert page.evaluate("location.hash") == ""
 
 
 def test_a_turntable_is_a_moving_picture(sils, monkeypatch):

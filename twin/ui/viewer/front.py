@@ -15,16 +15,20 @@ import viser
 from twin.api import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
+from twin.core.units import DEG, MM
 from twin.ui.session import instruments, timeline
 from twin.ui.session.desk import Desk, MoveResult, start_of
 from twin.ui.session.feed import Feed
 from twin.ui.session.file_watch import RobotFileWatch
+from twin.ui.session.posture_link import link_of, read_link
 from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.fields import FieldNodes
 from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.nodes import BLUE, RobotNodes
+from twin.ui.viewer.server import publish
 from twin.ui.viewer.wall import LimitWall
 
 _READ = 0.1
@@ -147,6 +151,7 @@ class Front(ViewerPage):
         # robots that stay where they are when their next plan is ready, instead of going to its start
         self._staying = {a.name for a in actors if start_of(a.desk.robot)}
         self._watch: RobotFileWatch | None = None
+        self._linked_time: float | None = None  # time of a link, until a protocol is planned
         self._reading_time = self.now
         self._stale = True
         self.after_frame: list[Callable[[], object]] = []
@@ -233,6 +238,57 @@ class Front(ViewerPage):
         self.nodes[a.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
         self.panels.show(reading)
         self.scenery.update()
+        publish(self.server, self.state())
+
+    # -- links to a posture ---------------------------------------------------------------------------
+
+    def state(self) -> JsonObject:
+        """Return pose of the tool, joint values and time, and the link that opens them again, as plain data."""
+        a = self.hand
+        with a.desk.lock:
+            q = a.desk.assembly.q.copy()
+            T = a.desk.assembly.T_base_tool.copy()
+        joints = {}
+        for joint, value in zip(a.desk.joints, q, strict=True):
+            unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
+            joints[joint.name] = {"value": float(value) / scale, "unit": unit}
+        t = self.clock.time if a.playback is not None else None
+        return {
+            "robot": a.name,
+            "joints": joints,
+            "tool": {
+                "position_mm": (T[:3, 3] / MM).tolist(),
+                "quaternion_wxyz": spatial.quat_from_matrix_wxyz(T[:3, :3]).tolist(),
+                "T_base_tool_m": T.tolist(),
+            },
+            "time_s": t,
+            "scale": a.scale,
+            "link": link_of(a.desk.joints, q, t),
+        }
+
+    def follow_link(self, text: str) -> None:
+        """Move the active robot to the posture and time of a link, see `posture_link`.
+
+        Raises:
+            TwinError: the link has another form, or the posture cannot be reached.
+        """
+        a = self.hand
+        q, t = read_link(text, a.desk.joints)
+        self.clock.playing = False
+        if a.playback is None:
+            self._staying.add(a.name)  # a plan that is ready later does not move the robot
+        self._linked_time = t
+        self._seek_linked()
+        moved = a.desk.move_joints(q)
+        a.desk.let_go()
+        if not moved.good:
+            raise TwinError(f"the posture of the link is not reached: {moved.reason}")
+
+    def _seek_linked(self) -> None:
+        if self._linked_time is None or self.clock.duration <= 0:
+            return
+        self.clock.seek(self._linked_time)
+        self._linked_time = None
 
     def stand(self) -> None:
         """Move every robot that has a planned protocol to the protocol's state at the clock's time."""
@@ -399,6 +455,7 @@ class Front(ViewerPage):
             self.clock.duration = duration
             self.panels.ready(a)
             self.scenery.protocol_changed()
+            self._seek_linked()
             if a.name in self._staying:
                 self._staying.discard(a.name)
             else:

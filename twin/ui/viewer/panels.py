@@ -24,6 +24,9 @@ PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#9
 MOST_POSTURES = 64
 """Maximum number of postures in the list; the button "keep here" adds no posture to a full list."""
 
+TYPING = 0.6
+"""Time in s after the last change of a text at which it counts as complete."""
+
 CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 _POINTS = 400
 """Maximum number of points sent for a curve."""
@@ -107,6 +110,19 @@ class Panels:
             hint="Factor by which the errors of the points of the equations are drawn larger",
         )  # fmt: skip
 
+        self._link = gui.add_text(
+            "posture link", "", hint="q=308,502.5,...&t=3.2: joint values in mm or degrees, and the time in s"
+        )
+
+        self._link_changed: float | None = None
+
+        def linked(event: viser.GuiEvent) -> None:
+            if event.client is not None:
+                self._link_changed = front.now
+
+        self._link.on_update(linked)
+        front.after_frame.append(self._follow_link)
+
         def planned(event: viser.GuiEvent) -> None:
             if event.client is None:  # the list of another robot is shown
                 return
@@ -123,6 +139,15 @@ class Panels:
         self._ghost.on_update(lambda _: front.ask("ghost", lambda: front.show_ghost(self._ghost.value)))
         for handle in (self._equations, self._times):
             handle.on_update(lambda _: front.ask("equations", lambda: None))
+
+    def _follow_link(self) -> None:
+        """Move the robot to the posture of the link, when nobody types in its field any more."""
+        if self._link_changed is None or self.front.now - self._link_changed < TYPING:
+            return
+        self._link_changed = None
+        text = self._link.value
+        if text.strip():
+            self.front.ask("link", lambda: self.front.follow_link(text))
 
     def _list_protocols(self) -> None:
         """List the protocols of the active robot, and select the one that was loaded last."""

@@ -13,6 +13,7 @@ import io
 import json
 import threading
 import time
+import weakref
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,11 +22,13 @@ from typing import Any, ClassVar
 import viser
 import websockets.datastructures
 import websockets.exceptions
+from pydantic_core import to_json
 from viser.infra import _infra
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.ui.access.connection import Connection
 from twin.ui.access.rate_limits import GARBAGE, MESSAGES, SOCKETS, SOCKETS_OF_ONE, Bucket, ConnectionCounter
 from twin.ui.access.requests import (
@@ -59,6 +62,12 @@ POLICY = (
 
 Without this policy, a link with `?websocket=` or `?playbackPath=` could connect the page to another server.
 """
+
+_SCRIPTS = ("page_additions.js", "page_tools.js")
+"""Scripts that are added to viser's page, in order."""
+
+STATE = "/state.json"
+"""URL path of the state that `publish` stores."""
 
 _lock = threading.Lock()
 
@@ -129,11 +138,11 @@ class PageConnection(Connection):
 
 
 def with_additions(page: bytes, command: str) -> bytes:
-    """Return viser's page with the script `page_additions.js` at its end.
+    """Return viser's page with the scripts `page_additions.js` and `page_tools.js` at its end.
 
     `command` is the command line that opened the page, for the notice that the server has ended; "": not known.
     """
-    script = Path(__file__).with_name("page_additions.js").read_bytes()
+    script = b"\n".join(Path(__file__).with_name(name).read_bytes() for name in _SCRIPTS)
     # a file name may contain "</script>"
     text = json.dumps(command).replace("<", "\\u003c")
     head, end, tail = page.rpartition(b"</body>")
@@ -165,6 +174,10 @@ class ViewerAccess:
         page = Path(viser.__file__).parent / "client" / "build" / "index.html"
         content = with_additions(page.read_bytes(), command)
         self._files = {"/": File(content, "text/html; charset=utf-8", policy=POLICY)}
+
+    def publish(self, state: bytes) -> None:
+        """Store the content of `STATE`, as JSON."""
+        self._files[STATE] = File(state, "application/json")
 
     def listen(
         self,
@@ -233,9 +246,20 @@ def serve(title: str, host: str, port: int, rules: AccessRules | None = None, co
     if not access.opened:
         stop(server)
         raise TwinError(f"viser {viser.__version__} opens its port without access control: install viser 1.1")
+    _published[server] = access
     access.message_filter.set_server(server)
     access.message_filter.notify = lambda text: tell(server, title, text, bad=True)
     return server
+
+
+_published: weakref.WeakKeyDictionary[viser.ViserServer, ViewerAccess] = weakref.WeakKeyDictionary()
+
+
+def publish(server: viser.ViserServer, state: JsonObject) -> None:
+    """Store the state that the page reads at `STATE`, for pages that have a session; it replaces an earlier one."""
+    access = _published.get(server)
+    if access is not None:
+        access.publish(to_json(state))
 
 
 def tell(server: viser.ViserServer, title: str, text: str, bad: bool = False) -> None:

@@ -1,0 +1,65 @@
+"""A posture and a time as text, for the address of a page: "q=308,502.5,265&t=3.2"."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from urllib.parse import parse_qs
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.model.joint import Joint
+
+LONGEST = 200
+"""Maximum number of characters: a page sends no longer text."""
+
+
+def link_of(joints: Sequence[Joint], q: Array, t: float | None) -> str:
+    """Return joint values q (n,) in rad or m as degrees and millimetres, with a time t in s; None: no time."""
+    for digits in (6, 3, 1):
+        numbers = []
+        for joint, value in zip(joints, q, strict=True):
+            unit = DEG if joint.is_angle else MM
+            numbers.append(f"{round(float(value) / unit, digits) + 0.0:.12g}")
+        text = "q=" + ",".join(numbers)
+        if t is not None:
+            text += f"&t={t:.3f}"
+        if len(text) <= LONGEST:
+            return text
+    return ""
+
+
+def read_link(text: str, joints: Sequence[Joint]) -> tuple[Array, float | None]:
+    """Return joint values (n,) in rad or m, and the time in s (None: no time), of a text as `link_of` writes it.
+
+    Raises:
+        TwinError: the text has another form, another number of joints, or a number that is not finite.
+    """
+    found = parse_qs(text.strip().removeprefix("#"), keep_blank_values=True)
+    values = found.get("q", [""])[0].split(",")
+    names = ", ".join(f"{joint.name} [{'°' if joint.is_angle else 'mm'}]" for joint in joints)
+    if len(values) != len(joints):
+        raise TwinError(
+            f"a posture is q=NUMBER,NUMBER,... with {len(joints)} numbers ({names}), and &t=SECONDS; "
+            f"'{text[:80]}' has {len(values) if found.get('q') else 0}"
+        )
+    q = np.zeros(len(joints))
+    for k, (joint, value) in enumerate(zip(joints, values, strict=True)):
+        q[k] = _number(value, joint.name) * (DEG if joint.is_angle else MM)
+    t = None
+    if "t" in found:
+        t = max(0.0, _number(found["t"][0], "t"))
+    return q, t
+
+
+def _number(text: str, name: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TwinError(f"posture: {name} = '{text[:40]}' is not a finite number")
+    return value
