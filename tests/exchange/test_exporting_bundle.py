@@ -297,7 +297,7 @@ def test_a_smaller_budget_gives_more_keys(no_audit, run):
 def test_text_shows_rates_sizes_and_assumptions(no_audit, run):
     code, out, _ = run("export", "sils", "--to", "glb,tracks", "--protocol", SHORT, "--out", "xr")
     assert code == 0
-    for part in ("PASS", "short", "keys per second", "xr/sils.glb", "xr/tracks/", "MB in", "assumed values"):
+    for part in ("PASS", "short", "keys per second", "xr/sils.glb", "xr/tracks/", "MB in", "Assumed values"):
         assert part in out, part
 
 

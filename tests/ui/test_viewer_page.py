@@ -514,6 +514,8 @@ def test_links_are_named_measured_and_fitted_and_a_link_opens_the_posture(sils):
     shown = float(page.locator(".twin-measure").get_attribute("data-mm"))
     assert shown == pytest.approx(np.linalg.norm(points[1] - points[0]) / MM, rel=2e-3)  # a pixel is about 1 mm
     page.locator("[data-id=measure]").click()
+    camera = look.clients[0].camera
+    first_view = camera.position.copy(), camera.look_at.copy()
     control = "window.__viserMutable.cameraControl.distance"
     before = page.evaluate(control)
     page.mouse.dblclick(*first)
@@ -523,7 +525,6 @@ def test_links_are_named_measured_and_fitted_and_a_link_opens_the_posture(sils):
     page.locator("[data-id=view-top]").click()
 
     def is_above():
-        camera = look.clients[0].camera
         away = camera.position - camera.look_at
         return away[2] > 0.99 * np.linalg.norm(away)
 
@@ -538,6 +539,8 @@ def test_links_are_named_measured_and_fitted_and_a_link_opens_the_posture(sils):
     page.evaluate(f"location.hash = '{link}'")
     until(lambda: np.allclose(desk.assembly.q, wanted, rtol=0, atol=1e-9), "the posture of the link")
     assert page.evaluate("location.hash") == ""
+    camera.position, camera.look_at = first_view
+    until(lambda: np.allclose(camera.position, first_view[0], atol=1e-3), "the view before")
 
 
 def test_a_turntable_is_a_moving_picture(sils, monkeypatch):

@@ -142,7 +142,8 @@ def _report(case: Case, out: EquationsComparison, findings: list[Finding], parts
         reasons = _reasons(kin)
         parameters += kin.formula.parameters
     parameters += mechanism.parameters
-    parameters += case.protocol.parameters()
+    of_protocol = tuple(case.protocol.parameters())
+    parameters += of_protocol
     parameters += case.cad.dimensions
     return Report(
         robot=mechanism.name,
@@ -156,6 +157,7 @@ def _report(case: Case, out: EquationsComparison, findings: list[Finding], parts
         findings=tuple(findings),
         phases=case.clock.phases,
         parameters=tuple(parameters),
+        of_protocol=of_protocol,
         facts=out.facts,
         tables=out.tables,
         environment=_environment(case, parts),

@@ -12,7 +12,7 @@ from typing import Literal
 from twin.core.findings import Finding, Kind, by_severity
 from twin.core.format import quantity
 from twin.core.json_types import JsonObject
-from twin.core.provenance import Parameter
+from twin.core.provenance import AssumedCounts, Parameter, count_assumed
 from twin.core.quantity import si
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
@@ -176,6 +176,7 @@ class Report(Result):
         findings: findings of all checks (CAD, protocol, comparison, stage, clearance); they determine the verdict.
         phases: phases of the protocol.
         parameters: parameters of equations, mechanism, protocol and CAD, with provenance.
+        of_protocol: those of `parameters` that are the protocol's.
         facts: {heading: {name: short text}}, such as mobility, mass and sample rates.
         tables: {heading: table of text}, such as the methods for tip and trocar.
         environment: software versions and machine.
@@ -213,6 +214,7 @@ class Report(Result):
     cure: str = ""
     angles: frozenset[str] = frozenset()
     tables: Mapping[str, TextTable] = field(default_factory=dict)
+    of_protocol: tuple[Parameter, ...] = ()
 
     kind = "report"
 
@@ -258,6 +260,13 @@ class Report(Result):
         """The parameters with provenance ASSUMED (not published)."""
         return tuple(p for p in self.parameters if p.provenance == "ASSUMED")
 
+    @property
+    def assumed_counts(self) -> AssumedCounts:
+        """Numbers of assumed values, as all pages and commands count them."""
+        everything = count_assumed(self.parameters)
+        of_protocol = count_assumed((), self.of_protocol).protocol
+        return AssumedCounts(everything.robot - of_protocol, of_protocol, everything.drawing)
+
     def content(self) -> JsonObject:
         """Return the report as plain data, without the curves (`series`)."""
         return {
@@ -300,8 +309,8 @@ class Report(Result):
             yield table
             yield ""
         if self.assumed:
-            count = len(self.assumed)
-            yield f"  {count} assumed values (unpublished) are listed in the report and by `twin info --all`."
+            counts = self.assumed_counts
+            yield f"  Assumed values (unpublished): {counts}; see the report, or `twin info --all`."
 
     def _without_cause(self) -> list[Finding]:
         """Return the findings above "info" that no cause contains, the most severe first."""

@@ -99,11 +99,9 @@ class Bundle(Result):
             yield ""
         yield TextTable((), self._sizes())
         yield f"\n  {self.size / 1e6:.1f} MB in {len(self.files)} files; {len(self.checks)} checks in proof.json"
-        assumed = len(self.order.assumed)
-        for clip in self.order.clips:
-            assumed += len(clip.assumed)
-        if assumed:
-            yield f"  {assumed} assumed values (unpublished) are listed in README.txt."
+        counts = self.order.assumed_counts
+        if str(counts):
+            yield f"  Assumed values (unpublished): {counts}; see README.txt."
 
     def _sizes(self) -> list[tuple[str, str]]:
         """Return (path, size) of the files in the export folder, and of its folders with all that they contain."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from twin.core.assets import RobotFiles
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.findings import Finding, warning
 from twin.core.foreign.once import Read
-from twin.core.provenance import Parameter
+from twin.core.provenance import DRAWING, AssumedCounts, Parameter, count_assumed
 from twin.core.spatial import Array
 from twin.exchange.write.clip import Clip, ClipAccuracy, make_clip
 from twin.kinematics.compile import Kinematics
@@ -26,9 +26,6 @@ from twin.planning.trajectory import Trajectory
 
 _KINDS = {".toml": "TOML", ".step": "STEP", ".stp": "STEP", ".py": "text"}
 """Format for each suffix of source files whose bytes the robot's reader keeps; bytes of mesh files are not kept."""
-
-_DRAWN = "drawing."
-"""Prefix of the names of lengths that affect only the appearance of parts."""
 
 Progress = Callable[[str, float], None]
 Plan = Callable[..., Trajectory]
@@ -70,6 +67,7 @@ class Order:
         findings: findings on the robot.
         equations: the compiled equations; None if there are none.
         gaps: (lower joint, upper joint, minimum distance in m) of joints on one rail.
+        numbers: parameters of the robot and of its drawing.
     """
 
     mechanism: Mechanism
@@ -82,6 +80,13 @@ class Order:
     findings: tuple[Finding, ...]
     equations: Kinematics | None = None
     gaps: tuple[tuple[str, str, float], ...] = ()
+    numbers: tuple[Parameter, ...] = ()
+
+    @property
+    def assumed_counts(self) -> AssumedCounts:
+        """Numbers of assumed values, as all pages and commands count them."""
+        motions = sum(len(clip.assumed) for clip in self.clips)
+        return replace(count_assumed(self.numbers), protocol=motions)
 
     @property
     def clips(self) -> tuple[Clip, ...]:
@@ -177,6 +182,7 @@ def order(
         tuple(findings),
         equations,
         robot.gaps,
+        tuple(numbers),
     )
 
 
@@ -268,8 +274,9 @@ def _of_file(robot: Robot, path: Path, progress: Progress) -> Order:
     """Return the mechanism of a description file, without motion."""
     progress(f"read {path.name}", 0.0)
     mechanism = robot.mechanism
-    numbers = _assumed(mechanism.parameters)
-    return Order(mechanism, (), (), ((path.name, _sha256(path)),), numbers, mechanism.name, path.name, ())
+    lines = _assumed(mechanism.parameters)
+    sources = ((path.name, _sha256(path)),)
+    return Order(mechanism, (), (), sources, lines, mechanism.name, path.name, (), numbers=tuple(mechanism.parameters))
 
 
 def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]:
@@ -292,14 +299,14 @@ def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
     for parameter in parameters:
         if parameter.provenance != "ASSUMED":
             continue
-        if parameter.name.startswith(_DRAWN):
+        if parameter.name.startswith(DRAWING):
             drawn += 1
         else:
             line = f"{parameter.name} = {parameter.shown:g} {parameter.unit}: {parameter.note}"
             lines.append(" ".join(line.split()))
     if drawn:
         lines.append(
-            f"{_DRAWN}*: {drawn} lengths that affect only the appearance of parts (`twin info --all` lists them)"
+            f"{DRAWING}*: {drawn} lengths that affect only the appearance of parts (`twin info --all` lists them)"
         )
     return tuple(dict.fromkeys(lines))  # each line once, in this order
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -76,9 +76,14 @@ def describe(
         "has_equations": desk.kin is not None,
         "has_workspace": desk.kin is not None and desk.kin.closed_inverse,
         "scenery": scenery,
-        "assumed": assumptions(m.parameters),
+        "assumed": assumptions([*_equations(desk), *m.parameters]),
         "T_world_base": pose(T_world_base),
     }
+
+
+def _equations(desk: Desk) -> Sequence[Parameter]:
+    """Return the parameters of the equations; none without equations."""
+    return () if desk.kin is None else desk.kin.formula.parameters
 
 
 def assumptions(parameters: Iterable[Parameter]) -> list[str]:

@@ -135,7 +135,7 @@ def not_judged(report: Report) -> list[str]:
             texts.append(f"{finding.where or finding.code}: {finding.message}")
     texts = texts[:4]
     if report.assumed:
-        texts.append(f"whether the {fmt.count(len(report.assumed), 'assumed value')} are those of a built robot")
+        texts.append(f"whether the assumed values are those of a built robot: {report.assumed_counts}")
     texts.append(_KINEMATIC)
     return texts
 

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ import numpy as np
 from twin.core import format as fmt
 from twin.core.findings import Finding, by_severity
 from twin.core.json_types import JsonObject
-from twin.core.provenance import Parameter
+from twin.core.provenance import DRAWING, Parameter
 from twin.ui.report import curves
 from twin.ui.report.answers import answers, not_judged, times_limit
 from twin.ui.report.matrix import PAIRS, label, pair_names
@@ -201,8 +202,10 @@ def key_figures(report: Report) -> list[dict[str, str]]:
         _key_figure("Duration", fmt.seconds(length), phases),
     ]
     if report.parameters:
-        parameters = fmt.count(len(report.parameters), "parameter")
-        assumed = _key_figure("Assumed", str(len(report.assumed)), f"of {parameters}")
+        counts = report.assumed_counts
+        others = replace(counts, robot=0)
+        note = "of the robot" + (f"; {others}" if str(others) else "")
+        assumed = _key_figure("Assumed", str(counts.robot), note)
         out.append(assumed | {"link": "#parameters"})
     return out
 
@@ -408,7 +411,7 @@ def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
     drawn = []
     others = []
     for parameter in sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance)):
-        if parameter.name.startswith("drawing."):
+        if parameter.name.startswith(DRAWING):
             drawn.append(parameter)
         else:
             others.append(parameter)
