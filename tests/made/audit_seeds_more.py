@@ -865,6 +865,13 @@ def fewer_normals(glb) -> None:
     glb.document["accessors"][attributes["NORMAL"]]["count"] -= 3
 
 
+def cut_off(glb) -> None:
+    glb.document["materials"][0].update(alphaMode="MASK", alphaCutoff=2.0)
+
+
+listed_ratio = text("usd/physics.usda", r"(dictionary couplings = \{[\s\S]*?double \w+ = )(-?)\d", r"\1\g<2>7")
+more("USD: coupling listed otherwise", listed_ratio, "coupling", r"\.usd")
+more("GLB: material cut off", glb(cut_off), "alphaCutoff", r"\.glb")
 more("GLB: normals missing", glb(fewer_normals), "NORMAL has", r"\.glb")
 more("GLB: scene empty", glb(scene_empty), "scene", r"\.glb")
 

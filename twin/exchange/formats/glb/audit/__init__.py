@@ -219,6 +219,10 @@ def _check_materials(file: Gltf) -> None:
         if alpha < 1 and spec.get("alphaMode", "OPAQUE") == "OPAQUE":
             text = f"material '{name}' has alpha {alpha:.3g} but no alphaMode: it is shown opaque."
             file.ledger.wrong("gltf.alpha", text, name, size=Measured(alpha, 1.0), suggestion='write alphaMode "BLEND"')
+        cutoff = float(numbers([spec.get("alphaCutoff", 0.5)], 1, f"{name}: alphaCutoff")[0])
+        if spec.get("alphaMode") == "MASK" and alpha < cutoff:
+            text = f"material '{name}' has alpha {alpha:.3g}, below its alphaCutoff {cutoff:.3g}: it is not shown."
+            file.ledger.wrong("gltf.alpha", text, name, size=Measured(alpha, cutoff))
 
 
 def _base_color(pbr: JsonObject, name: str) -> Array:

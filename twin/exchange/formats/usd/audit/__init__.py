@@ -20,6 +20,7 @@ from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
+from twin.exchange.audit.compare_physics import solved
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.meshes import check_mesh, joined
@@ -84,6 +85,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
                 hidden[name] = False
         content.physics.shown = hidden
         _check_cones(stage, content.physics, ledger)
+        _check_couplings(stage, content.physics, ledger)
         check_drive_targets(stage, content.rest, content.physics, world.meters, ledger, moving=len(codes) > 0)
     else:
         content.shapes, content.colors = _shapes(prims, None, world, ledger)
@@ -242,6 +244,25 @@ def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None
             shown = f"{stated * 180 / np.pi:.6g} deg, but its parameter is {expected * 180 / np.pi:.6g} deg"
             text = f"joint '{name}' has a cone of {shown}."
             ledger.wrong("usd.cone", text, name, suggestion="export the stage again")
+
+
+def _check_couplings(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None:
+    """Compare the couplings that the stage lists for twin with those that it states for physics engines."""
+    listed: dict[str, tuple[dict[str, float], float]] = {}
+    for name, coupling in (stage.GetDefaultPrim().GetCustomDataByKey("twin:couplings") or {}).items():
+        listed[name] = (dict(coupling["ratios"]), float(coupling["total"]))
+    stated = physics.couplings or {}
+    if len(listed) != len(stated):  # engines cannot hold every coupling
+        return
+    for_engines = solved(stated)
+    for joint, (ratios, total) in solved(listed).items():
+        others, other_total = for_engines.get(joint, ({}, 0.0))
+        off = abs(total - other_total)
+        for name in {*ratios, *others}:
+            off = max(off, abs(ratios.get(name, 0.0) - others.get(name, 0.0)))
+        if off > 1e-5:  # engines get single precision
+            text = f"the coupling of joint '{joint}' in the list for twin is not that for physics engines."
+            ledger.wrong("usd.coupling", text, joint, suggestion="export the stage again")
 
 
 def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
