@@ -18,7 +18,7 @@ import twin
 from made.lanes import thinned
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import MM
-from twin.kinematics import singularity
+from twin.kinematics import conditioning
 from twin.kinematics.closed_loops.dragging import Bound
 from twin.ui.session import workspace_cloud
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, evaluate, poses
@@ -176,11 +176,11 @@ def test_condition_numbers_of_many_are_those_of_single_ones():
         S = np.zeros((40, *shape))
         S[:, np.arange(n), np.arange(n)] = np.geomspace(1, np.geomspace(1, 1e-12, 40), n, axis=-1)
         J = U @ S @ V
-        np.testing.assert_allclose(singularity.condition_many(J)[:25], np.linalg.cond(J)[:25], rtol=1e-7)
-        np.testing.assert_allclose(singularity.condition_many(J), np.linalg.cond(J), rtol=1e-2)
+        np.testing.assert_allclose(conditioning.condition_many(J)[:25], np.linalg.cond(J)[:25], rtol=1e-7)
+        np.testing.assert_allclose(conditioning.condition_many(J), np.linalg.cond(J), rtol=1e-2)
     J = np.stack([np.zeros((6, 6)), np.full((6, 6), np.nan), np.diag([1.0, 1, 1, 1, 1, 0]), np.eye(6)])
-    np.testing.assert_array_equal(singularity.condition_many(J), [np.inf, np.inf, np.inf, 1])
-    assert singularity.condition_many(J[:0]).shape == (0,)
+    np.testing.assert_array_equal(conditioning.condition_many(J), [np.inf, np.inf, np.inf, 1])
+    assert conditioning.condition_many(J[:0]).shape == (0,)
 
 
 # --------------------------------------------------------------------------------- what cannot be

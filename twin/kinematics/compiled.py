@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.formula import flow
 from twin.formula.contract import Formula
 from twin.formula.program import POSE_TOL, Program
-from twin.kinematics import singularity
+from twin.kinematics import conditioning
 
 ExtraJoint = tuple[int, str, bool, float]
 """An auxiliary joint: (index in q, name, whether it is an angle, value that the inverse returns, in rad or m)."""
@@ -145,7 +145,7 @@ class Compiled(ABC):
         """
         if self.closed_inverse:
             return self.program.inverse_jacobian.many(self._states(Ts, qs))
-        return singularity.invert_many(self.program.forward_jacobian.many(self._states(Ts, qs)))
+        return conditioning.invert_many(self.program.forward_jacobian.many(self._states(Ts, qs)))
 
     def jacobian(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> Array:
         """Return the Jacobian (6, n), tool twist per joint rates, at the pose T or at q.
@@ -163,7 +163,7 @@ class Compiled(ABC):
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
         """Return the Jacobians (k, 6, n), tool twist per joint rates; NaN at singularities."""
         if not self.closed_forward:
-            return singularity.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
+            return conditioning.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
         # The forward equations need q, also in a formula whose other functions start from poses.
         q = self.inverse_many(_given(Ts)) if qs is None else self._joints(qs)
         return self.program.forward_jacobian.many(q)
@@ -219,7 +219,7 @@ class Compiled(ABC):
         else:
             J = self.inverse_jacobian_many(Ts, qs)
             J[:, :, 3:] /= self.characteristic_length
-        return singularity.condition_many(J)
+        return conditioning.condition_many(J)
 
     def why(self, T: Array) -> str:
         """Return a text: the line of a formula file whose result at a pose (4, 4) is NaN or infinite, and the cause.

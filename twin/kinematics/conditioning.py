@@ -6,7 +6,10 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-_WELL = 1e-8
+_SINGULAR = 1e15
+"""Condition number from which a matrix is singular within the rounding of doubles."""
+
+_EIGENVALUES_SUFFICE = 1e-8
 """Squared inverse condition number above which the eigenvalues of J J^T are accurate to eight digits."""
 
 
@@ -26,7 +29,7 @@ def condition_many(Js: Array) -> Array:
     squares = np.linalg.eigvalsh(product)
     smallest = squares[:, 0]
     largest = squares[:, -1]
-    well = smallest > _WELL * largest
+    well = smallest > _EIGENVALUES_SUFFICE * largest
     out[good[well]] = np.sqrt(largest[well] / smallest[well])
 
     singular_values = np.linalg.svd(J[~well], compute_uv=False)
@@ -38,18 +41,23 @@ def condition_many(Js: Array) -> Array:
 
 
 def invert_many(Js: Array) -> Array:
-    """Return the inverses (pseudo-inverses if not square) of Js (k, m, n); NaN for singular matrices."""
+    """Return the inverses (k, n, m) of Js (k, m, n), pseudo-inverses if not square; NaN if singular or not finite.
+
+    Each matrix is judged by itself, whatever the others of the batch are.
+    """
     out = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)
-    good = np.isfinite(Js).all(axis=(1, 2))
-    if not good.any():
-        return out
+    good = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
     if Js.shape[1] != Js.shape[2]:
-        out[good] = np.linalg.pinv(Js[good])
+        regular = good[condition_many(Js[good]) < _SINGULAR]
+        out[regular] = np.linalg.pinv(Js[regular])
         return out
     try:
         out[good] = np.linalg.inv(Js[good])
     except np.linalg.LinAlgError:  # one exactly singular matrix causes this error for the whole batch
-        for i in np.flatnonzero(good):
+        for i in good:
             if np.linalg.matrix_rank(Js[i]) == Js.shape[1]:
                 out[i] = np.linalg.inv(Js[i])
+    # the product of the Frobenius norms is at least the condition number, and at most n times as large
+    sizes = np.linalg.norm(Js, axis=(1, 2)) * np.linalg.norm(out, axis=(1, 2))
+    out[~(sizes < _SINGULAR)] = np.nan
     return out
