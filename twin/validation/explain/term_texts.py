@@ -89,6 +89,8 @@ def factors(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     for coefficient, text in _products(wanted, atoms):
         if equal(np.array([coefficient]), np.ones(1)):
             yield text
+        elif equal(np.array([coefficient]), np.full(1, 2.0)):
+            yield f"2 * {text}"
     yield from _differences(wanted, atoms)
 
 
