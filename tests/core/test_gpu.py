@@ -378,6 +378,23 @@ def test_the_driver_computes_or_takes_the_arguments():
             work()
 
 
+def test_importing_twin_loads_nothing_of_it():
+    code = "import sys, twin; print([m for m in sys.modules if m.startswith(('cuda', 'llvmlite', 'twin.core.gpu'))])"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.slow
+def test_the_benchmark_says_that_there_is_no_gpu():
+    found, reason = gpu.found()
+    if found is not None:
+        pytest.skip(f"there is a GPU, {found.name}")
+    script = Path(__file__).parents[1] / "benchmarks/gpu.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert f"NO GPU: {reason}. Nothing was measured." in done.stderr
+
+
 @pytest.mark.nightly
 def test_the_benchmark_can_be_rehearsed(tmp_path):
     script = Path(__file__).parents[1] / "benchmarks/gpu.py"

@@ -81,3 +81,26 @@ def test_contenders_take_turns(bench):
     assert [r.name for r in table.rows] == ["a", "b"]
     turns = [n for n, before in zip(order, ["", *order], strict=False) if n != before]
     assert "".join(turns[-10:]) == "ab" * 5
+
+
+def test_one_topic_is_put_into_the_page_and_the_others_stay(bench, monkeypatch, tmp_path):
+    race, pages = bench
+    page = tmp_path / "benchmarks.md"
+    page.write_text("# Benchmarks\n\nBy hand.\n\n")
+    monkeypatch.setattr(pages, "PAGE", page)
+    with pytest.raises(AssertionError, match="no line with the date"):
+        pages.head()
+    page.write_text("# Benchmarks\n\nBy hand.\n\n2026-01-01, a machine\n")
+    both = results(race, 50.0) | {"timing": results(race, 7.0)["loops"]}
+    page.write_text(pages.markdown(both, pages.here(), "picture.png", short=False))
+    before = page.read_text()
+    pages.renew(results(race, 44.0), pages.here(), short=False)
+    after = page.read_text()
+    assert after.startswith("# Benchmarks\n\nBy hand.\n\n")
+    assert "| loops: warm | peer | 44× |" in after
+    assert "| loops: warm | peer | 50× |" not in after
+    assert "| timing: warm | peer | 7× |" in after
+    assert after[after.index("## timing") :] == before[before.index("## timing") :]
+    pages.renew({"new": results(race, 3.0)["loops"]}, pages.here(), short=True)
+    assert "## new\n\nRecorded apart from the other topics (short form" in page.read_text()
+    assert page.read_text().count("| new: warm | peer | 3× |") == 1
