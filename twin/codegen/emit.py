@@ -7,7 +7,7 @@ NaN.
 
 A product that is added or subtracted is fused with the sum, which avoids a rounding. This is done here, not by LLVM,
 which would choose between two products differently for each target: so a sample has the same result, bit for bit, in
-vectors of any width, whatever its neighbours, and on a graphics processor.
+vectors of any width, whatever its neighbours, and on a graphics processor that rounds as IEEE 754 prescribes.
 
 An exact kernel has one lane and fuses no operations. It rounds after each operation and calls the functions of the C
 library, so that its results equal those of CasADi's interpreter bit for bit.
