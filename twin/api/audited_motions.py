@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from twin.api.path_samples import sampled
 from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
 from twin.reference import ReferenceModel
+
+if TYPE_CHECKING:
+    from twin.model.mechanism import Mechanism
+    from twin.proof.motion.path import TimedPath
 
 
 class SampledMotions:
@@ -31,8 +35,8 @@ class SampledMotions:
         Both are NaN if no sample is a number, as the distance from an RCM that no phase has.
 
         Raises:
-            TwinError: the robot has no such protocol, or it cannot be planned; or its file is not the one that was
-                proved.
+            TwinError: the robot has no such protocol, or it cannot be planned; or its file, the path or the joints in
+                the entry are not those that were proved.
         """
         name = str(entry["protocol"])
         protocol = self.robot.protocol(name)
@@ -45,6 +49,9 @@ class SampledMotions:
         mechanism = robot.mechanism
         T_tool_frame = mechanism.frame_in_tool(trajectory.frame)
         path = timed_path(trajectory, protocol, robot.path_kinematics(), T_tool_frame)
+        if "path" in entry:
+            _compare_path(entry["path"]["phases"], path)
+            _compare_joints(entry["mechanism"], mechanism)
         values = sampled(ReferenceModel(mechanism), trajectory, path).values
         found = {}
         for key, numbers in values.items():
@@ -54,3 +61,38 @@ class SampledMotions:
             smallest, largest = (float(known.min()), float(known.max())) if len(known) else (math.nan, math.nan)
             found[key] = smallest, largest, unknown
         return found
+
+
+def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
+    """Raise an error unless the phases of a certificate are those of a planned path."""
+    if [phase["name"] for phase in phases] != [phase.name for phase in path.phases]:
+        raise TwinError("its phases are not those of the plan")
+    for stated, phase in zip(phases, path.phases, strict=True):
+        pairs = [
+            (np.array(stated["series"], float).T, phase.coefficients),
+            (np.array(stated["grid"], float), phase.grid),
+            (np.array(stated["rates"], float), phase.rates),
+            (np.array([stated["tip_speed"], stated["rotation_speed"]]), [phase.tip_speed, phase.rotation_speed]),
+        ]
+        rcm = stated["rcm"]
+        same = stated["enforced"] == phase.enforced and (rcm is None) == (phase.rcm is None)
+        if rcm is not None and phase.rcm is not None:
+            pairs.append((np.array(rcm, float), phase.rcm))
+        for one, other in pairs:
+            same = same and np.shape(one) == np.shape(other) and np.allclose(one, other, rtol=1e-9, atol=1e-9)
+        if not same:
+            raise TwinError(f"phase '{phase.name}' is not that of the plan")
+
+
+def _compare_joints(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
+    """Raise an error unless the joints of a certificate are those of a mechanism."""
+    joints = [*stated["tree"], *stated["loops"]]
+    names = [joint.name for joint in (*mechanism.tree, *mechanism.loops)]
+    if [joint["name"] for joint in joints] != names or len(stated["couplings"]) != len(mechanism.couplings):
+        raise TwinError("its joints are not those of the CAD")
+    for joint in joints:
+        own = mechanism.joint(joint["name"])
+        frames = ((joint["on_parent"], own.T_parent_joint), (joint["on_child"], own.T_child_joint))
+        same = (joint["type"], joint["parent"], joint["child"]) == (own.type, own.parent, own.child)
+        if not same or any(not np.array_equal(np.array(one, float), other[:3]) for one, other in frames):
+            raise TwinError(f"joint {own.name} is not that of the CAD")

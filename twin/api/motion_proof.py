@@ -67,6 +67,7 @@ class ProvedMotion:
         digest: SHA-256 of the protocol's file; "" without a file.
         findings: a disagreement for each refuted claim, an error for each claim and each distance that is not proved.
         open_phases: {phase: why no distance was found in it}; an empty reason if no two bodies are compared.
+        certificate: path, mechanism and bounds for docs/check_motion.py and the audit; None if nothing is proved.
     """
 
     proof: MotionProof
@@ -75,6 +76,7 @@ class ProvedMotion:
     digest: str
     findings: tuple[Finding, ...]
     open_phases: Mapping[str, str] = field(default_factory=dict)
+    certificate: JsonObject | None = None
 
     @property
     def protocol(self) -> str:
@@ -226,6 +228,7 @@ def prove_motion(
     """
     from twin.api.judge import plan
     from twin.proof.motion.motion_prover import prove_motion as prove_on_path
+    from twin.proof.motion_certificate import motion_certificate
     from twin.reference import ReferenceModel
 
     protocol = robot.protocol(name)
@@ -252,7 +255,9 @@ def prove_motion(
         digest = hashlib.sha256(file.read_bytes()).hexdigest()
     motion = ProvedMotion(proof, samples, clearances, digest, (), open_phases)
     findings = (*_findings(motion), *_clearance_findings(motion))
-    return ProvedMotion(proof, samples, clearances, digest, findings, open_phases)
+    about = {"robot": robot.name, "protocol": protocol.name, "protocol_sha256": digest, "files": robot.hashes()}
+    certificate = motion_certificate(mechanism, path, proof, about)
+    return ProvedMotion(proof, samples, clearances, digest, findings, open_phases, certificate)
 
 
 def timed_path(

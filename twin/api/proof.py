@@ -107,9 +107,13 @@ class Proved(Result):
         return certificate(self.proof, self.robot, self.variants, self.files, entries)
 
     def write(self, folder: Path) -> None:
-        """Write the certificate."""
+        """Write the certificate, and one of each protocol."""
         text = json.dumps(self.certificate(), ensure_ascii=True, allow_nan=False)
         (folder / "certificate.json").write_text(text, encoding="ascii")
+        for motion in self.motions:
+            if motion.certificate is not None:
+                text = json.dumps(motion.certificate, ensure_ascii=True, allow_nan=False)
+                (folder / f"motion-{motion.protocol}.json").write_text(text, encoding="ascii")
 
     def text(self) -> Iterator[Part]:
         """Yield the table of the claims, what they rest on, the findings and the verdict."""

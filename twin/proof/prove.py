@@ -437,7 +437,7 @@ def _with_branches(proof: Proof, report: BranchReport) -> Proof:
             f"{', '.join(report.open[:_OPEN_CONDITIONS])}"
         )
         if len(report.open) > _OPEN_CONDITIONS:
-            reason += " and others"
+            reason += f" and {len(report.open) - _OPEN_CONDITIONS} more, each in the JSON of the result"
         claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
     if report.silent:
         sentence = "no result without a claim has other values at few poses"

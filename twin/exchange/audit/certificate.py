@@ -19,6 +19,8 @@ from typing import Any, Protocol
 from twin.core.errors import TwinError
 from twin.exchange.audit.bounds_certificate import SCHEMA as BOUNDS
 from twin.exchange.audit.bounds_certificate import audit_bounds
+from twin.exchange.audit.motion_certificate import SCHEMA as MOTION
+from twin.exchange.audit.motion_certificate import audit_motion_bounds
 from twin.exchange.audit.report import AuditReport, Ledger, finished
 from twin.exchange.audit.workspace_certificate import SCHEMA as WORKSPACE
 from twin.exchange.audit.workspace_certificate import audit_workspace
@@ -45,6 +47,12 @@ _MOST_STATES = 2000
 
 SAMPLED = 1e-8
 """Part by which a sample may be beyond a bound: errors of solvers, and of the series of a plan."""
+
+TOUCHING = 1e-12
+"""Distance in m or rad by which a joint may be beyond its limit."""
+
+SPEED_EXCESS = 1e-3
+"""Part by which a speed may exceed its limit, as the samples of a plan."""
 
 _BEGINNING = 200
 """Number of bytes in which a certificate says what it is."""
@@ -99,6 +107,15 @@ def audit_certificate(
         elif data["schema"] == WORKSPACE:
             ledger.tool = "Newton's method at random points"
             audit_workspace(data, ledger)
+        elif data["schema"] == MOTION:
+            ledger.tool = "Newton's method at random times"
+            audit_motion_bounds(data, ledger)
+            bounds = [bound for bound in data["bounds"] if bound["kind"] != "determinant"]
+            if samples is None:
+                _judge_limits(str(data["protocol"]), bounds, ledger)
+            else:
+                _judge_motion({**data, "proved": bounds}, samples, ledger)
+            ledger.add("certificate.motion", "info", f"not in it: {'; '.join(map(str, data['not_in_it']))}")
         else:
             _judge(data, ledger)
         motions = data.get("motions", ())
@@ -117,7 +134,7 @@ def audit_certificate(
 def _read(path: Path) -> dict[str, Any]:
     """Return the content of a certificate whose hash is that of its content."""
     data = json.loads(path.read_text(encoding="utf-8"))
-    known = (SCHEMA, BOUNDS, WORKSPACE)
+    known = (SCHEMA, BOUNDS, WORKSPACE, MOTION)
     if data["schema"] not in known:
         raise TwinError(
             f"{path}: schema {data['schema']!r} is none of {', '.join(known)}: use the version of twin that wrote it"
@@ -190,12 +207,11 @@ def _judge_motion(motion: Mapping[str, Any], samples: MotionSamples, ledger: Led
         return
     worst = 0.0
     missing = []
+    _judge_limits(name, motion["proved"], ledger)
     for row in motion["proved"]:
         what = f"{row['kind']} {row['value']}"
         if ("at least" in row) == ("at most" in row):
             raise ValueError(f"{name}: {what} has not either a lower or an upper bound")
-        if "limit" in row and not _within_limit(row):
-            ledger.wrong("certificate.wrong", f"{name}: {what}: its bound is beyond its limit {row['limit']}", name)
         if (row["kind"], row["value"]) not in extremes:
             # every value that is proved is sampled: a value of another name would hide its bound
             ledger.add("certificate.motion", "error", f"{name}: there is no {what} to sample", name)
@@ -218,11 +234,22 @@ def _judge_motion(motion: Mapping[str, Any], samples: MotionSamples, ledger: Led
         ledger.add("certificate.motion", "info", f"{name}: not sampled: {', '.join(missing)}", name)
 
 
+def _judge_limits(name: str, rows: Sequence[Mapping[str, Any]], ledger: Ledger) -> None:
+    """Add a finding for each bound that is beyond its limit."""
+    for row in rows:
+        if "limit" in row and not _within_limit(row):
+            text = f"{name}: {row['kind']} {row['value']}: its bound is beyond its limit {row['limit']}"
+            ledger.wrong("certificate.wrong", text, name)
+
+
 def _within_limit(row: Mapping[str, Any]) -> bool:
-    """Return whether the bound of a row is within its limit."""
+    """Return whether the bound of a row is within its limit: a speed may exceed it by 1/1000, a joint by rounding."""
+    limit = float(row["limit"])
     if "at least" in row:
-        return float(row["at least"]) >= float(row["limit"])
-    return float(row["at most"]) <= float(row["limit"])
+        return float(row["at least"]) >= limit - TOUCHING
+    if str(row["kind"]).endswith("speed"):
+        limit *= 1.0 + SPEED_EXCESS
+    return float(row["at most"]) <= limit
 
 
 def _place(i: int, values: Sequence[Number]) -> int:

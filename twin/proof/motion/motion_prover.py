@@ -7,7 +7,7 @@ the mechanism of the CAD carries them, with closed loops. Its numbers are taken 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.proof.motion.closure import Poses, closed_linkage, connected, nodes
+from twin.proof.motion.closure import ClosedLinkage, Poses, closed_linkage, connected, nodes
 from twin.proof.motion.linkage import Linkage, supported
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import DEEPEST, OVERLAP, Pieces, first_pieces
@@ -100,6 +100,28 @@ class MotionCurve:
 
 
 @dataclass(frozen=True)
+class PredictedPieces:
+    """The predictions around which the motion was enclosed, for a certificate; whoever reads it proves them again.
+
+    Attributes:
+        phase: (N,) index of the phase of each piece.
+        first, last: (N,) its ends in s.
+        coordinates: (order + 1, N, m) coefficients of all coordinates, in powers of x in [-1, 1] on the piece.
+        balls: {ball joint: coefficients (order + 1, N, 3, 3) of its rotation}.
+        jacobian: (N, rows, passive) derivatives of the loops' gaps in the middle of the pieces; None without loops.
+        proved: whether one motion is proved from start to end.
+    """
+
+    phase: np.ndarray
+    first: Array
+    last: Array
+    coordinates: Array
+    balls: Mapping[str, Array]
+    jacobian: Array | None
+    proved: bool
+
+
+@dataclass(frozen=True)
 class MotionProof:
     """Claims along one protocol.
 
@@ -110,6 +132,7 @@ class MotionProof:
         pieces: number of pieces on which the mechanism was enclosed.
         cells: number of intervals of time.
         duration: of the protocol in s.
+        predicted: what a certificate needs of the pieces; None if nothing was enclosed.
     """
 
     protocol: str
@@ -118,6 +141,7 @@ class MotionProof:
     pieces: int
     cells: int
     duration: float
+    predicted: PredictedPieces | None = None
 
     def count(self, status: str) -> int:
         """Return the number of claims with a status."""
@@ -133,6 +157,7 @@ class _Round:
     found: list[Enclosure]
     closed: np.ndarray
     goes_on: np.ndarray
+    linkage: ClosedLinkage | None = None
 
 
 def prove_motion(
@@ -193,7 +218,7 @@ def _judged(linkage: Linkage, path: TimedPath, pieces: Pieces, states: States) -
     goes_on = np.ones(max(len(pieces) - 1, 0), bool)
     if linkage.closes:
         goes_on = connected(closed, linkage, border, -border)
-    return _Round(pieces, cells, found, closed.closed, goes_on)
+    return _Round(pieces, cells, found, closed.closed, goes_on, closed)
 
 
 def _to_halve(judged: _Round, possible: np.ndarray, possible_open: np.ndarray) -> np.ndarray:
@@ -266,7 +291,32 @@ def _proof(path: TimedPath, judged: _Round) -> MotionProof:
         curves[enclosure.group, enclosure.name] = MotionCurve(times, low, high)
     last = path.phases[-1]
     duration = last.start + last.duration
-    return MotionProof(path.protocol, tuple(claims), curves, len(judged.pieces), len(cells.piece), duration)
+    return MotionProof(
+        protocol=path.protocol,
+        claims=tuple(claims),
+        curves=curves,
+        pieces=len(judged.pieces),
+        cells=len(cells.piece),
+        duration=duration,
+        predicted=_predicted(judged),
+    )
+
+
+def _predicted(judged: _Round) -> PredictedPieces | None:
+    """Return the predictions of the last round."""
+    if judged.linkage is None:
+        return None
+    jacobian = judged.linkage.jacobian
+    first, last = judged.pieces.ends
+    return PredictedPieces(
+        phase=judged.pieces.phase,
+        first=first,
+        last=last,
+        coordinates=judged.linkage.prediction.c,
+        balls={name: R.c for name, R in judged.linkage.balls.items()},
+        jacobian=None if jacobian is None else jacobian.c[0],
+        proved=bool(judged.closed.all() and judged.goes_on.all()),
+    )
 
 
 def _continued(judged: _Round) -> list[Enclosure]:

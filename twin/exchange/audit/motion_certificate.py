@@ -1,0 +1,259 @@
+"""Check a certificate of bounds along a protocol: the mechanism that it states is moved to random times of its path.
+
+No code of the prover is used. Loops are closed by Newton's method in double precision, with derivatives by complex
+steps, and no value may be beyond its bound. A sample shows that a bound is wrong, not that it is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from twin.exchange.audit.report import Ledger
+
+SCHEMA = "twin/motion-certificate/1"
+
+TIMES = 1000
+"""Number of random times."""
+
+CLOSED = 1e-9
+"""Largest gap in m of a closed loop, and largest part by which a value may be beyond its bound."""
+
+_NEAR = 1e-5
+"""Largest distance in m or rad of the joint values from those predicted."""
+
+_STEPS = 8
+_STEP = 1e-30
+
+_PARTS = {"revolute": "t", "prismatic": "s", "cylindrical": "st", "spherical": "zyx", "fixed": ""}
+"""{type of a joint: its coordinates; t and s about and along z}."""
+
+_ARM = 0.1
+"""Length in m by which gaps of directions are multiplied."""
+
+Numbers = npt.NDArray[np.complex128]
+Reals = npt.NDArray[np.float64]
+
+
+def audit_motion_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
+    """Add a row for each bound of a certificate, and a finding for each that a sample exceeds."""
+    generator = np.random.default_rng()  # no time that the author of a certificate could foresee
+    pieces = data["pieces"]
+    phases = data["path"]["phases"]
+    if not data["bounds"]:
+        raise ValueError("it has no bound")
+    chosen = np.sort(generator.integers(0, len(pieces), TIMES))
+    s = np.zeros(TIMES)
+    x = np.zeros((TIMES, sum(len(_PARTS[joint["type"]]) for joint in data["mechanism"]["tree"])))
+    slopes = np.zeros(x.shape)
+    squares = np.zeros(TIMES)
+    phase = np.array([pieces[k][0] for k in chosen])
+    driven = list(data["mechanism"]["driven"])
+    passive = [i for i in range(x.shape[1]) if i not in driven]
+    bodies = pieces[0][3] is not None
+    for k in np.unique(chosen).tolist():
+        own = chosen == k
+        number, a, b, series, _ = pieces[k]
+        s[own] = generator.uniform(a, b, own.sum())
+        path = np.array(phases[number]["series"], float).T
+        x[np.ix_(own, driven)] = np.polynomial.chebyshev.chebval(2 * s[own] - 1, path).T
+        derivative = 2 * np.polynomial.chebyshev.chebder(path)
+        slopes[np.ix_(own, driven)] = np.polynomial.chebyshev.chebval(2 * s[own] - 1, derivative).T
+        squares[own] = np.interp(s[own], phases[number]["grid"], np.square(phases[number]["rates"]))
+        if series is not None and passive:
+            local = (2 * s[own] - a - b) / (b - a)
+            x[np.ix_(own, passive)] = np.polynomial.polynomial.polyval(local, np.array(series, float).T).T
+    sampled = _Sampled(data["mechanism"], data["path"], phase, x, slopes, np.sqrt(squares))
+    if bodies:
+        predicted = x.copy()
+        with np.errstate(all="ignore"):
+            sampled.close(passive)
+        off = np.abs(sampled.x - predicted).max(initial=0.0)
+        _row(ledger, "predictions", float(off), _NEAR, "the joint values are far from those predicted", "rad")
+        gap = np.abs(sampled.gaps).max(initial=0.0)
+        _row(ledger, "loops", float(gap), CLOSED, "a loop does not close", "m")
+    for bound in data["bounds"]:
+        _judge(bound, sampled, bodies, ledger)
+
+
+class _Sampled:
+    """A mechanism at k states of a path: coordinates x (k, m), their derivatives by s, and ds/dt (k,)."""
+
+    def __init__(
+        self,
+        mechanism: Mapping[str, Any],
+        path: Mapping[str, Any],
+        phase: npt.NDArray[np.int64],
+        x: Reals,
+        slopes: Reals,
+        rate: Reals,
+    ) -> None:
+        self.mechanism = mechanism
+        self.path = path
+        self.phase = phase
+        self.x = x
+        self.slopes = slopes
+        self.rate = rate
+        self.gaps = np.zeros((len(x), 0))
+        self.poses: dict[str, Numbers] = {}
+
+    def close(self, passive: Sequence[int]) -> None:
+        """Close the loops by Newton's method, and find the rates of the passive coordinates."""
+        for _ in range(_STEPS):
+            gaps, _ = self.place(self.x.astype(np.complex128))
+            J = self._derivatives(passive)
+            if not passive or not gaps.shape[1]:
+                break
+            self.x[:, passive] -= (np.linalg.pinv(J) @ gaps.real[..., None])[..., 0]
+        moving = self.x + 1j * _STEP * self.slopes
+        moving[:, passive] = self.x[:, passive]
+        if passive and self.gaps.shape[1]:
+            by_driven = self.place(moving)[0].imag / _STEP
+            self.slopes[:, passive] = -(np.linalg.pinv(self._derivatives(passive)) @ by_driven[..., None])[..., 0]
+        gaps, _ = self.place(self.x + 1j * _STEP * self.slopes)
+        self.gaps = gaps.real
+
+    def _derivatives(self, passive: Sequence[int]) -> Reals:
+        """Return the derivatives (k, rows, columns) of the gaps by the passive coordinates."""
+        columns = []
+        for i in passive:
+            moved = self.x.astype(np.complex128)
+            moved[:, i] += 1j * _STEP
+            columns.append(self.place(moved)[0].imag / _STEP)
+        self.gaps = self.place(self.x.astype(np.complex128))[0].real
+        return np.stack(columns, axis=2) if columns else np.zeros((*self.gaps.shape, 0))
+
+    def place(self, x: Numbers) -> tuple[Numbers, Numbers]:
+        """Place all bodies; return the gaps (k, rows) of the loops, and the pose (k, 4, 4) of the moved frame."""
+        self.poses = {self.mechanism["base"]: np.broadcast_to(np.eye(4, dtype=complex), (len(x), 4, 4))}
+        i = 0
+        for joint in self.mechanism["tree"]:
+            T = self.poses[joint["parent"]] @ _frame(joint["on_parent"])
+            for part in _PARTS[joint["type"]]:
+                T = T @ _motion(part, x[:, i])
+                i += 1
+            self.poses[joint["child"]] = T @ np.linalg.inv(_frame(joint["on_child"]))
+        rows = []
+        for joint in self.mechanism["loops"]:
+            rows += _gaps(joint["type"], self.relative(joint))
+        for coupling in self.mechanism["couplings"]:
+            rows.append(x[:, coupling["coordinates"]] @ np.array(coupling["ratios"], float) - coupling["total"])
+        tool = self.mechanism["tool"]
+        tip = self.poses[tool["body"]] @ _frame(tool["frame"]) @ _frame(self.path["frame_in_tool"])
+        return np.stack(rows, axis=1) if rows else np.zeros((len(x), 0), complex), tip
+
+    def relative(self, joint: Mapping[str, Any]) -> Numbers:
+        """Return the second frame (k, 4, 4) of a joint in its first."""
+        first = self.poses[joint["parent"]] @ _frame(joint["on_parent"])
+        return np.linalg.inv(first) @ self.poses[joint["child"]] @ _frame(joint["on_child"])
+
+
+def _frame(numbers: Sequence[Sequence[float]]) -> Reals:
+    """Return a pose (4, 4) from its first three rows."""
+    T = np.eye(4)
+    T[:3] = np.array(numbers, float)
+    return T
+
+
+def _motion(part: str, value: Numbers) -> Numbers:
+    """Return the motion (k, 4, 4) of one coordinate (k,)."""
+    T = np.zeros((len(value), 4, 4), complex)
+    T[:] = np.eye(4)
+    if part == "s":
+        T[:, 2, 3] = value
+        return T
+    k = {"x": 0, "y": 1}.get(part, 2)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    T[:, i, i] = T[:, j, j] = np.cos(value)
+    T[:, j, i] = np.sin(value)
+    T[:, i, j] = -T[:, j, i]
+    return T
+
+
+def _gaps(kind: str, T: Numbers) -> list[Numbers]:
+    """Return the gaps of a joint, whose second frame is at T (k, 4, 4) in its first."""
+    rows = [T[:, 0, 3], T[:, 1, 3]]
+    if kind not in ("prismatic", "cylindrical"):
+        rows.append(T[:, 2, 3])
+    if kind in ("fixed", "prismatic"):
+        rows += [_ARM / 2 * (T[:, i, j] - T[:, j, i]) for i, j in ((2, 1), (0, 2), (1, 0))]
+    if kind in ("revolute", "cylindrical"):
+        rows += [-_ARM * T[:, 1, 2], _ARM * T[:, 0, 2]]
+    return rows
+
+
+def _judge(bound: Mapping[str, Any], sampled: _Sampled, bodies: bool, ledger: Ledger) -> None:
+    """Add the row of a bound, and a finding if a sample is beyond it."""
+    name = f"{bound['kind']} {bound['value']}"
+    if bound["kind"] == "determinant":
+        return  # that it is not 0 shows in the loops, which Newton's method closes
+    if ("at least" in bound) == ("at most" in bound):
+        raise ValueError(f"{name} has not either a lower or an upper bound")
+    if not bodies and "weights" not in bound:
+        raise ValueError(f"{name} rests on the bodies, which have no prediction")
+    values = _values(bound, sampled)
+    if not len(values):
+        raise ValueError(f"{name}: no phase has such a value")
+    lower = "at least" in bound
+    stated = float(bound["at least"] if lower else bound["at most"])
+    beyond = stated - values.min() if lower else values.max() - stated
+    relative = float(beyond) / max(1.0, float(np.abs(values).max()))
+    sample = float(values.min() if lower else values.max())
+    _row(ledger, name, relative, CLOSED, f"a sample is {sample:.6g}, beyond its bound {stated:.6g}", "")
+
+
+def _values(bound: Mapping[str, Any], sampled: _Sampled) -> Reals:
+    """Return the values (k,) that a bound is about; none where no phase has them."""
+    kind = bound["kind"]
+    if kind == "loop gap":
+        return np.abs(sampled.gaps).max(axis=1)
+    if kind == "tool speed":
+        _, T = sampled.place(sampled.x + 1j * _STEP * sampled.slopes)
+        change = T.imag / _STEP
+        speed = np.linalg.norm(change[:, :3, 3], axis=1)
+        if bound["value"] == "rotation":
+            speed = np.linalg.norm(change[:, :3, :3], axis=(1, 2)) / math.sqrt(2)
+        limits = np.array([phase[f"{bound['value']}_speed"] for phase in sampled.path["phases"]], float)
+        return speed * sampled.rate / limits[sampled.phase]
+    if "weights" in bound:
+        columns = list(bound["coordinates"])
+        weights = np.array(bound["weights"], float)
+        if kind.endswith("speed"):
+            return np.abs(sampled.slopes[:, columns] @ weights) * sampled.rate
+        return _margins(sampled.x[:, columns] @ weights, bound["limits"])
+    if kind == "RCM":
+        return _distances(bound, sampled)
+    T = sampled.relative(bound["joint"]).real
+    if "cosine" in bound:
+        entries = np.stack([T[:, 0, 0], T[:, 1, 1], T[:, 1, 0], T[:, 0, 1], T[:, 2, 2]], axis=1)
+        return float(bound["angle"]) - np.arccos(np.clip(entries @ np.array(bound["cosine"], float), -1.0, 1.0))
+    return _margins(T[:, 2, 3], bound["limits"])
+
+
+def _margins(values: Reals, limits: Sequence[float | None]) -> Reals:
+    """Return the distances of values from the nearer limit."""
+    low, high = (sign * math.inf if limit is None else limit for sign, limit in zip((-1, 1), limits, strict=True))
+    return np.minimum(values - low, high - values)
+
+
+def _distances(bound: Mapping[str, Any], sampled: _Sampled) -> Reals:
+    """Return the distances of the shaft from the RCM in the phases that have one."""
+    _, T = sampled.place(sampled.x.astype(np.complex128))
+    found = []
+    for k, phase in enumerate(sampled.path["phases"]):
+        own = sampled.phase == k
+        if phase["rcm"] is not None and phase["enforced"] == (bound["value"] == "enforced") and own.any():
+            axis = T[own, :3, :3].real @ np.array(sampled.path["shaft"], float)
+            found.append(np.linalg.norm(np.cross(T[own, :3, 3].real - np.array(phase["rcm"], float), axis), axis=1))
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def _row(ledger: Ledger, what: str, value: float, limit: float, text: str, unit: str) -> None:
+    """Add a row, and a finding if the value is above its limit or no number."""
+    ledger.row("motion", value, unit, limit, where=what)
+    if not value <= limit:
+        ledger.wrong("certificate.wrong", f"{what}: {text}", what)

@@ -1,0 +1,284 @@
+"""The certificate of a motion: path, mechanism, predictions, bounds, for programs without code of the prover.
+
+Whoever reads it has all that the bounds are about: the series and the timing of each phase, the joints of the CAD, and
+for each piece of the path a prediction of the passive joints and the matrix of Krawczyk's operator. These two need no
+trust: they are where a proof begins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.json_types import JsonObject
+from twin.core.spatial import Array
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+from twin.proof.certificate import digest
+from twin.proof.motion.closure import nodes
+from twin.proof.motion.linkage import ARM, Linkage
+from twin.proof.motion.motion_prover import (
+    DRIVEN,
+    MARGINS,
+    SPEED_EXCESS,
+    SPEEDS,
+    TOUCHING,
+    MotionClaim,
+    MotionProof,
+    PredictedPieces,
+)
+from twin.proof.motion.path import TimedPath, TimedPhase
+
+SCHEMA = "twin/motion-certificate/1"
+
+NOT_IN_IT = (
+    "distances between bodies, which planning alone proves",
+    "how far the determinant of the loops is from 0: only that it is not 0",
+)
+"""What is proved along a protocol, and not in the certificate."""
+
+_SLACK = 1e-6
+"""Part by which bounds of the certificate are wider than those proved, so that another arithmetic reaches them."""
+
+_TOOL_SLACK = 6e-4
+"""The same of the speeds of the tool: they rest on rates of the passive joints, whose bounds are wider."""
+
+_LEAST = 1e-9
+"""Smallest change of a bound, in m, rad, m/s or rad/s."""
+
+_GAP = 30.0
+"""Factor of the bounds of gaps: they are near rounding, where arithmetics differ."""
+
+_STEEPEST = 1.3
+"""Largest middle turn of a ball joint in rad: at half of pi, the three turns do not determine the rotation."""
+
+_DIGITS = 7
+"""Digits of the matrices, of which nothing but the size of a contraction depends."""
+
+
+def motion_certificate(
+    mechanism: Mechanism, path: TimedPath, proof: MotionProof, about: Mapping[str, Any]
+) -> JsonObject | None:
+    """Return the certificate of the proved bounds along a path; None if nothing is proved.
+
+    Args:
+        mechanism: the mechanism of the CAD.
+        path: the timed path.
+        proof: the proof.
+        about: robot, protocol and hashes of their files, as plain data.
+    """
+    predicted = proof.predicted
+    proved = [claim for claim in proof.claims if claim.status == "proved"]
+    if predicted is None:
+        return None
+    linkage = Linkage(mechanism)
+    pieces = _pieces(predicted, linkage)
+    if pieces[0][3] is None:
+        proved = [claim for claim in proved if claim.group in DRIVEN]
+    if not proved:
+        return None
+    data: JsonObject = {
+        "schema": SCHEMA,
+        **about,
+        "not_in_it": list(NOT_IN_IT),
+        "mechanism": _mechanism(mechanism, linkage),
+        "path": {
+            "frame_in_tool": path.T_tool_frame[:3].tolist(),
+            "shaft": path.shaft_axis.tolist(),
+            "phases": [_phase(phase) for phase in path.phases],
+        },
+        "pieces": pieces,
+        "bounds": [_bound(claim, linkage, path) for claim in proved],
+    }
+    return {**data, "sha256": digest(data)}
+
+
+def _bound(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
+    """Return a bound, a little wider than it is proved but not beyond its limit, and what it is about."""
+    row: JsonObject = {"kind": claim.group, "value": claim.name, "unit": claim.unit}
+    row |= _about(claim, linkage, path)
+    if claim.group == "determinant":
+        return {**row, "not": 0.0}
+    part = _TOOL_SLACK if claim.group == "tool speed" else _SLACK
+    change = max(_LEAST, part * abs(claim.bound))
+    if claim.group == "loop gap":
+        change += (_GAP - 1.0) * claim.bound
+    if claim.smallest:
+        limit = claim.limit - TOUCHING if claim.group in MARGINS else claim.limit
+        row["at least"] = max(claim.bound - change, limit)
+    else:
+        limit = claim.limit * (1.0 + SPEED_EXCESS) if claim.group in SPEEDS else claim.limit
+        row["at most"] = min(claim.bound + change, limit)
+    if np.isfinite(claim.limit):
+        row["limit"] = claim.limit
+    return row
+
+
+def _about(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
+    """Return what a bound is about: weights of coordinates, and limits; or a joint."""
+    mechanism = linkage.mechanism
+    name = claim.name
+    if claim.group in ("joint limit", "joint speed"):
+        joint = mechanism.joint(name)
+        row: JsonObject = {"coordinates": [linkage.index(name)], "weights": [1.0]}
+        return row if claim.group == "joint speed" else {**row, "limits": _limits(joint.limits)}
+    if claim.group in ("motor limit", "motor speed"):
+        (actuator,) = [actuator for actuator in mechanism.actuators if actuator.name == name]
+        rows = mechanism.motors(np.eye(len(mechanism.active))).T
+        weights = rows[mechanism.motor_names.index(name)]
+        row = {"coordinates": list(linkage.driven), "weights": weights.tolist()}
+        return row if claim.group == "motor speed" else {**row, "limits": _limits(actuator.limits)}
+    if claim.group == "gap":
+        (pair,) = [(i, j) for i, j, _, gap in path.gaps if gap == name]
+        # carriages do not pass one another: the sign of the distance is that at the start
+        starts = [np.polynomial.chebyshev.chebval(-1.0, path.phases[0].coefficients[:, k]) for k in pair]
+        sign = 1.0 if starts[0] > starts[1] else -1.0
+        return {"coordinates": [linkage.driven[k] for k in pair], "weights": [sign, -sign], "limits": [0.0, None]}
+    if claim.group != "passive limit":
+        return {}
+    joint = mechanism.joint(name)
+    spanning = [other.name for other in mechanism.tree]
+    if joint.cone is None and name in spanning:
+        return {"coordinates": [linkage.index(name)], "weights": [1.0], "limits": _limits(joint.limits)}
+    row = {"joint": _joint(joint)}
+    if joint.cone is not None:
+        return {**row, "cosine": [0.0, 0.0, 0.0, 0.0, 1.0], "angle": joint.cone}
+    if joint.type == "prismatic":
+        return {**row, "limits": _limits(joint.limits)}
+    assert joint.limits is not None  # a joint without limits has no bound
+    low, high = joint.limits
+    c, s = 0.5 * math.cos(0.5 * (low + high)), 0.5 * math.sin(0.5 * (low + high))
+    return {**row, "cosine": [c, c, s, -s, 0.0], "angle": 0.5 * (high - low)}
+
+
+def _mechanism(mechanism: Mechanism, linkage: Linkage) -> JsonObject:
+    """Return the joints of the CAD."""
+    tool = mechanism.frame(mechanism.tool)
+    couplings = []
+    for coupling in mechanism.couplings:
+        scale = ARM if mechanism.joint(coupling.joints[0]).is_angle else 1.0
+        couplings.append(
+            {
+                "coordinates": [linkage.index(name) for name in coupling.joints],
+                "ratios": [scale * ratio for ratio in coupling.ratios],
+                "total": scale * coupling.total,
+            }
+        )
+    return {
+        "base": mechanism.base,
+        "tool": {"body": tool.body, "frame": tool.T_body_frame[:3].tolist()},
+        "driven": list(linkage.driven),
+        "tree": [_joint(joint) for joint in mechanism.tree],
+        "loops": [_joint(joint) for joint in mechanism.loops],
+        "couplings": couplings,
+    }
+
+
+def _joint(joint: Joint) -> JsonObject:
+    """Return a joint."""
+    return {
+        "name": joint.name,
+        "type": joint.type,
+        "parent": joint.parent,
+        "child": joint.child,
+        "on_parent": joint.T_parent_joint[:3].tolist(),
+        "on_child": joint.T_child_joint[:3].tolist(),
+        "child_in_joint": spatial.inverse(joint.T_child_joint)[:3].tolist(),
+    }
+
+
+def _limits(limits: tuple[float, float] | None) -> list[float | None] | None:
+    """Return limits, None for an infinite one."""
+    if limits is None:
+        return None
+    return [float(limit) if np.isfinite(limit) else None for limit in limits]
+
+
+def _phase(phase: TimedPhase) -> JsonObject:
+    """Return one phase of the path."""
+    return {
+        "name": phase.name,
+        "series": phase.coefficients.T.tolist(),
+        "grid": phase.grid.tolist(),
+        "rates": phase.rates.tolist(),
+        "averaged_s": phase.smoothing,
+        "rcm": None if phase.rcm is None else phase.rcm.tolist(),
+        "enforced": phase.enforced,
+        "tip_speed": phase.tip_speed,
+        "rotation_speed": phase.rotation_speed,
+    }
+
+
+def _pieces(predicted: PredictedPieces, linkage: Linkage) -> list[Any]:
+    """Return (phase, ends in s, predictions of the passive coordinates, matrix of Krawczyk's operator) of each piece.
+
+    Predictions and matrices are None if no motion of the bodies is proved, or three turns do not determine a rotation.
+    """
+    passive = linkage.passive
+    coordinates = predicted.coordinates.copy()
+    jacobian = np.zeros((len(predicted.phase), 0, len(passive)))
+    if predicted.jacobian is not None:
+        jacobian = predicted.jacobian.copy()
+    known = predicted.proved
+    for name, c in predicted.balls.items():
+        own = [i for i, place in enumerate(linkage.places) if place.joint == name]
+        turns = _turns(c)
+        known = known and bool(np.abs(turns[0, :, 1]).max() < _STEEPEST)
+        coordinates[:, :, own] = turns
+        columns = [passive.index(i) for i in own]
+        jacobian[:, :, columns] = jacobian[:, :, columns] @ _turning(turns[0])
+    _remove_full_turns(coordinates, linkage)
+    inverses = np.linalg.pinv(jacobian, rcond=1e-9) if known else jacobian
+    out = []
+    for i in range(len(predicted.phase)):
+        series = coordinates[:, i, passive].T.tolist() if known else None
+        matrix = [[float(f"{x:.{_DIGITS - 1}e}") for x in row] for row in inverses[i].tolist()] if known else None
+        out.append([int(predicted.phase[i]), float(predicted.first[i]), float(predicted.last[i]), series, matrix])
+    return out
+
+
+def _turns(c: Array) -> Array:
+    """Return coefficients (order + 1, N, 3) of the turns about z, y and x that make rotations.
+
+    Args:
+        c: (order + 1, N, 3, 3) coefficients of the rotations.
+    """
+    places = nodes(len(c) - 1)
+    powers = places[:, None] ** np.arange(len(c))
+    R = np.einsum("ik,kaxy->iaxy", powers, c)
+    turns = np.stack(
+        [
+            np.unwrap(np.arctan2(R[..., 1, 0], R[..., 0, 0]), axis=0),
+            -np.arcsin(np.clip(R[..., 2, 0], -1.0, 1.0)),
+            np.unwrap(np.arctan2(R[..., 2, 1], R[..., 2, 2]), axis=0),
+        ],
+        axis=-1,
+    )
+    return np.einsum("ki,iaj->kaj", np.linalg.inv(powers), turns)
+
+
+def _turning(turns: Array) -> Array:
+    """Return matrices (N, 3, 3) from rates of turns (N, 3) about z, y, x to those about the last z, y and x axes."""
+    _, b, c = turns.T
+    zero = np.zeros_like(b)
+    rows = [
+        [np.cos(b) * np.cos(c), -np.sin(c), zero],
+        [np.cos(b) * np.sin(c), np.cos(c), zero],
+        [-np.sin(b), zero, np.ones_like(b)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _remove_full_turns(coordinates: Array, linkage: Linkage) -> None:
+    """Subtract full turns from passive angles (order + 1, N, m), so that they do not jump from piece to piece."""
+    for i in linkage.passive:
+        if linkage.places[i].slides:
+            continue
+        starts = np.asarray(np.polynomial.polynomial.polyval(-1.0, coordinates[:, :, i]))
+        ends = np.asarray(np.polynomial.polynomial.polyval(1.0, coordinates[:, :, i]))
+        jumps = np.round((starts[1:] - ends[:-1]) / (2 * np.pi))
+        coordinates[0, 1:, i] -= 2 * np.pi * np.cumsum(jumps)
