@@ -524,3 +524,13 @@ def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_desk):
 def test_a_rounding_error_is_shown_without_digits():
     lengths = [readout.length(metres) for metres in (0.0, -3e-13, 3e-11, 2e-10, 5e-6, 0.04, np.nan)]
     assert lengths == ["0 mm", "< 1 pm", "30 pm", "0.200 nm", "5.000 µm", "40.000 mm", "-"]
+
+
+def test_rounding_errors_are_exact_and_a_picometre_is_no_news():
+    assert [readout.difference(metres) for metres in (0.0, -9e-10, 2e-9, 3e-3)] == [
+        "exact",
+        "exact",
+        "2.000 nm",
+        "3.000 mm",
+    ]
+    assert readout.difference(np.nan) == "-"

@@ -30,8 +30,21 @@ def length(metres: float) -> str:
     return quantity(metres, "m")
 
 
+_ROUNDING = 1e-9
+"""Differences in m or rad below this value are rounding errors, and are shown as "exact"."""
+
+
+def difference(metres: float) -> str:
+    """Return a difference in m, which should be 0, as text: "exact" if it is a rounding error."""
+    if abs(metres) < _ROUNDING:
+        return "exact"
+    return length(metres)
+
+
 def amount(residual: EquationError) -> str:
     """Return a residual (a length or an angle) as text with a suitable unit."""
+    if abs(residual.size) < _ROUNDING:
+        return "exact"
     if residual.is_angle:
         return angle(residual.size)
     return length(residual.size)
@@ -55,12 +68,12 @@ def table(reading: RobotReading, variants: str = "") -> str:
     if reading.residual is not None:
         text, color = _agreement(reading, reading.residual)
         rows.append(_line("formula ↔ mechanism", text, color))
-    rows.append(_line("loop gap", escape(length(reading.gap)), _color_below(reading.gap, AGREE)))
+    rows.append(_line("loop gap", escape(difference(reading.gap)), _color_below(reading.gap, AGREE)))
     for trocar in reading.trocars:
         of = ""
         if len(reading.trocars) > 1:
             of = f", {escape(trocar.name)}"
-        rows.append(_line(f"RCM error{of}", escape(length(trocar.error)), _color_below(trocar.error, 0.1 * MM)))
+        rows.append(_line(f"RCM error{of}", escape(difference(trocar.error)), _color_below(trocar.error, 0.1 * MM)))
         if trocar.depth is not None:
             rows.append(_line(f"insertion depth{of}", f"{trocar.depth / MM:.3f} mm"))
     if reading.condition is not None:

@@ -255,6 +255,15 @@ export function length(metres: number): string {
   return size < 1 ? `${(1e3 * metres).toFixed(2)} mm` : `${metres.toFixed(3)} m`;
 }
 
+/** Differences in m or rad below this value are rounding errors. */
+const ROUNDING = 1e-9;
+
+/** Return a difference in m, or in rad, which should be 0, as text: "exact" if it is a rounding error. */
+export function difference(value: number, angle = false): string {
+  if (Math.abs(value) < ROUNDING) return 'exact';
+  return angle ? jointValue(value, true) : length(value);
+}
+
 /** Return a joint value in rad or m as text in degrees or millimetres. */
 export function jointValue(value: number, angle: boolean): string {
   if (!Number.isFinite(value)) return '–';

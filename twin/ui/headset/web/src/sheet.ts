@@ -3,7 +3,7 @@
 import type { App } from './app';
 import type { Button, Control, Sheet, Slider, Tab, Tone } from './controls';
 import type { Mode } from './grab';
-import { isAngle, jointValue, length } from './model';
+import { difference, isAngle, jointValue, length } from './model';
 import type { State } from './protocol';
 import { atConsole, pedals } from './sheet_console';
 import { taskControls } from './score';
@@ -216,19 +216,19 @@ function measures(app: App): Control[] {
   const over = (value: number | null, limit: number): Tone => (value !== null && Math.abs(value) > limit ? 'bad' : 'plain');
   const apart = (s: State): number | null => s.residual_m ?? s.residual_rad;
   return [
-    line('gap', (s) => (s.gap_m === null ? '' : `Loop gap  ${length(s.gap_m)}`), (s) => over(s.gap_m, AGREE)),
+    line('gap', (s) => (s.gap_m === null ? '' : `Loop gap  ${difference(s.gap_m)}`), (s) => over(s.gap_m, AGREE)),
     line(
       'residual',
       (s) => {
         if (s.scope !== null) return `Equations ↔ mechanism  ${s.scope}`;
-        if (s.residual_rad !== null) return `Equations ↔ mechanism  ${jointValue(s.residual_rad, true)}`;
-        return s.residual_m === null ? '' : `Equations ↔ mechanism  ${length(s.residual_m)}`;
+        if (s.residual_rad !== null) return `Equations ↔ mechanism  ${difference(s.residual_rad, true)}`;
+        return s.residual_m === null ? '' : `Equations ↔ mechanism  ${difference(s.residual_m)}`;
       },
       (s) => (s.scope === null ? over(apart(s), AGREE) : 'warn'),
     ),
     line(
       'rcm',
-      (s) => (s.rcm_error_m === null ? '' : `Distance of shaft from RCM  ${length(s.rcm_error_m)}`),
+      (s) => (s.rcm_error_m === null ? '' : `Distance of shaft from RCM  ${difference(s.rcm_error_m)}`),
       (s) => over(s.rcm_error_m, RCM),
     ),
     line('depth', (s) => (s.depth_m === null ? '' : `Insertion depth  ${length(s.depth_m)}`)),
