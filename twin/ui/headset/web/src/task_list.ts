@@ -31,7 +31,7 @@ export class TaskList {
     this.box.dataset['id'] = 'tasks';
     this.box.hidden = true;
     // on a small screen the list would cover the picture
-    this.box.open = !window.matchMedia('(max-width: 760px), (max-height: 480px)').matches;
+    this.box.open = window.matchMedia('(min-width: 1101px) and (min-height: 700px)').matches;
     const head = document.createElement('summary');
     head.textContent = 'Start a task';
     this.box.append(head);
