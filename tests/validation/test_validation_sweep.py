@@ -29,7 +29,7 @@ def test_tilt_over_its_whole_stroke(sher):
     assert (one.q[0], one.q[-1]) == pytest.approx((0, 0.05))
     assert one.agrees
     assert one.gap < 1e-11
-    assert one.formula.distance.max() < 1e-10  # the paper reports -2.77 um against its own simulation
+    assert one.equations.distance.max() < 1e-10  # the paper reports -2.77 um against its own simulation
     serial, mimic = one.standins["serial"], one.standins["mimic"]
     # P moves by 16.5 x 19.2 mm: no fixed pivot, and no straight line for the angles, comes near 25 um
     assert 1e-3 < serial.distance.mean() < serial.distance.max() < 0.02
@@ -57,7 +57,7 @@ def test_a_delta_leg_has_no_mimic(sher):
     robot, model, home = sher
     one = sweep(robot.kinematics(), model, "q1", home, STANDINS, samples=101)
     assert one.agrees
-    assert one.q[0] > one.stroke[0]  # with the others at home a rod nears the level: the stroke ends before its limit
+    assert one.q[0] > one.limits[0]  # with the others at home a rod nears the level: the stroke ends before its limit
     assert not len(one.standins["mimic"].offset)
     assert "'s1a'" in one.standins["mimic"].note
     assert one.standins["serial"].note.startswith("a straight line")
@@ -73,14 +73,14 @@ def test_a_robot_without_forward_equations_is_walked_from_home():
     robot = twin.load("sils")
     one = sweep(robot.kinematics(), robot.reference(), "q2", robot.mechanism.posture("home"), ("mimic",), samples=61)
     assert one.agrees
-    assert one.formula.distance.max() < 1e-9
+    assert one.equations.distance.max() < 1e-9
 
 
 def test_a_wrong_equation_shows(sher):
     robot, model, home = sher
     one = sweep(robot.kinematics({"tilt_forward": "drawn"}), model, "q5", home, samples=51)
     assert not one.agrees
-    assert one.formula.distance.max() > 1e-3
+    assert one.equations.distance.max() > 1e-3
 
 
 def test_command_writes_table_picture_and_numbers(tmp_path, capsys):
@@ -145,5 +145,5 @@ def test_an_inverse_alone_is_compared_over_the_stroke(tmp_path, first, wrong):
         assert one.agrees == (joint not in wrong)
     if "atan(" in first:  # beyond 90 deg, the arm points to the opposite side
         beyond = np.abs(found["q0"].q) > np.pi / 2
-        assert found["q0"].formula.distance[beyond] == pytest.approx(2 * LINK)
-        assert found["q0"].formula.distance[~beyond] == pytest.approx(0, abs=1e-12)
+        assert found["q0"].equations.distance[beyond] == pytest.approx(2 * LINK)
+        assert found["q0"].equations.distance[~beyond] == pytest.approx(0, abs=1e-12)

@@ -327,7 +327,7 @@ def strokes(
         >>> twin.strokes("sher", ["q5"]).verdict
         'agree'
     """
-    from twin.validation.stroke import STANDINS, Strokes, sweep
+    from twin.validation.stroke import STANDINS, Strokes, ToolRequirement, sweep
 
     robot = loaded(robot)
     for name in standins:
@@ -352,5 +352,5 @@ def strokes(
     if robot.files is not None:
         requirement = robot.cad.description.requirement
         if requirement is not None:
-            required = (requirement.tool_um * UM, requirement.provenance, requirement.note)
+            required = ToolRequirement(requirement.tool_um * UM, requirement.provenance, requirement.note)
     return Strokes(robot.name, tuple(sweeps), required)

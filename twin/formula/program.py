@@ -22,10 +22,16 @@ class Program:
     """Compiled functions of the state; the state is the pose (16,), row by row, or q (n,) without inverse equations.
 
     Attributes:
+        parameters: values of the equations' parameters in m and rad, by name.
         order: symbols of all joints, in the order of q.
         extra_values: values (m, rad) of the joints that are not in the equations, by name; see `Compiled.auxiliary`.
         length: characteristic length in m.
         group: {kind: evaluator of all scalars of this kind}, see `Formula.scalars`.
+        points: function of the state that returns the named points (k, 3) in m.
+        has_inverse, has_forward: whether the formula has such equations.
+
+    Raises:
+        KinematicsError: a point, a measure, an aspect or the pose is missing, or has a wrong shape.
     """
 
     def __init__(
@@ -43,35 +49,36 @@ class Program:
         self.order = order
         self.length = length
         self.extra_values = extra_values
-        self.inverse_flow = formula.has("inverse")
-        self.forward_flow = formula.has("forward")
-        if self.inverse_flow:
-            self._z = ca.SX.sym("z", 16)
-            symbols = self._after_pose(symbolic.unflat(self._z, 4, 4))
+        self.has_inverse = formula.has("inverse")
+        self.has_forward = formula.has("forward")
+        if self.has_inverse:
+            self._state = ca.SX.sym("z", 16)
+            symbols = self._after_pose(symbolic.unflat(self._state, 4, 4))
             self._q = self._joints(symbols)
         else:
-            self._z = ca.SX.sym("q", len(order))
-            self._q = self._z
-            symbols = self._after_joints(self._z)
+            self._state = ca.SX.sym("q", len(order))
+            self._q = self._state
+            symbols = self._after_joints(self._state)
         self._symbols = flow.run(formula, variants, symbols, "helper")
         # Compiled here, not at first use, so that a missing point or measure causes an error at once.
         self.group = {}
         for kind, symbol_of_name in formula.scalars.items():
             column = flow.gather(formula, self._symbols, tuple(symbol_of_name.values()), kind)
-            self.group[kind] = Evaluator(kind, self._z, column)
-        self.points = Evaluator("points", self._z, self._points(), (len(formula.points), 3))
-        self._partial: dict[tuple[str, ...], Evaluator] = {}
+            self.group[kind] = Evaluator(kind, self._state, column)
+        self.points = Evaluator("points", self._state, self._points(), (len(formula.points), 3))
+        self._from_points: dict[tuple[str, ...], Evaluator] = {}
+        self._margins: dict[tuple[tuple[str, ...], tuple[str, ...]], Evaluator] = {}
 
     @cached_property
     def inverse(self) -> Evaluator:
-        """Function of the pose (16,) that returns q (n) and a misfit.
+        """Function of the pose (16,) that returns q (n) and a misfit, for a formula with inverse equations.
 
         The misfit is the norm of the difference between the pose and the pose rebuilt from its coordinates.
         """
-        T = symbolic.unflat(self._z, 4, 4)
+        T = symbolic.unflat(self._state, 4, 4)
         T_rebuilt = flow.to_pose(self.formula, self._symbols)
         misfit = _length(ca.vec(T_rebuilt - T))
-        return Evaluator("inverse", self._z, ca.vertcat(self._q, misfit))
+        return Evaluator("inverse", self._state, ca.vertcat(self._q, misfit))
 
     @cached_property
     def inverse_of_parameters(self) -> Evaluator:
@@ -92,23 +99,26 @@ class Program:
 
     @cached_property
     def judged_inverse(self) -> Evaluator:
-        """Function of the pose (16,) that returns q (n); NaN if the pose is out of reach, or not rigid (`POSE_TOL`)."""
-        result = self.inverse.function(self._z)
+        """Function of the pose (16,) that returns q (n); NaN if out of reach, or if it is not rigid (`POSE_TOL`)."""
+        result = self.inverse.function(self._state)
         q = result[:-1]
         misfit = result[-1]
         finite = ca.sumsqr(q) < np.inf  # false for NaN, too
         good = ca.logic_and(misfit <= POSE_TOL, finite)
         judged = [ca.if_else(good, value, np.nan) for value in ca.vertsplit(q)]
-        return Evaluator("judged_inverse", self._z, ca.vertcat(*judged))
+        return Evaluator("judged_inverse", self._state, ca.vertcat(*judged))
 
     @cached_property
     def inverse_jacobian(self) -> Evaluator:
-        """Function of the pose (16,) that returns the derivative (n, 6) of q with respect to a twist of the tool."""
+        """Function of the pose (16,) that returns the derivative (n, 6) of q with respect to a twist of the tool.
+
+        The formula has inverse equations: the state is a pose.
+        """
         xi = ca.SX.sym("xi", 6)
-        T = symbolic.retract(symbolic.unflat(self._z, 4, 4), xi)
+        T = symbolic.retract(symbolic.unflat(self._state, 4, 4), xi)
         J = ca.jacobian(self.joints_at(T), xi)
         J = ca.cse(ca.substitute(J, xi, ca.SX.zeros(6)))  # at least a third faster, because derivatives repeat terms
-        return Evaluator("inverse_jacobian", self._z, J, (len(self.order), 6))
+        return Evaluator("inverse_jacobian", self._state, J, (len(self.order), 6))
 
     @cached_property
     def forward(self) -> Evaluator:
@@ -181,12 +191,12 @@ class Program:
 
     def from_points(self, names: tuple[str, ...]) -> Evaluator:
         """Return a function that computes q (n) from the named points (3 numbers each, in the order of `names`)."""
-        if names not in self._partial:
+        if names not in self._from_points:
             z = ca.SX.sym("z", 3 * len(names))
             symbols = {**self.parameters, **self._symbols_of_points(names, z)}
             symbols = flow.run(self.formula, self.variants, symbols, "inverse")
-            self._partial[names] = Evaluator("from_points", z, self._joints(symbols))
-        return self._partial[names]
+            self._from_points[names] = Evaluator("from_points", z, self._joints(symbols))
+        return self._from_points[names]
 
     def margins_at(self, passive: tuple[str, ...], points: tuple[str, ...]) -> Evaluator:
         """Return a function that computes reach margins, measures and aspects from a state of the mechanism.
@@ -194,8 +204,8 @@ class Program:
         Its inputs are: parameters in the order of `parameters`, pose (16,), joints (n,), passive joints in the order of
         `passive`, and points (3 numbers each) in the order of `points`. The equations compute all other symbols.
         """
-        key = ("margins", *passive, "", *points)
-        if key not in self._partial:
+        key = (passive, points)
+        if key not in self._margins:
             sizes = [len(self.parameters), 16, len(self.order), len(passive), 3 * len(points)]
             ends = np.cumsum(sizes).tolist()
             z = ca.SX.sym("z", sum(sizes))
@@ -211,8 +221,8 @@ class Program:
             for kind in ("reach", "measure", "aspect"):
                 names += self.formula.scalars[kind].values()
             margins = flow.gather(self.formula, symbols, tuple(names), "margin")
-            self._partial[key] = Evaluator("margins_at", z, margins)
-        return self._partial[key]
+            self._margins[key] = Evaluator("margins_at", z, margins)
+        return self._margins[key]
 
     def _symbols_of_points(self, names: tuple[str, ...], coordinates: ca.SX) -> dict[str, ca.SX]:
         """Return {symbol: value} of named points from their coordinates, three for each point in this order."""
@@ -232,7 +242,7 @@ class Program:
         With a forward equation, the state is q (n,), and the step is added to q. Otherwise the state is a pose (16,),
         and the step is a twist (6,).
         """
-        if self.forward_flow:
+        if self.has_forward:
             q = state + step
             return ca.SX(self._after_joints(q)[POSE_SYMBOL]), q
         T = symbolic.retract(symbolic.unflat(state, 4, 4), step)

@@ -36,7 +36,7 @@ class Iteration:
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
         n = len(program.order)
-        joints = program.forward_flow
+        joints = program.has_forward
         self.state = n if joints else 16
         self.d = n if joints else 6
         d = self.d
@@ -117,7 +117,7 @@ class Iteration:
             residuals.append(tasks.residual(kind, rows, T, q, arguments))
         r = w * ca.vertcat(*residuals)
         miss = ca.sumsqr(r)
-        if not program.forward_flow:
+        if not program.has_forward:
             excess = ca.fmin(q - low, 0) + ca.fmax(q - high, 0)
             r = ca.vertcat(r, joint_scale * excess)
         return ca.Function("rows", [at, by, fixed], [r, ca.jacobian(r, by), miss, ca.sumsqr(q)])

@@ -14,11 +14,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from twin.core import spatial
-from twin.core.errors import AssemblyError, KinematicsError, TwinError
+from twin.core.errors import AssemblyError, KinematicsError, TwinError, unknown
 from twin.core.findings import Finding, Kind
 from twin.core.format import quantity
 from twin.core.json_types import JsonObject
@@ -59,7 +60,7 @@ class Curve:
         return np.linalg.norm(self.offset, axis=1)
 
     def as_dict(self) -> JsonObject:
-        """Return mean, standard deviation and maximum in SI units; None for values of an empty curve."""
+        """Return mean, standard deviation and maximum in SI units; of an empty curve only that it has no maximum."""
         if not len(self.offset):
             return {"note": self.note, "position_max": None}
         d = self.distance
@@ -81,9 +82,9 @@ class StrokeSweep:
         joint: the moved joint.
         angle: whether the coordinate of this joint is an angle.
         q: (k,) values of the joint in m or rad; the other joints are at their home values.
-        stroke: the joint's limits in m or rad; `q` covers only the reachable part of this range around home.
+        limits: the joint's limits in m or rad; `q` covers only the reachable part of this range around home.
         gap: largest loop gap, in m.
-        formula: error of the equations.
+        equations: error of the equations.
         standins: errors of the simplified models, by name.
         tolerance: largest errors in m and rad that count as agreement.
     """
@@ -91,9 +92,9 @@ class StrokeSweep:
     joint: str
     angle: bool
     q: Array
-    stroke: tuple[float, float]
+    limits: tuple[float, float]
     gap: float
-    formula: Curve
+    equations: Curve
     standins: Mapping[str, Curve]
     tolerance: tuple[float, float]
 
@@ -101,13 +102,14 @@ class StrokeSweep:
     def agrees(self) -> bool:
         """Whether the equations agree with the mechanism over the stroke."""
         position_limit, rotation_limit = self.tolerance
-        errors = self.formula.as_dict()
-        return bool(errors["position_max"] <= position_limit and errors["rotation_max"] <= rotation_limit)
+        position = float(self.equations.distance.max())
+        rotation = float(self.equations.turn.max())
+        return position <= position_limit and rotation <= rotation_limit
 
     @property
     def curves(self) -> dict[str, Curve]:
         """Errors of the equations, then of the simplified models, by name."""
-        return {"equations": self.formula, **self.standins}
+        return {"equations": self.equations, **self.standins}
 
     def as_dict(self) -> JsonObject:
         """Return the comparison as plain data in SI units."""
@@ -116,11 +118,11 @@ class StrokeSweep:
             "unit": "rad" if self.angle else "m",
             "from": float(self.q[0]),
             "to": float(self.q[-1]),
-            "stroke": list(self.stroke),
+            "stroke": list(self.limits),
             "samples": len(self.q),
             "loop_gap": self.gap,
             "agrees": self.agrees,
-            "formula": self.formula.as_dict(),
+            "formula": self.equations.as_dict(),
             **{name: curve.as_dict() for name, curve in self.standins.items()},
         }
 
@@ -135,10 +137,11 @@ def sweep(
 ) -> StrokeSweep:
     """Compare equations and mechanism while one active joint moves from limit to limit.
 
-    `home` (n,) contains the values of the other joints; `standins` names the simplified models to compute.
+    `home` (n,) contains the values of the other joints; `standins` names the simplified models to compute, of
+    `STANDINS`.
 
     Raises:
-        TwinError: the joint has no limits, or no part of its stroke is reachable.
+        TwinError: a simplified model is unknown, the joint has no limits, or no part of its stroke is reachable.
     """
     i = kin.joints.index(joint)
     limits = model.mechanism.joint(joint).limits
@@ -157,8 +160,10 @@ def sweep(
     for name in standins:
         if name == "mimic":
             curves[name] = _mimic(model, run, q[:, i])
-        else:
+        elif name == "serial":
             curves[name] = _serial(run.Ts_base_tool, q[:, i])
+        else:
+            raise TwinError(unknown("simplified loop model", name, STANDINS))
     return StrokeSweep(
         joint,
         bool(kin.revolute[i]),
@@ -330,18 +335,26 @@ def _serial(true: Array, q: Array) -> Curve:
     return Curve(fitted - p, np.zeros(k), f"pivot at ({listed}) mm")
 
 
+class ToolRequirement(NamedTuple):
+    """The position accuracy in m that the tool must have, the provenance of this number, and its reason."""
+
+    position: float
+    provenance: str
+    note: str
+
+
 @dataclass(frozen=True)
 class Strokes(Result):
     """Comparisons over the strokes of several joints.
 
     Attributes:
         sweeps: one comparison per joint.
-        requirement: (required position accuracy of the tool in m, provenance, reason), or None.
+        requirement: the required accuracy, or None if the CAD states none.
     """
 
     robot: str
     sweeps: tuple[StrokeSweep, ...]
-    requirement: tuple[float, str, str] | None = None
+    requirement: ToolRequirement | None = None
 
     kind = "stroke"
 
@@ -358,12 +371,13 @@ class Strokes(Result):
         """Return all comparisons as plain data."""
         requirement = None
         if self.requirement is not None:
-            required, provenance, note = self.requirement
-            requirement = {"tool_um": required / UM, "provenance": provenance, "note": note}
+            stated = self.requirement
+            tool_um = stated.position / UM
+            requirement = {"tool_um": tool_um, "provenance": stated.provenance, "note": stated.note}
         return {
             "robot": self.robot,
             "requirement": requirement,
-            "sweeps": [stroke.as_dict() for stroke in self.sweeps],
+            "sweeps": [sweep.as_dict() for sweep in self.sweeps],
         }
 
     def text(self) -> Iterator[Part]:
@@ -371,26 +385,27 @@ class Strokes(Result):
         yield f"{self.robot} · tool error over the stroke of each joint (all other joints at home)\n"
         header = ("joint", "stroke", "model", "mean error", "largest error", "largest rotation", "")
         rows: list[tuple[str, ...]] = []
-        for stroke in self.sweeps:
-            rows += self._rows(stroke)
+        for sweep in self.sweeps:
+            rows += self._rows(sweep)
         yield TextTable(header, rows)
         if self.requirement:
-            required, provenance, note = self.requirement
-            yield f"\n  requirement: {required / UM:g} µm at the tool ({provenance}: {note})"
+            stated = self.requirement
+            accuracy = f"{stated.position / UM:g} µm at the tool"
+            yield f"\n  requirement: {accuracy} ({stated.provenance}: {stated.note})"
         yield ""
 
     def _rows(self, s: StrokeSweep) -> Iterator[tuple[str, ...]]:
         unit, scale = display_unit(s.angle)
-        stroke = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
+        moved = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
         for name, curve in s.curves.items():
             errors = curve.as_dict()
             largest = errors["position_max"]
             if largest is None:
-                yield s.joint, stroke, name, "-", "-", "-", curve.note
+                yield s.joint, moved, name, "-", "-", "-", curve.note
                 continue
             mean = quantity(errors["position_mean"], "m")
             rotation = quantity(errors["rotation_max"], "rad")
-            yield s.joint, stroke, name, mean, quantity(largest, "m"), rotation, self._mark(s, name, largest)
+            yield s.joint, moved, name, mean, quantity(largest, "m"), rotation, self._mark(s, name, largest)
 
     def _mark(self, s: StrokeSweep, name: str, largest: float) -> str:
         """Return the judgement of a model whose largest position error is `largest` in m."""
@@ -398,7 +413,7 @@ class Strokes(Result):
             return "ok" if s.agrees else "DIFFERS"
         if not self.requirement:
             return ""
-        required = self.requirement[0]
+        required = self.requirement.position
         if largest <= required:
             return f"within {required / UM:g} µm"
         return f"over {required / UM:g} µm"
@@ -422,7 +437,7 @@ class Strokes(Result):
 
 
 def _disagreement(s: StrokeSweep) -> Finding:
-    largest = s.formula.as_dict()["position_max"]
+    largest = float(s.equations.distance.max())
     limit = s.tolerance[0]
     return _TOOL(
         s.joint,

@@ -27,7 +27,7 @@ def figure(strokes: Strokes) -> Figure:
     sweeps = strokes.sweeps
     required = None
     if strokes.requirement is not None:
-        required = strokes.requirement[0] / UM
+        required = strokes.requirement.position / UM
     top = _axis_end(strokes, required)
     height = 0.9 + 2.3 * len(sweeps)
     title = f"{strokes.robot}: position error of the tool over the range of each joint, the other joints at home"
@@ -41,7 +41,7 @@ def figure(strokes: Strokes) -> Figure:
             scale = DEG
             unit = "deg"
         x = sweep.q / scale
-        curves = {"equations": sweep.formula, **sweep.standins}
+        curves = {"equations": sweep.equations, **sweep.standins}
         for color, (name, curve) in zip(PALETTE, curves.items(), strict=False):
             if len(curve.offset):
                 error = np.maximum(curve.distance / UM, _LEAST)  # the axis is logarithmic
@@ -63,7 +63,7 @@ def _axis_end(strokes: Strokes, required: float | None) -> float:
     if required is not None:
         largest = max(largest, required)
     for sweep in strokes.sweeps:
-        for curve in (sweep.formula, *sweep.standins.values()):
+        for curve in (sweep.equations, *sweep.standins.values()):
             if len(curve.offset):
                 largest = max(largest, curve.distance.max() / UM)
     return 10 * largest
