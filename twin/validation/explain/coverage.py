@@ -1,4 +1,4 @@
-"""Count the judged rows of a formula.
+"""Check the margins of a formula, and count its judged rows.
 
 A row counts as judged in three cases: the value of the row is compared; a judged row uses this value; or the row is a
 margin (reach, singularity measure, aspect) that was tested at states where the margin is zero.
@@ -22,11 +22,11 @@ class Coverage:
     """Number of rows (outputs of equations), and one text for each row that was not judged: its name and the reason."""
 
     rows: int
-    left: tuple[str, ...]
+    unjudged: tuple[str, ...]
 
 
-def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[Judged]:
-    """Return the results of checking reach, singularity measures and aspects with the mechanism."""
+def check_margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[Judged]:
+    """Check reach, singularity measures and aspects at states where they are zero; return the results."""
     formula = judge.formula
     run = judge.truth.run
     if run is None or not (formula.reach or formula.measures or formula.aspects):
@@ -38,21 +38,22 @@ def margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | 
     return Boundary(model, Margins(kin, turns, tuple(run.points), error), run.x, error).judge()
 
 
-def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
-    """Return the coverage of all rows; `judged` are the results of `margins`."""
-    done = {(p.equation, p.symbol) for p in judge.residuals}
+def coverage(judge: Judge, margin_results: list[Judged]) -> Coverage:
+    """Return the coverage of all rows; `margin_results` are those of `check_margins`."""
+    compared = {(place.equation, place.symbol) for place in judge.residuals}
     unjudged: dict[tuple[str, str], Judged] = {}  # in at least one of its uses
     margin_rows: set[tuple[str, str]] = set()
-    for result in judged:
+    for result in margin_results:
         row = (result.equation, result.symbol)
         margin_rows.add(row)
         if result.status == "not judged":
             unjudged[row] = result
     margin_rows -= unjudged.keys()
-    done |= passed(judge, done | margin_rows) | margin_rows
+    used_by_these = passed(judge, compared | margin_rows)
+    done = compared | margin_rows | used_by_these
     steps: dict[str, Step] = {s.equation.name: s for s in judge.steps}
     total = 0
-    left: list[str] = []
+    texts: list[str] = []
     for equation in judge.formula.equations:
         for symbol in dict.fromkeys(equation.outputs):
             total += 1
@@ -68,5 +69,5 @@ def coverage(judge: Judge, judged: list[Judged]) -> Coverage:
                 why = f"{step.missing} is unknown"
             else:
                 why = "the mechanism has no quantity to compare with this symbol"
-            left.append(f"{equation.name}.{symbol}: {why}")
-    return Coverage(total, tuple(left))
+            texts.append(f"{equation.name}.{symbol}: {why}")
+    return Coverage(total, tuple(texts))

@@ -24,7 +24,7 @@ from twin.reference import ReferenceModel
 from twin.reference.boundary import Judged
 from twin.validation.explain.candidate import TOKENS, Candidate, Found
 from twin.validation.explain.conventions import conventions, general
-from twin.validation.explain.coverage import coverage, margins
+from twin.validation.explain.coverage import check_margins, coverage
 from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.drawing import Corrected, correct, drawing
 from twin.validation.explain.explanation import (
@@ -277,7 +277,7 @@ def _agreement(
     task.progress("reach and singularity measures", 0.0)
     measured: list[Judged] = []
     if not skipped:
-        measured = margins(judge, model, dict(task.parameters or {}))
+        measured = check_margins(judge, model, dict(task.parameters or {}))
     task.laps.end("margins")
     covered = coverage(judge, measured)
     off = tuple(_margin(judge, m, task.root) for m in measured if m.status == "disagrees")
@@ -286,7 +286,7 @@ def _agreement(
         verdict = "unchecked"
     elif off:
         verdict = "disagree"
-    left = [f"not judged: {text}" for text in covered.left]
+    left = [f"not judged: {text}" for text in covered.unjudged]
     return made(
         verdict,
         explained=not off,
@@ -294,7 +294,7 @@ def _agreement(
         invariants=tuple(unvalued(judge)),
         rows=off,
         notes=(*notes, *left),
-        judged=covered.rows - len(covered.left),
+        judged=covered.rows - len(covered.unjudged),
         rows_of_formula=covered.rows,
     )
 

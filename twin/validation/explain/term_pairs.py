@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
-from itertools import chain, islice
+from itertools import islice
 
 import numpy as np
 
@@ -30,9 +30,9 @@ def with_term(expression: Expression, wanted: Array) -> Iterator[tuple[Edit, Edi
     shift.known = expression.known
     site = expression.site
     atoms = scalar_atoms(site.source, site.statement, shift)
-    known = [Atom(a.text, a.values[shift.known]) for a in atoms]
-    products = Products(known)
-    yield from _around(expression, wanted, known, products)
+    atoms_where_known = [Atom(atom.text, atom.values[expression.known]) for atom in atoms]
+    products = Products(atoms_where_known)
+    yield from _around(expression, wanted, atoms_where_known, products)
     yield from _beside(expression, wanted, atoms, products)
 
 
@@ -41,18 +41,23 @@ def _around(
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of an edit of a part, and a term or factor of this part."""
     singles = expression.singles[0]
-    k = expression.known
+    has_value = expression.known
     for part in expression.parts:
         if expression.deadline.passed:
             return
         start, end = expression.span_of(part)
-        inside = np.array([i for i, e in enumerate(singles) if start <= e.start and e.end <= end], dtype=np.intp)
-        needed = expression.needed(part, (), wanted) if len(inside) else None
+        inside: list[int] = []
+        for i, edit in enumerate(singles):
+            if start <= edit.start and edit.end <= end:
+                inside.append(i)
+        if not inside:
+            continue
+        needed = expression.needed(part, (), wanted)
         if needed is None:
             continue
-        values = expression.edited(part, singles, inside)[:, k]
+        values = expression.edited(part, singles, np.array(inside, np.intp))[:, has_value]
         if _takes_term(expression, part):
-            added = needed[k] - values
+            added = needed[has_value] - values
             for n in products.likely(added):
                 first = singles[inside[n]]
                 for sign, text in terms(added[n], atoms):
@@ -62,11 +67,11 @@ def _around(
                         yield first, _inserted(expression, start, f"{sign.strip('+')}{text} + ")
         if _takes_factor(expression, part):
             with np.errstate(all="ignore"):
-                ratio = needed[k] / values
+                ratio = needed[has_value] / values
             for n in products.likely(ratio):
                 first = singles[inside[n]]
                 for text in factors(ratio[n], atoms):
-                    if start < first.start:
+                    if start < first.start:  # a factor stands in front, as long as this does not touch the edit
                         yield first, _inserted(expression, start, f"{in_product(text)} * ")
                     elif first.end < end:
                         yield first, _inserted(expression, end, f" * {in_product(text)}")
@@ -76,7 +81,7 @@ def _beside(
     expression: Expression, wanted: Array, atoms: Sequence[Atom], products: Products
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of an edit, and a term or factor of a part that the edit does not touch."""
-    k = expression.known
+    has_value = expression.known
     needs: dict[ast.expr, list[tuple[Edit, Array]]] = {}
     for first in expression.singles[0]:
         for part in expression.beside(first):
@@ -91,25 +96,41 @@ def _beside(
             continue
         for inner, values, rows in _inside(expression, part, own, found):
             with np.errstate(all="ignore"):
-                good = {*products.likely(rows[:, k] - values[k]), *products.likely(rows[:, k] / values[k])}
-            square = is_square(inner)
-            for n in range(len(rows)) if square else sorted(int(i) for i in good):
+                added = products.likely(rows[:, has_value] - values[has_value])
+                factors_of = products.likely(rows[:, has_value] / values[has_value])
+            likely = {*added, *factors_of}
+            candidates = sorted(int(n) for n in likely)
+            if is_square(inner):  # what is missing in the square may be no single term or factor outside
+                candidates = list(range(len(rows)))
+            for n in candidates:
                 if expression.deadline.passed:
                     return
-                shift = Flat(expression.k, expression.scopes)
-                shift.known = k
-                shift.value = values[:, None]
-                shift.shift = (rows[n] - values)[:, None]
-                site = expression.site
-                texts = islice(written(site.source, site.statement, inner, site.parents, shift, atoms), _MOST_TEXTS)
-                if n not in good:
-                    texts = iter(())
-                if square:
-                    texts = chain(
-                        texts, in_square(site.source, site.statement, inner, site.parents, shift, atoms, products)
-                    )
-                for second in texts:
+                shift = _shift(expression, values, rows[n])
+                for second in _texts(expression, inner, shift, atoms, products, n in likely):
                     yield found[n][0], second
+
+
+def _shift(expression: Expression, values: Array, wanted: Array) -> Flat:
+    """Return the shift of a part from its values (k,) to those (k,) that it must have."""
+    shift = Flat(expression.k, expression.scopes)
+    shift.known = expression.known
+    shift.value = values[:, None]
+    shift.shift = (wanted - values)[:, None]
+    return shift
+
+
+def _texts(
+    expression: Expression, part: ast.expr, shift: Flat, atoms: Sequence[Atom], products: Products, likely: bool
+) -> Iterator[Edit]:
+    """Yield edits after which a part has its required values.
+
+    A term or factor of the part is written only if it is `likely`; one inside a square is tried for every square.
+    """
+    site = expression.site
+    if likely:
+        yield from islice(written(site.source, site.statement, part, site.parents, shift, atoms), _MOST_TEXTS)
+    if is_square(part):
+        yield from in_square(site.source, site.statement, part, site.parents, shift, atoms, products)
 
 
 def _inside(
