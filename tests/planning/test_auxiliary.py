@@ -22,7 +22,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Coupling, Mechanism
 from twin.ui.report.curves import joint_unit
 from twin.ui.session.desk import Desk
-from twin.ui.session.instruments import read as instruments
+from twin.ui.session.readings import read as instruments
 
 JAW = 6
 

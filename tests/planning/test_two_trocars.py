@@ -28,8 +28,8 @@ from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
 from twin.ui.headset.playback import trocars as told
 from twin.ui.session.desk import Desk
-from twin.ui.session.instruments import read
 from twin.ui.session.patient import patient_of
+from twin.ui.session.readings import read
 from twin.ui.session.timeline import prepare
 from twin.ui.session.trocars import in_trocars
 from twin.ui.viewer import readout

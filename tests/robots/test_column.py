@@ -13,7 +13,7 @@ from twin.exchange.read.closing import close
 from twin.reference.dynamics import Dynamics
 from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, TIP_LIMIT
 from twin.ui.session.desk import Desk
-from twin.ui.session.instruments import read as instruments
+from twin.ui.session.readings import read as instruments
 
 
 @pytest.fixture(scope="module")

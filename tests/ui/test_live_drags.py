@@ -21,7 +21,7 @@ from made.lanes import contrasting, one_of_a_kind
 from twin.cli import main
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
-from twin.ui.session.instruments import read
+from twin.ui.session.readings import read
 
 DRAGS = int(os.environ.get("TWIN_DRAGS", "20"))
 SPEEDS = (50 * MM, 5 * MM, 1 * MM, 0.2 * MM)

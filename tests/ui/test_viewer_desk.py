@@ -28,7 +28,7 @@ from twin.model.joint_distance import with_distance
 from twin.ui.headset.playback import measured
 from twin.ui.session.desk import Desk
 from twin.ui.session.display_meshes import CREASE, behind, creased, looks
-from twin.ui.session.instruments import read
+from twin.ui.session.readings import read
 from twin.ui.session.timeline import Clock, Playback, protocols_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.design_panel import differs, refused
@@ -417,7 +417,7 @@ def test_every_residual_is_told_in_its_own_unit(any_desk):
     """Joint by joint, equations that are off by a known amount: millimetres of a slide, degrees of a turn."""
     from types import SimpleNamespace
 
-    from twin.ui.session.instruments import _joint_error
+    from twin.ui.session.readings import _joint_error
 
     q = any_desk.assembly.q
     for i, joint in enumerate(any_desk.joints):

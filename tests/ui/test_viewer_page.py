@@ -19,7 +19,7 @@ from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
 from twin.ui.session.display_meshes import looks
-from twin.ui.session.instruments import read
+from twin.ui.session.readings import read
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer import view_export
 

@@ -1,22 +1,39 @@
 """Compare two or more descriptions of one robot, for `twin compare`.
 
-    side        one description as joint lines, bodies, frames and limits at one state; its own forward kinematics
-    joined      joints that one side writes as several: hinges through a point as a ball, two points as a hinge
-    recut       a robot with loops as a tree that is cut at the same joints as that of the other side
-    matching    which joint of one side is which joint of the other
-    fit         conventions (base frame, signs, zeros) and deviating links that map one side onto the other
-    invariants  what consecutive joint lines have in common, whatever conventions are chosen
-    evidence    what the sides state beyond their lines: base, zeros, tools, limits, inertias
-    search      the fit with the fewest conventions and the fewest deviating links
-    links       robots with loops: which joint has another place on which link
-    mimic       a linkage with loops against linear couplings that replace its loops
-    frames      frames of both sides with the same name
-    items       what a fit says about the two sides, as named conventions and differences
-    range       the largest difference of the tools over the common range
-    statements  the numbers of a description file with their lines, and what each number moves
-    edits       the number of a file whose edit removes a difference
-    properties  limits, velocities, masses, couplings
-    result      verdict, findings, text, data
+The two sides and how they are mapped onto each other:
+
+    side              one description as joint lines, bodies, frames and limits at one state; its own forward kinematics
+    joined            joints that one side writes as several: hinges through a point as a ball, two points as a hinge
+    recut             a robot with loops as a tree that is cut at the same joints as that of the other side
+    screws            the joint lines of equations, from their forward function alone
+    matching          which joint of one side is which joint of the other
+    fit               conventions (base frame, signs, zeros) and deviating links that map one side onto the other
+    invariants        what consecutive joint lines have in common, whatever conventions are chosen
+    tool_lines        what the frames of a last link and the joint lines before it have in common
+    evidence          what the sides state beyond their lines: base, zeros, tools, limits, inertias
+    search            the fit with the fewest conventions and the fewest deviating links
+    links             robots with loops: which joint has another place on which link
+    mimic             a linkage with loops against linear couplings that replace its loops
+    mimic_statements  base frame, tool frame and limits of both
+    poses             rows of joint values and tool poses against a robot
+
+What differs:
+
+    frames            frames of both sides with the same name
+    items             what a fit says about the two sides, as named conventions and differences
+    range             the largest difference of the tools over the common range
+    properties        limits, velocities, masses, couplings
+
+Which number to edit:
+
+    statements        the numbers of a description file with their lines, and what each number moves
+    edits             the number of a file whose edit removes a difference
+    rereading         edits that are found by reading a changed text again
+    dh_edits, loop_edits, property_edits      edits of DH tables, of joints of loops, of properties
+    xacro_lines       whether a line of a xacro states the number that an edit names
+
+    pair              one comparison of two sides, from all of these
+    comparison_result verdict, findings, text and data of all pairs
 
 No module here imports a writer, an audit, a solver or the reference model: poses come from the joint lines alone.
 """

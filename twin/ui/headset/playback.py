@@ -11,7 +11,7 @@ from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.ui.headset.protocol import pose_of
 from twin.ui.session.desk import Desk
-from twin.ui.session.instruments import RobotReading
+from twin.ui.session.readings import RobotReading
 from twin.ui.session.timeline import Playback
 from twin.ui.session.trocars import in_trocars, rcm_at
 

@@ -27,11 +27,11 @@ from twin.ui.headset.playback import DisplayedState, StreamedPlayback, apart, me
 from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import ReachablePoints
 from twin.ui.headset.worker import Worker
-from twin.ui.session import instruments
+from twin.ui.session import readings
 from twin.ui.session.desk import UNDOS, Desk, MoveResult, start_of
 from twin.ui.session.driven_machine import DrivenMachine
-from twin.ui.session.instruments import RobotReading
 from twin.ui.session.patient import Patient
+from twin.ui.session.readings import RobotReading
 from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
 from twin.ui.session.trocars import rcm_at
 
@@ -452,10 +452,10 @@ class Twin:
 
         def job() -> RobotReading:
             if track is None:
-                return instruments.read(desk)
+                return readings.read(desk)
             if k is not None:
                 desk.show(desk.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
-            return instruments.read(desk, rcm_at(track.playback, time))
+            return readings.read(desk, rcm_at(track.playback, time))
 
         def done(reading: RobotReading) -> None:
             self._reading = reading

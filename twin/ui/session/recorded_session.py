@@ -24,7 +24,7 @@ MOST = 20_000
 """Maximum number of moments (recorded states) in a session, enough for five minutes of continuous motion."""
 
 _COMMAS = 64 * MOST
-"""Maximum number of values in a session file, which is untrusted."""
+"""Maximum number of commas, and so of values, in a session file, which is untrusted."""
 
 _KEYS = 16
 """Maximum number of keys in one JSON object of a session file."""
@@ -70,11 +70,14 @@ class RecordedSession:
         """Append a state: `time` in s, active joints q (n,) in m or rad, T_base_tool (4, 4).
 
         Raises:
-            TwinError: the time is not after the last state, q does not match the joints, or the pose is not rigid.
+            TwinError: the session is full (`MOST`), the time is not after the last state, q does not match the joints, or
+                the pose is not rigid.
         """
         q = np.array(q, float)
         T = np.array(T_base_tool, float)
         where = f"session of {self.robot}, moment {len(self.moments)}"
+        if len(self.moments) >= MOST:
+            raise TwinError(f"{where}: a session has at most {MOST} states; save it, and begin another one")
         if not np.isfinite(time) or (self.moments and time <= self.moments[-1].time):
             after = f" after {self.moments[-1].time:g} s" if self.moments else ""
             raise TwinError(f"{where}: time = {time} s must be a finite number{after}")
@@ -156,17 +159,19 @@ class RecordedSession:
             json.loads(text, object_pairs_hook=_small)
             table = _SessionTable.model_validate_json(text)
         except (json.JSONDecodeError, RecursionError) as error:
-            raise TwinError(f"{path}: the file is not JSON: {error}; give a file written by `Session.save`") from error
+            raise TwinError(
+                f"{path}: the file is not JSON: {error}; give a file that the panel Record has saved"
+            ) from error
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = spell(first["loc"])
             # the input of a missing key is the table that lacks it
             if first["loc"] and first["type"] != "missing":
                 where += f" = {repr(first['input'])[:60]}"
-            text = f"{path}: {where}: {first['msg']}; give a file written by `Session.save`"
+            text = f"{path}: {where}: {first['msg']}; give a file that the panel Record has saved"
             raise TwinError(text) from error
         except ValueError as error:
-            raise TwinError(f"{path}: {error}; give a file written by `Session.save`") from error
+            raise TwinError(f"{path}: {error}; give a file that the panel Record has saved") from error
         out = cls.of(mechanism)
         if table.robot != out.robot:
             raise TwinError(

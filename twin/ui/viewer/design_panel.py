@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.joint_distance import distances, with_distance
 from twin.ui.session.desk import Desk, MoveResult
-from twin.ui.session.instruments import RobotReading, read
+from twin.ui.session.readings import RobotReading, read
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceChunk, WorkspaceJob, without_meshes
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot

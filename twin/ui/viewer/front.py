@@ -18,7 +18,7 @@ from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.ui.session import instruments, timeline
+from twin.ui.session import readings, timeline
 from twin.ui.session.desk import Desk, MoveResult, start_of
 from twin.ui.session.feed import Feed
 from twin.ui.session.file_watch import RobotFileWatch
@@ -92,7 +92,7 @@ class PanelsInterface(Protocol):
     why: str
 
     def rebuild(self) -> None: ...  # noqa: D102
-    def show(self, reading: instruments.RobotReading) -> None: ...  # noqa: D102
+    def show(self, reading: readings.RobotReading) -> None: ...  # noqa: D102
     def equations_shown(self) -> bool: ...  # noqa: D102
     def exaggeration(self) -> float: ...  # noqa: D102
     def ghost(self, visible: bool) -> None: ...  # noqa: D102
@@ -233,7 +233,7 @@ class Front(ViewerPage):
     def refresh(self) -> None:
         """Compute and show the readings of the active robot."""
         a = self.hand
-        reading = instruments.read(a.desk, rcm_at(a.playback, self.clock.time))
+        reading = readings.read(a.desk, rcm_at(a.playback, self.clock.time))
         shown = reading.points if self.panels.equations_shown() else {}
         self.nodes[a.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
         self.panels.show(reading)

@@ -13,7 +13,7 @@ from viser import uplot
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.ui.session.instruments import RobotReading
+from twin.ui.session.readings import RobotReading
 from twin.ui.session.timeline import SPEEDS, Playback, protocols_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.design_panel import DesignPanel

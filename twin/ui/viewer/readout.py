@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.format import quantity
 from twin.core.units import DEG, MM
-from twin.ui.session.instruments import AGREE, EquationError, Limit, RobotReading
+from twin.ui.session.readings import AGREE, EquationDeviation, JointReading, RobotReading
 
 _GOOD = "light-dark(#17703f, #57c98e)"
 _BAD = "light-dark(#b8201f, #ff8a80)"
@@ -41,7 +41,7 @@ def difference(metres: float) -> str:
     return length(metres)
 
 
-def amount(residual: EquationError) -> str:
+def amount(residual: EquationDeviation) -> str:
     """Return a residual (a length or an angle) as text with a suitable unit."""
     if abs(residual.size) < _ROUNDING:
         return "exact"
@@ -89,7 +89,7 @@ def table(reading: RobotReading, variants: str = "") -> str:
     return f"<div style='font-size:12px;line-height:1.5;padding:0 .8em' data-agrees='{agrees}'>{''.join(rows)}</div>"
 
 
-def _agreement(reading: RobotReading, residual: EquationError) -> tuple[str, str]:
+def _agreement(reading: RobotReading, residual: EquationDeviation) -> tuple[str, str]:
     """Return (HTML text, colour) on the agreement of equations and mechanism."""
     if reading.agrees and not reading.comparable:
         return reading.scope, _WARN
@@ -176,7 +176,7 @@ def _line(name: str, text: str, color: str = "") -> str:
     )
 
 
-def _bar(limit: Limit) -> str:
+def _bar(limit: JointReading) -> str:
     """Return an HTML bar with a joint's position between its limits; red if a limit is nearer than 2 % of the range."""
     text = f"{limit.value:.3f} {limit.unit}".replace("-0.000 ", "0.000 ")
     part = limit.part

@@ -17,7 +17,7 @@ from twin.ui.session.desk import Desk
 from twin.ui.session.trocars import InTrocar, in_trocars
 
 
-class EquationError(NamedTuple):
+class EquationDeviation(NamedTuple):
     """Difference between equations and mechanism in the quantity `what`; `size` is in rad if `is_angle`, else in m."""
 
     size: float
@@ -34,8 +34,8 @@ BEYOND = "not comparable: beyond the reach of the equations"
 
 
 @dataclass(frozen=True)
-class Limit:
-    """Value and limits of a joint, in `unit` (mm or °)."""
+class JointReading:
+    """Value of a joint between its limits `low` and `high`, in `unit` (mm or °)."""
 
     joint: str
     value: float
@@ -76,13 +76,13 @@ class RobotReading:
     """
 
     coordinates: tuple[tuple[str, float, str], ...]
-    limits: tuple[Limit, ...]
+    limits: tuple[JointReading, ...]
     gap: float
     branch: str = ""
     condition: float | None = None
     singular: tuple[tuple[str, str, float], ...] = ()
     trocars: tuple[InTrocar, ...] = ()
-    residual: EquationError | None = None
+    residual: EquationDeviation | None = None
     scope: str = ""
     points: dict[str, Array] = field(default_factory=dict)
     actual: dict[str, Array] = field(default_factory=dict)
@@ -108,7 +108,10 @@ class RobotReading:
 
     @property
     def agrees(self) -> bool:
-        """Whether equations and mechanism agree within `AGREE` at the present pose."""
+        """Whether equations and mechanism agree within `AGREE` at the present pose; True without equations.
+
+        If they are not `comparable`, only what can be compared counts; see `scope`.
+        """
         return self.residual is None or self.residual.size <= AGREE
 
 
@@ -127,7 +130,7 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
     for joint, value in zip(joints, now.q, strict=True):
         scale, unit = _display(joint.is_angle)
         low, high = joint.limits or (-np.inf, np.inf)
-        limits.append(Limit(joint.name, float(value) / scale, unit, low / scale, high / scale))
+        limits.append(JointReading(joint.name, float(value) / scale, unit, low / scale, high / scale))
     if kin is None:
         coordinates = _pose_coordinates(T)
         return RobotReading(coordinates, tuple(limits), now.worst_gap, trocars=trocars, reason=reason)
@@ -148,18 +151,18 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
         points = {}
         actual = {}
     return RobotReading(
-        _formula_coordinates(kin, T),
-        tuple(limits),
-        now.worst_gap,
-        str(kin.branch(**states)[0]),
-        _condition(kin, T, now.q),
-        _singularities(kin, states),
-        trocars,
-        residual,
-        scope,
-        points,
-        actual,
-        reason,
+        coordinates=_formula_coordinates(kin, T),
+        limits=tuple(limits),
+        gap=now.worst_gap,
+        branch=str(kin.branch(**states)[0]),
+        condition=_condition(kin, T, now.q),
+        singular=_singularities(kin, states),
+        trocars=trocars,
+        residual=residual,
+        scope=scope,
+        points=points,
+        actual=actual,
+        reason=reason,
     )
 
 
@@ -215,7 +218,7 @@ def _singularities(kin: Kinematics, states: dict[str, Array]) -> tuple[tuple[str
 
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
-) -> tuple[EquationError, str]:
+) -> tuple[EquationDeviation, str]:
     """Return (residual, scope), the values of these attributes of `RobotReading`.
 
     Joint values, named points and tool are compared. The same tool pose may be reached in several assembly modes.
@@ -228,28 +231,28 @@ def _residual(
     q = now.q
     T = now.T_base_tool
     assert kin is not None
-    of_pose: list[EquationError] = []
+    of_pose: list[EquationDeviation] = []
     if asked is not None:
         distance = float(np.linalg.norm(asked[:3, 3] - T[:3, 3]))
         angle = float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3]))
-        of_pose.append(EquationError(distance, "tool"))
-        of_pose.append(EquationError(angle, "tool rotation", True))
+        of_pose.append(EquationDeviation(distance, "tool"))
+        of_pose.append(EquationDeviation(angle, "tool rotation", True))
     errors = []
     for name, position in actual.items():
         if np.isfinite(points[name]).all():
             distance = float(np.linalg.norm(points[name] - position))
-            errors.append(EquationError(distance, f"point {name}"))
+            errors.append(EquationDeviation(distance, f"point {name}"))
     if desk.model.redundant:
         if kin.closed_forward:
             distance = float(np.linalg.norm(kin.forward(q)[:3, 3] - T[:3, 3]))
-            errors.append(EquationError(distance, "tool at these joints"))
+            errors.append(EquationDeviation(distance, "tool at these joints"))
         return _largest(errors + of_pose), ""
     try:
         q_equations = kin.inverse(T, q)
     except KinematicsError:
         return _largest(errors + of_pose), ""
     errors.append(_joint_error(desk, q_equations, q))
-    if _largest(errors).size > AGREE and _agree_as_drawn(desk):
+    if _largest(errors).size > AGREE and _agree_at_home(desk):
         tool_errors = [_pose_error(T_tool, T) for T_tool in desk.solver.tools(now, q_equations)]
         nearest = min(tool_errors, key=lambda e: e.size, default=None)
         if nearest is not None and nearest.size <= AGREE:
@@ -269,33 +272,33 @@ def _has_value(kin: Kinematics, q: Array) -> bool:
         return False
 
 
-def _largest(errors: list[EquationError]) -> EquationError:
-    """Return the largest finite error; of equal errors the first."""
+def _largest(errors: list[EquationDeviation]) -> EquationDeviation:
+    """Return the largest finite error, m and rad compared as numbers, as `AGREE` does; of equal errors the first."""
     finite = [error for error in errors if np.isfinite(error.size)]
-    return max(finite, key=lambda e: e.size, default=EquationError(0.0, ""))
+    return max(finite, key=lambda e: e.size, default=EquationDeviation(0.0, ""))
 
 
-def _joint_error(desk: Desk, q_equations: Array, q: Array) -> EquationError:
+def _joint_error(desk: Desk, q_equations: Array, q: Array) -> EquationDeviation:
     """Return the largest difference between joint values q_equations (n,) and q (n,); angles modulo full turns."""
     is_angle = np.array([j.is_angle for j in desk.joints], bool)
     difference = q_equations - q
     wrapped = (difference + np.pi) % (2 * np.pi) - np.pi
     difference = np.where(is_angle, wrapped, difference)
     k = int(np.argmax(np.abs(difference)))
-    return EquationError(float(abs(difference[k])), f"joint {desk.joints[k].name}", bool(is_angle[k]))
+    return EquationDeviation(float(abs(difference[k])), f"joint {desk.joints[k].name}", bool(is_angle[k]))
 
 
-def _pose_error(A: Array, B: Array) -> EquationError:
+def _pose_error(A: Array, B: Array) -> EquationDeviation:
     """Return the larger of distance in m and angle in rad between two poses (4, 4)."""
     distance = float(np.linalg.norm(A[:3, 3] - B[:3, 3]))
     angle = float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
     what = "tool at the equations' joints"
     if angle > distance:
-        return EquationError(angle, what, True)
-    return EquationError(distance, what)
+        return EquationDeviation(angle, what, True)
+    return EquationDeviation(distance, what)
 
 
-def _agree_as_drawn(desk: Desk) -> bool:
+def _agree_at_home(desk: Desk) -> bool:
     """Return whether the inverse equations compute the home joint values from the home tool pose."""
     home = desk.model.home()
     assert desk.kin is not None
