@@ -136,6 +136,7 @@ def test_buttons_of_the_page_are_pedals_and_jaws(page, fingers):
 def test_both_lenses_are_shown_side_by_side_and_in_red_and_cyan(opened):
     page = opened
     page.draws(True)
+    page("document.querySelector('.coach').remove()")  # the hint where to drag is over the picture
     page("twin.app.console.views.swap(), twin.app.console.views.swap()")
     pictures = {}
     for mode in ("side", "red-cyan", "one"):
