@@ -149,7 +149,8 @@ def test_both_lenses_are_shown_side_by_side_and_in_red_and_cyan(opened):
         pictures[mode] = page.image()
     right, bottom = (int(SCALE * v) for v in page("twin.app.world.free()"))
     half = right // 2
-    middle = slice(int(SCALE * 120), bottom - int(SCALE * 130))  # neither below the name nor beside the small picture
+    name = page("document.querySelector('header').getBoundingClientRect().bottom")
+    middle = slice(int(SCALE * name) + 6, bottom - int(SCALE * 130))  # neither the name nor beside the small picture
     side = pictures["side"][middle]
     a, b = side[:, :half], side[:, half : 2 * half]
     apart = np.abs(a - b).max(axis=2)
