@@ -70,8 +70,8 @@ class RecordedSession:
         """Append a state: `time` in s, active joints q (n,) in m or rad, T_base_tool (4, 4).
 
         Raises:
-            TwinError: the session is full (`MOST`), the time is not after the last state, q does not match the joints, or
-                the pose is not rigid.
+            TwinError: the session is full (`MOST`), the time is not after the last state, q does not match the joints,
+                or the pose is not rigid.
         """
         q = np.array(q, float)
         T = np.array(T_base_tool, float)
