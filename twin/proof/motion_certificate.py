@@ -47,6 +47,9 @@ _SLACK = 1e-6
 _TOOL_SLACK = 6e-4
 """The same of the speeds of the tool: they rest on rates of the passive joints, whose bounds are wider."""
 
+_TOOL_LEAST = 1e-6
+"""Smallest change of a speed of the tool, as a part of its limit: a tool that does not turn has one that is 0."""
+
 _LEAST = 1e-9
 """Smallest change of a bound, in m, rad, m/s or rad/s."""
 
@@ -104,7 +107,8 @@ def _bound(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
     if claim.group == "determinant":
         return {**row, "not": 0.0}
     part = _TOOL_SLACK if claim.group == "tool speed" else _SLACK
-    change = max(_LEAST, part * abs(claim.bound))
+    least = _TOOL_LEAST if claim.group == "tool speed" else _LEAST
+    change = max(least, part * abs(claim.bound))
     if claim.group == "loop gap":
         change += (_GAP - 1.0) * claim.bound
     if claim.smallest:
