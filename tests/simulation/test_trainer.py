@@ -8,6 +8,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,6 +52,7 @@ from twin.simulation.machine.state_packets import State
 from twin.simulation.session.training import measure
 from twin.simulation.setup import Setup
 from twin.simulation.world import Recording, Signals
+from twin.ui.session import driven_machine
 from twin.ui.session.mirror import Mirror
 
 BOUNDS = TrainerLimits(0.04, 1.5, 0.05, 0.08, 2e-3, 0.05, 3e-3)
@@ -655,6 +657,38 @@ def test_packets_go_out_one_each_millisecond():
         came = [(unpack(udp.recv(200), 0, 0).sequence, time.monotonic()) for _ in range(10)]
         assert [n for n, _ in came] == list(range(1, 11))
         assert came[-1][1] - came[0][1] > 4e-3  # not all at once
+        link.close()
+
+
+def test_a_page_that_paused_leaves_room_so_that_no_two_packets_go_out_at_once(monkeypatch):
+    """After a pause, a page may add `room` packets; the machine would move twice as fast by two in a millisecond."""
+    with Sender() as sender, socket.socket(type=socket.SOCK_DGRAM) as udp:
+        udp.bind(("127.0.0.1", 0))
+        link = MachineLink(Address("127.0.0.1", udp.getsockname()[1], sender.port), 7)
+        link._ends.set()
+        link._thread.join()
+
+        class Master:
+            def __init__(self, link, parts):
+                self.rest = lambda: None
+
+            def step(self, ticks):
+                for _ in range(ticks):
+                    link.send(pack(1, 0, STILL))
+
+        monkeypatch.setattr(driven_machine, "MachineLink", lambda address, n: link)
+        monkeypatch.setattr(driven_machine, "MachineMaster", Master)
+        driven = driven_machine.DrivenMachine(None, SimpleNamespace(home=np.zeros(7)))
+        sent = []
+        monkeypatch.setattr(link, "_send_one", lambda: sent.append(link._waiting.popleft()))
+        monkeypatch.setattr(time, "sleep", lambda seconds: link._ends.set())
+        for passed in (1 / 60, 0.5, 0.5, 0.5):
+            driven.advance(passed, None)
+            link._ends.clear()
+            link._run()  # one round of the sending thread
+        assert len(sent) == 4
+        assert len(link._waiting) > 10
+        monkeypatch.undo()
         link.close()
 
 

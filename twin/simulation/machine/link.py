@@ -185,8 +185,13 @@ class MachineLink:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
+    @property
+    def room(self) -> int:
+        """Number of packets that may be added while the link still sends only one per millisecond."""
+        return max(_BEHIND - 1 - len(self._waiting), 0)
+
     def send(self, packet: bytes) -> None:
-        """Add a packet to the queue, from which one packet is sent per millisecond."""
+        """Add a packet to the queue, from which one packet is sent per millisecond; two, if there is no `room`."""
         if len(self._waiting) >= _WAITING:
             self._waiting.popleft()
             self.dropped += 1

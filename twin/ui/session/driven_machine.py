@@ -13,9 +13,6 @@ from twin.simulation.machine.machine_master import MachineMaster
 from twin.simulation.machine.motor_plant import TICK
 from twin.simulation.machine.simulated_machine import Parts
 
-_MOST = 100
-"""Maximum number of packets at once, after a pause of the page."""
-
 _APART = 1e-5
 """Difference in m or rad up to which the robot of the page counts as standing where the machine stands."""
 
@@ -48,7 +45,10 @@ class DrivenMachine:
         self._link.close()
 
     def advance(self, passed: float, goal: Array | None) -> None:
-        """Send the packets of `passed` s: towards a pose (4, 4) of the tool; None: the pedal is up."""
+        """Send the packets of `passed` s: towards a pose (4, 4) of the tool; None: the pedal is up.
+
+        After a pause of the page, packets are left out: if they were sent late and faster, so would the tool move.
+        """
         self._goal = goal
         if goal is None:
             self.master.rest()
@@ -57,7 +57,7 @@ class DrivenMachine:
         self._late += passed
         ticks = int(self._late / TICK)
         self._late -= ticks * TICK
-        self.master.step(min(ticks, _MOST))
+        self.master.step(min(ticks, self._link.room))
 
     def elsewhere(self, q: Array) -> Array | None:
         """Return the joint values (n,) of the machine if they are not q (n,); None: they are, or it does not answer."""
