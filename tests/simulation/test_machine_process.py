@@ -279,6 +279,7 @@ def test_the_summary_counts_what_happened():
         check=True,
     )
     found = json.loads(done.stdout)
+    assert "packets to 127.0.0.1:" in done.stderr  # port 0: whoever sends packets has to read the port
     assert found["ticks"] == 300
     assert found["level"] == "PEDAL_UP"
     assert 0 <= found["late"] <= 300

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 import threading
@@ -266,6 +267,26 @@ def test_an_impossible_port_is_named(given, said, capsys):
         code = error.code
     assert code == 2
     assert said in capsys.readouterr().err
+
+
+def test_an_open_port_prints_an_address_with_a_token_beside_the_result():
+    command = [sys.executable, "-m", "twin", "machine", "raven_left", "--quiet", "--json", "--ros", "0.0.0.0:0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr is not None
+        lines = [""]
+        while "token=" not in lines[-1]:
+            lines.append(process.stderr.readline())
+            assert lines[-1], "the command has ended"
+        process.send_signal(signal.SIGINT)
+        out, rest = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.communicate()
+    assert "without TLS" in "".join(lines)
+    assert "//0.0.0.0" not in "".join(lines) + rest
+    assert "rosbridge for ROS clients" not in rest  # an address without a token would be refused
+    assert json.loads(out)["robot"] == "raven_left"
 
 
 @pytest.mark.parametrize("robot", ["raven_left", "sils"])

@@ -14,21 +14,44 @@ def free_port(host: str, port: int) -> int:
     Raises:
         TwinError: the port is in use (the message names a free port), or `host` is not an address of this computer.
     """
-    with socket.socket() as s:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             s.bind((host, port))
         except OSError as error:
             if error.errno in (98, 48, 10048):  # error numbers of a port in use: Linux, macOS, Windows
-                with socket.socket() as other:
+                with socket.socket(family) as other:
                     other.bind((host, 0))
                     free = other.getsockname()[1]
                 raise TwinError(
                     f"port {port} is in use, possibly by another twin command: stop that process, or use the free port "
                     f"{free} (--port {free})"
                 ) from error
-            raise TwinError(f"cannot listen on {host}:{port}: {error.strerror or error}") from error
+            raise TwinError(f"cannot listen on {_with_port(host, port)}: {error.strerror or error}") from error
         return int(s.getsockname()[1])
+
+
+def ros_address(host: str, port: int, secure: bool) -> tuple[int, str]:
+    """Return a free port (see `free_port`) for ROS clients, and the address of the server for them.
+
+    Raises:
+        TwinError: the port is in use, or `host` is not an address of this computer.
+    """
+    try:
+        free = free_port(host, port)
+    except TwinError as error:
+        text = "the port is in use, or the host is not an address of this computer; choose another one"
+        raise TwinError(f"--ros {_with_port(host, port)}: {text}") from error
+    url = PageAddress(host, free, secure, "ROS").url
+    return free, url.replace("http", "ws", 1).rstrip("/")
+
+
+def _with_port(host: str, port: int) -> str:
+    """Return HOST:PORT as in addresses of pages; an address of IPv6 is in brackets."""
+    if ":" in host:
+        return f"[{host}]:{port}"
+    return f"{host}:{port}"
 
 
 class PageAddress:
@@ -41,8 +64,7 @@ class PageAddress:
     def __init__(self, host: str, port: int, secure: bool, title: str, advice: str = "") -> None:
         self.title, self.advice = title, advice
         shown = _reachable() if host in ("0.0.0.0", "::", "") else host
-        shown = f"[{shown}]" if ":" in shown else shown
-        self.url = f"{'https' if secure else 'http'}://{shown}:{port}/"
+        self.url = f"{'https' if secure else 'http'}://{_with_port(shown, port)}/"
         self._first = True
 
     def say(self, token: str) -> None:

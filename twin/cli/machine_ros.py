@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from twin.cli.address import free_port
+from twin.cli.address import ros_address
 from twin.core.errors import TwinError
 from twin.core.processes import Apart
 from twin.simulation.machine.link import Address
 from twin.simulation.machine.machine_server import HOST, Server
+from twin.ui.access.rules import is_local
 
 
 class RosProcess:
@@ -28,15 +29,13 @@ class RosProcess:
         """
         from twin.ui.headset.ros import machine_bridge
 
-        host, port = listens
-        try:
-            port = free_port(host, port)
-        except TwinError as error:
-            text = "the port is in use, or the host is not an address of this computer; choose another one"
-            raise TwinError(f"--ros {host}:{port}: {text}") from error
+        host, given = listens
+        port, url = ros_address(host, given, False)
+        if not is_local(host):
+            said("rosbridge is open to the network, without TLS: others in the network can read and change messages")
         self._said = said
         address = Address(HOST, server.port, server.state_port)
-        self._process = Apart(machine_bridge.run, str(robot), address, host, port)
+        self._process = Apart(machine_bridge.run, str(robot), address, host, port, url)
 
     def listen(self) -> bool:
         """Print what the process says; return False: the machine goes on.
@@ -50,8 +49,6 @@ class RosProcess:
                 kind, text = line.recv()
                 if kind == "failed":
                     raise TwinError(f"--ros: {text}")
-                if kind == "ready":
-                    text = f"rosbridge for ROS clients: {text}"
                 self._said(text)
         except (EOFError, OSError) as error:
             raise TwinError("--ros: the process that serves ROS clients has ended") from error

@@ -252,8 +252,10 @@ def port_number(text: str) -> int:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Convert [HOST:]PORT to host and port; default 127.0.0.1."""
+    """Convert [HOST:]PORT to host and port; default 127.0.0.1. An address of IPv6 is in brackets, as [::1]:9090."""
     host, _, port = text.rpartition(":")
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1]
     return host or "127.0.0.1", port_number(port)
 
 

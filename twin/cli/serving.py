@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from twin import api
 from twin.cli import guided, machines
 from twin.cli import scene as scenes
-from twin.cli.address import PageAddress, free_port
+from twin.cli.address import PageAddress, free_port, ros_address
 from twin.core import assets
 from twin.core.errors import TwinError
 
@@ -373,13 +373,8 @@ async def _bridge(operation: Operation, host: str, port: int, context: ssl.SSLCo
     """
     from twin.ui.access.rules import AccessRules
 
-    try:
-        port = free_port(host, port)
-    except TwinError as error:
-        text = "the port is in use, or the host is not an address of this computer; choose another one"
-        raise TwinError(f"--ros {host}:{port}: {text}") from error
     is_https = context is not None
-    url = PageAddress(host, port, is_https, "ROS", "").url.replace("http", "ws", 1).rstrip("/")
+    port, url = ros_address(host, port, is_https)
 
     def announce(token: str) -> None:
         print(f"  rosbridge for the next ROS client, once: {url}/?token={token}", flush=True)

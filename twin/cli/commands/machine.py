@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,7 @@ def arguments(command: Command) -> None:
     command.robot()
     for name, text in (("--port", "UDP port of the packets"), ("--state-port", "TCP port of the states")):
         command.add_argument(name, type=port_number, default=0, help=f"{text} (default 0: any free port)")
-    text = "port for programs of ROS systems by the protocol rosbridge (docs/ros.md)"
+    text = "port for programs of ROS systems by the protocol rosbridge, without TLS (docs/ros.md)"
     command.text("--ros", "[HOST:]PORT", text, type=host_and_port)
     command.flag("--start", "press the start button of the machine as soon as it runs")
     command.number("--duration", "S", "running time in seconds (default: run until Ctrl-C)")
@@ -61,9 +62,11 @@ def run(args: argparse.Namespace) -> int:
     )
     server = Server(arm, args.port, args.state_port)
 
+    # With --json, the result alone goes to stdout; ports and tokens are needed while the machine runs.
+    stream = sys.stderr if args.json else sys.stdout
+
     def said(text: str) -> None:
-        if not args.json:
-            print(text, flush=True)
+        print(text, file=stream, flush=True)
 
     said(f"{robot.name}: packets to {HOST}:{server.port} (UDP), states from {HOST}:{server.state_port} (TCP)")
     if not args.quiet:

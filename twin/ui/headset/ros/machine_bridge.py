@@ -22,15 +22,12 @@ from twin.ui.headset.ros.machine_topics import MachineTopics
 RATE = 250.0
 """Rounds per second; each sends the packets of its ticks and the newest messages."""
 
-_MOST = 50
-"""Maximum number of packets of one round, after a pause of the process."""
 
-
-def run(line: Connection, robot: str, address: Address, host: str, port: int) -> None:
+def run(line: Connection, robot: str, address: Address, host: str, port: int, url: str) -> None:
     """Serve a machine until the parent process closes the connection.
 
-    Lines of text for the terminal are sent to the parent as ("said", text); the message ("ready", address) comes when
-    the server listens, ("failed", reason) if it cannot.
+    Lines of text for the terminal are sent to the parent as ("said", text): the address of the server, once it listens,
+    and the address with a new token for each client if clients need one. ("failed", reason): the server cannot listen.
 
     Args:
         line: connection to the parent process.
@@ -38,14 +35,15 @@ def run(line: Connection, robot: str, address: Address, host: str, port: int) ->
         address: where the machine runs.
         host: host name or address on which the server listens.
         port: port on which the server listens.
+        url: address of the server for clients.
     """
     try:
-        asyncio.run(_serve(line, robot, address, host, port))
+        asyncio.run(_serve(line, robot, address, host, port, url))
     except (TwinError, OSError) as error:
         line.send(("failed", str(error)))
 
 
-async def _serve(line: Connection, robot: str, address: Address, host: str, port: int) -> None:
+async def _serve(line: Connection, robot: str, address: Address, host: str, port: int, url: str) -> None:
     loaded = load(robot)
     parts = machine_parts(loaded)
     link = MachineLink(address, len(parts.home))
@@ -53,13 +51,14 @@ async def _serve(line: Connection, robot: str, address: Address, host: str, port
         topics = MachineTopics(loaded.name, MachineMaster(link, parts))
 
         def announce(token: str) -> None:
-            line.send(("said", f"rosbridge for the next ROS client, once: ws://{host}:{port}/?token={token}"))
+            line.send(("said", f"rosbridge for the next ROS client, once: {url}/?token={token}"))
 
         rules = AccessRules(host, port, False, announce)
         bridge = RosBridge(topics, rules)
         await bridge.start(host, port)
         try:
-            line.send(("ready", f"ws://{host}:{port}"))
+            if not rules.needs_token:
+                line.send(("said", f"rosbridge for ROS clients: {url}"))
             await _rounds(line, topics, bridge)
         finally:
             await bridge.close()
@@ -74,6 +73,7 @@ async def _rounds(line: Connection, topics: MachineTopics, bridge: RosBridge) ->
     while not line.poll():
         await asyncio.sleep(1 / RATE)
         due = int((time.monotonic() - begun) / TICK)
-        topics.advance(min(due - sent, _MOST))
+        # After a pause, packets are left out: if they were sent late and faster, so would the tool move.
+        topics.advance(min(due - sent, topics.master.link.room))
         sent = due
         bridge.send()

@@ -55,9 +55,11 @@ class MachineTopics(TopicTable):
         self._base = f"{robot}/base"
         joints = [joint.name for joint in master.parts.arm.mechanism.active]
         jaw = np.asarray(master.parts.kin.auxiliary, bool)
+        self._jaw = ""  # the joint of the jaws
         kinds = {"": ~jaw}
         if jaw.any():  # as in the da Vinci Research Kit, the opening of a jaw is not a joint of the arm
             kinds["jaw/"] = jaw
+            self._jaw = joints[int(np.flatnonzero(jaw)[0])]
             self.inputs[f"{name}/jaw/servo_jp"] = InputTopic("sensor_msgs/JointState", self._servo_jaw, moves=True)
         for part, chosen in kinds.items():
             names = [joint for joint, belongs in zip(joints, chosen, strict=True) if belongs]
@@ -98,6 +100,7 @@ class MachineTopics(TopicTable):
 
     def _servo(self, client: str, message: dict[str, Any]) -> str:
         given = checked_message(PoseStamped, message)
+        given.require_frame(self._base)
         goal = handle_pose(given.p, given.q_wxyz)
         refusal = self._take(client)
         if refusal:
@@ -109,7 +112,7 @@ class MachineTopics(TopicTable):
         return ""
 
     def _servo_jaw(self, client: str, message: dict[str, Any]) -> str:
-        opening = grip_angle(checked_message(JointState, message).position[0])
+        opening = grip_angle(checked_message(JointState, message).value_of(self._jaw))
         refusal = self._take(client)
         if refusal:
             return refusal

@@ -116,7 +116,7 @@ def _mistake(error: ValidationError) -> str:
 
 
 class _Message(BaseModel):
-    # Headers are ignored: the time of a message is that of its arrival.
+    # Time stamps are ignored: the time of a message is that of its arrival.
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
 
@@ -144,9 +144,16 @@ class Pose(_Message):
     orientation: Quaternion
 
 
-class PoseStamped(_Message):
-    """geometry_msgs/PoseStamped."""
+class Header(_Message):
+    """std_msgs/Header."""
 
+    frame_id: Annotated[str, Field(max_length=200)] = ""
+
+
+class PoseStamped(_Message):
+    """geometry_msgs/PoseStamped; without a frame, the pose is in that of the topic."""
+
+    header: Header = Field(default_factory=Header)
     pose: Pose
 
     @property
@@ -160,6 +167,16 @@ class PoseStamped(_Message):
         """Quaternion, w first."""
         q = self.pose.orientation
         return q.w, q.x, q.y, q.z
+
+    def require_frame(self, frame: str) -> None:
+        """Check that the pose is in this frame.
+
+        Raises:
+            DeviceError: the header names another one.
+        """
+        given = self.header.frame_id
+        if given not in ("", frame):
+            raise DeviceError(f"frame_id is {given[:100]!r}; give the pose in {frame}, or leave frame_id empty")
 
 
 class Joy(_Message):
@@ -179,6 +196,18 @@ class JointState(_Message):
 
     name: Annotated[list[str], Field(max_length=64)] = Field(default_factory=list)
     position: Annotated[list[float], Field(min_length=1, max_length=64)]
+
+    def value_of(self, joint: str) -> float:
+        """Return the position of the one joint of a topic.
+
+        Raises:
+            DeviceError: the message has several positions, or names another joint.
+        """
+        if len(self.position) != 1:
+            raise DeviceError(f"there are {len(self.position)} positions; give one, that of {joint}")
+        if self.name not in ([], [joint]):
+            raise DeviceError(f"name is {str(self.name)[:100]}; give [{joint!r}], or leave it empty")
+        return self.position[0]
 
 
 class StateCommand(_Message):

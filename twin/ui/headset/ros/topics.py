@@ -159,6 +159,7 @@ class ConsoleTopics(TopicTable):
 
         def servo(client: str, message: dict[str, Any]) -> str:
             given = checked_message(PoseStamped, message)
+            given.require_frame(_base(robot))
             goal = handle_pose(given.p, given.q_wxyz)
             console = self._console
             if console.table.teleoperation is not None:
