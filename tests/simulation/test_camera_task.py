@@ -276,7 +276,7 @@ def test_the_same_seed_gives_the_same_bytes_and_the_replay_too(davinci, performe
     assert again.ran.difference is None
     assert again.outcome.aligned == performed.outcome.aligned
     moved = replace(davinci.tasks["camera"].goal, line=0.6)
-    changed = replace(davinci, tasks={"camera": replace(davinci.tasks["camera"], alignment=moved)})
+    changed = replace(davinci, tasks={"camera": replace(davinci.tasks["camera"], goal=moved)})
     with pytest.raises(TwinError, match="has changed"):
         replay_session(path, changed)
 
