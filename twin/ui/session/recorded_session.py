@@ -23,6 +23,9 @@ from twin.schema.lines import spell
 MOST = 20_000
 """Maximum number of moments (recorded states) in a session, enough for five minutes of continuous motion."""
 
+SCHEMA = "twin-posture-session"
+"""Name of the format. Files with the name "twin-session", which sessions at a console have as well, are read too."""
+
 _COMMAS = 64 * MOST
 """Maximum number of commas, and so of values, in a session file, which is untrusted."""
 
@@ -129,7 +132,7 @@ class RecordedSession:
                 }
             )
         data = {
-            "schema": "twin-session",
+            "schema": SCHEMA,
             "version": 1,
             "robot": self.robot,
             "joints": joints,
@@ -220,7 +223,7 @@ class _MomentTable(Table):
 
 
 class _SessionTable(Table):
-    kind: Annotated[Literal["twin-session"], Field(alias="schema")]
+    kind: Annotated[Literal["twin-posture-session", "twin-session"], Field(alias="schema")]
     version: Literal[1]
     robot: Identifier
     joints: Annotated[list[_JointTable], FailFast()]
