@@ -110,6 +110,40 @@ def test_a_late_answer_before_goes_to_the_first_trial_and_a_second_click_to_no_f
     assert (second["before_ssq_1"], second["ssq_1"]) == ("", "2")
 
 
+def test_answers_before_an_attempt_that_was_not_made_are_no_user_and_belong_to_no_later_attempt(tmp_path):
+    path = tmp_path / "t.csv"
+    for user in ("1", "left"):
+        QuestionnaireForms(TrialTable(path, user, "simulation"), ["ssq"], []).answer("before", "ssq", [1] * 16, None)
+    later = TrialTable(path, "1", "simulation")  # another command, without --before
+    later.add({"time_s": 40.0})
+    for user in ("1", "2"):
+        TrialTable(path, user, "physical").add({"time_s": 30.0})
+    rows = cells(path)
+    assert [(row["user"], row["trial"], row["before_ssq_1"]) for row in rows[:3]] == [
+        ("1", "", "1"),
+        ("left", "", "1"),
+        ("1", "1", ""),
+    ]
+    found = compare(path)
+    assert found.users.groups == ["simulation", "physical", "physical"]
+    assert found.users.measures["time_s"] == [40, 30, 30]
+    assert math.isnan(found.users.measures["before_ssq_total"][0])
+    (note,) = [finding for finding in found.findings if finding.code == "study.trials"]
+    assert "3 trials of 3 users" in note.message
+    assert "which do not count: 2" in note.message
+    again = QuestionnaireForms(TrialTable(path, "1", "simulation"), ["ssq"], [])
+    again.answer("before", "ssq", [2] * 16, None)  # the row that waits is that of this command now
+    again._trials.add({"time_s": 41.0})
+    assert [(row["trial"], row["before_ssq_1"]) for row in cells(path)[:1]] == [("2", "2")]
+
+
+def test_a_table_with_no_attempt_has_nothing_to_compare(tmp_path):
+    forms = QuestionnaireForms(TrialTable(tmp_path / "t.csv", "1", "simulation"), ["ssq"], [])
+    forms.answer("before", "ssq", [1] * 16, None)
+    with pytest.raises(TwinError, match="nothing to compare"):
+        compare(tmp_path / "t.csv")
+
+
 @pytest.fixture(scope="module")
 def loaded():
     return scenes.load(twin.load_scene("sher_phantom"))

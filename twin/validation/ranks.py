@@ -404,20 +404,24 @@ def _read(path: Path) -> Users:
         for name, values in columns.items():
             values.append(_number(cell_of[name], f"{path}:{line}: {name}", name != _SESSION))
     sessions = columns.pop(_SESSION, None)
-    measures, findings = scored(path, columns, lines)
     numbers = columns.pop(_TRIAL, None)
     if numbers is None:
+        measures, findings = scored(path, columns, lines)
         return Users(path.name, groups, sessions, sessions is not None, measures, findings)
-    measures.pop(_TRIAL)
     if sessions is not None:
         raise DescriptionError(f"{path}:1: the header has '{_SESSION}' and '{_TRIAL}'; keep one of these columns")
     if _USER not in head:
         raise DescriptionError(f"{path}:1: trials need a column '{_USER}': a user's value is the mean of their trials")
-    owners = list(zip(groups, names, strict=True))
-    groups, measures = _means(owners, measures)
     # a row without a number has answers before a trial that was not made
-    made = int(np.isfinite(numbers).sum())
-    text = f"a value of a user is the mean of the user's trials: {made} trials of {len(groups)} users"
+    made = np.flatnonzero(np.isfinite(numbers))
+    owners = [(groups[k], names[k]) for k in made]
+    columns = {name: [values[k] for k in made] for name, values in columns.items()}
+    measures, findings = scored(path, columns, [lines[k] for k in made])
+    groups, measures = _means(owners, measures)
+    text = f"a value of a user is the mean of the user's trials: {len(made)} trials of {len(groups)} users"
+    left_out = len(numbers) - len(made)
+    if left_out:
+        text += f"; rows without a number in the column '{_TRIAL}', which do not count: {left_out}"
     return Users(path.name, groups, None, False, measures, [*findings, info("study.trials", _TRIAL, text)])
 
 

@@ -1,6 +1,7 @@
 """Table of the trials of a study: a CSV file with one row for each attempt at a task, which `twin study` reads.
 
-Answers that come before an attempt are written at once, to a row without a number, which the attempt completes.
+Answers that come before an attempt are written at once, to a row without a number, which the attempt completes. An
+attempt does not complete such a row of an earlier command, unless this one has written answers to it as well.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class TrialTable:
         """
         head, rows = self._read()
         trial = self.trial + 1
-        row = self._begun(rows)
+        row = self._begun(rows) if self._next else self._new(rows)
         row[TRIAL] = str(trial)
         self._fill(head, row, measures)
         self._fill(head, row, self._next)  # again, if the row was removed meanwhile
@@ -80,6 +81,10 @@ class TrialTable:
         for row in rows:
             if self._is_own(row) and not row[TRIAL].strip():
                 return row
+        return self._new(rows)
+
+    def _new(self, rows: list[dict[str, str]]) -> dict[str, str]:
+        """Return a row without a number, which is appended to `rows`."""
         row = {USER: self.user, GROUP: self.group, TRIAL: ""}
         rows.append(row)
         return row
