@@ -214,6 +214,18 @@ def test_all_parts_have_the_same_access_rules(monkeypatch):
     assert seen[0] is seen[1]
 
 
+def test_a_ctrl_c_after_enter_ends_the_run(monkeypatch):
+    async def served(*given):
+        return True  # Ctrl-C
+
+    monkeypatch.setattr(serving, "serve_until_stopped", served)
+    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
+    serve_part = serving._part_server(parser.parser().parse_args(["serve", "davinci"]), 1, None)
+    examiner = SimpleNamespace(begin=None, continued=True)
+    serve_part("davinci", lambda: None, examiner)
+    assert not examiner.continued
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import signal
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from twin.cli.command_line import parser
 from twin.core.errors import TwinError
 from twin.simulation.devices.given import HandState
 from twin.ui.headset import protocol as wire
+from twin.ui.headset import served
 from twin.ui.headset.operation import Operation
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
@@ -70,6 +72,35 @@ def test_options_and_machines_that_determine_the_exercise_leave_no_choice(words)
     assert chosen(*words) is None
 
 
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        (["raven_dome", "--session", "a.session"], "ring"),
+        (["raven_dome", "--record", "a.json"], "ring"),
+        (["raven_dome", "--ros", "9090"], "ring"),
+        (["raven_dome", "--task", "none", "--ros", "9090"], None),
+        (["sher_phantom", "--trials", "a.csv"], "phantom"),
+        (["davinci", "--session", "a.session"], None),
+    ],
+)
+def test_the_only_task_is_shown_with_options_that_determine_the_exercise_too(words, shown, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    args = parser().parse_args(["serve", *words])
+    serving._require_compatible(args)
+    scene = twin.load_scene(args.robot)
+    exercises = []
+    monkeypatch.setattr(served, "of_console", lambda loaded, exercise, *more: exercises.append(exercise))
+    serving._at_console(args, LoadedScene(scene, {}, None), serving._choice(args, scene))()
+    (exercise,) = exercises
+    assert (None if exercise.task is None else exercise.task.name) == shown
+
+
+def test_trials_without_a_task_are_refused():
+    args = parser().parse_args(["serve", "sher_phantom", "--trials", "a.csv", "--task", "none"])
+    with pytest.raises(TwinError, match="--trials requires --task NAME"):
+        serving._at_console(args, LoadedScene(twin.load_scene("sher_phantom"), {}, None), None)
+
+
 def test_an_unknown_task_is_named():
     with pytest.raises(TwinError, match="pegbord"):
         chosen("davinci", "--task", "pegbord")
@@ -99,6 +130,9 @@ def test_a_page_starts_a_task_and_nobody_else_while_hands_move_the_robots(davinc
         assert stopping.is_set()
         assert operation.reading["leaving"]
         assert choice.present == "pegboard"
+        with pytest.raises(wire.RefusedError, match="another task is being prepared"):
+            operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "camera"}'))
+        assert choice.present == "pegboard"
     finally:
         operation.close()
     begun(choice)
@@ -110,8 +144,10 @@ def test_a_server_of_one_exercise_refuses_another_task(davinci):
     operation = Operation(davinci)
     try:
         assert operation.about["choice"] is None
-        with pytest.raises(wire.RefusedError, match="shows only one exercise"):
+        with pytest.raises(wire.RefusedError, match="shows only one exercise") as refused:
             operation.ask("c1", wire.parse('{"type": "task", "do": "start"}'))
+        for option in ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros"):
+            assert f"--{option}" in str(refused.value)
     finally:
         operation.close()
 
@@ -139,6 +175,39 @@ def test_the_next_task_is_served_and_one_that_fails_gives_way_to_the_one_before(
     serving._serve_tasks(argparse.Namespace(no_browser=False), "davinci", make, choice, 0, None)
     assert shown == [None, "pegboard", "pegboard", None]
     assert "the camera is missing" in capsys.readouterr().err
+
+
+def test_a_ctrl_c_during_a_change_ends_the_command(monkeypatch):
+    choice = TaskChoice(judged(twin.load_scene("davinci").tasks), None)
+    shown = []
+
+    async def serve(args, name, make, port, context, begin, access):
+        begin(asyncio.Event())
+        shown.append(make())
+        choice.ask("pegboard")
+        return True  # Ctrl-C
+
+    monkeypatch.setattr(serving, "serve_until_stopped", serve)
+    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
+    serving._serve_tasks(argparse.Namespace(no_browser=False), "davinci", lambda: choice.present, choice, 0, None)
+    assert shown == [None]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="on Windows, Ctrl-C raises an exception")
+def test_a_ctrl_c_is_noted_also_after_the_server_was_stopped():
+    async def press():
+        stopping = asyncio.Event()
+        interrupted = asyncio.Event()
+        serving._on_ctrl_c(stopping, interrupted)
+        stopping.set()
+        signal.raise_signal(signal.SIGINT)
+        await asyncio.wait_for(interrupted.wait(), 10)
+
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        asyncio.run(press())
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 def test_a_first_task_that_fails_ends_the_command(monkeypatch):

@@ -78,8 +78,8 @@ def _serve_tasks(
 
     access = _access(args, name, port, context)
     while True:
-        asyncio.run(serve_until_stopped(args, name, make_chosen, port, context, choice.begin, access))
-        if not choice.asked:
+        ended = asyncio.run(serve_until_stopped(args, name, make_chosen, port, context, choice.begin, access))
+        if ended or not choice.asked:
             return
         args.no_browser = True  # the open page reloads itself
         task = choice.task
@@ -105,7 +105,8 @@ def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | 
     def serve_part(name: str, make: Callable[[], Served], examiner: guided.Examiner) -> None:
         if not accesses:  # the first part
             accesses.append(_access(args, name, port, context))
-        asyncio.run(serve_until_stopped(args, name, make, port, context, examiner.begin, accesses[0]))
+        if asyncio.run(serve_until_stopped(args, name, make, port, context, examiner.begin, accesses[0])):
+            examiner.continued = False  # Ctrl-C came after Enter, while this part was ending
         args.no_browser = True  # the page of the first part reloads itself
 
     return serve_part
@@ -152,24 +153,32 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served], TaskChoi
 def _choice(args: argparse.Namespace, scene: Scene) -> TaskChoice | None:
     """Return the tasks that a page of this scene can start; None if the options determine what is shown.
 
-    Without --task, the only task of a scene that is judged is the first one shown.
-
     Raises:
         TwinError: the scene has no task of the name in --task.
     """
     from twin.simulation.session.run import task_of
-    from twin.ui.session.task_choice import TaskChoice, judged
+    from twin.ui.session.task_choice import FIXING, TaskChoice, judged
 
     tasks = judged(scene.tasks)
-    if args.task is not None and args.task != NO_TASK:
-        tasks = {args.task: task_of(scene, args.task), **tasks}
-    fixed = [option for option in _FIXED if getattr(args, option) is not None]
+    present = _first_task(args, scene)
+    if present is not None:
+        tasks = {present: task_of(scene, present), **tasks}
+    fixed = [option for option in FIXING if getattr(args, option) is not None]
     if fixed or not tasks or scene.trainer is not None:
         return None
-    present = None if args.task == NO_TASK else args.task
-    if args.task is None and len(scene.tasks) == 1:
-        present = next(iter(tasks))
     return TaskChoice(tasks, present)
+
+
+def _first_task(args: argparse.Namespace, scene: Scene) -> str | None:
+    """Return the name of the task that is shown first: that of --task, else the only one of the scene; None: no task.
+
+    The name in --task may be unknown.
+    """
+    if args.task == NO_TASK:
+        return None
+    if args.task is None and len(scene.tasks) == 1:
+        return next(iter(scene.tasks))
+    return args.task
 
 
 def _at_console(args: argparse.Namespace, loaded: LoadedScene, choice: TaskChoice | None) -> Callable[[], Served]:
@@ -189,8 +198,11 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene, choice: TaskChoic
 
     scene = loaded.scene
     task = None
-    if args.task is not None and args.task != NO_TASK:
-        task = task_of(scene, args.task)
+    name = _first_task(args, scene)
+    if name is not None:
+        task = task_of(scene, name)
+    elif args.trials is not None:
+        raise TwinError("--trials requires --task NAME: a row of the table is an attempt at a task")
     session = None
     if args.session is not None:
         session = Path(args.session)
@@ -239,9 +251,6 @@ _CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum
 NO_TASK = "none"
 """Value of --task with which the hands only move the robots."""
 
-_FIXED = ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros")
-"""Options that determine the exercise, so that a page cannot start another one."""
-
 _PART = ("task", "session", "run", "haptics", "trials", "fulcrum", "record", "replay")
 """Options that a guided run determines, or that it cannot have."""
 
@@ -273,8 +282,6 @@ def _require_compatible(args: argparse.Namespace) -> None:
     if args.trials is None:
         named = ("user", "before", "after") if args.guided is not None else ("user", "group", "before", "after")
         _refuse(args, named, f"{_OPTION} requires --trials FILE")
-    elif args.task is None:
-        raise TwinError("--trials requires --task NAME: a row of the table is an attempt at a task")
     for option, value in (("user", args.user), ("group", args.group), ("before", args.before), ("after", args.after)):
         if value is not None and not value.strip():
             raise TwinError(f"--{option} is empty: give a name, or omit --{option}")
@@ -305,8 +312,10 @@ async def serve_until_stopped(
     context: ssl.SSLContext | None,
     begun: Callable[[asyncio.Event], object] | None = None,
     access: Access | None = None,
-) -> None:
+) -> bool:
     """Serve the object that `make` returns, until Ctrl-C or until `begun` has set the event that it receives.
+
+    Return whether Ctrl-C was pressed, also if that was after the event.
 
     `make` and `begun` are called in the event loop. `access`: that of an earlier server; None: a new one.
     """
@@ -317,7 +326,8 @@ async def serve_until_stopped(
     # Each send releases the interpreter's lock; by default, the solver thread would then hold the lock for 5 ms.
     sys.setswitchinterval(5e-4)
     stopping = asyncio.Event()
-    _on_ctrl_c(stopping)
+    interrupted = asyncio.Event()
+    _on_ctrl_c(stopping, interrupted)
     if begun is not None:
         begun(stopping)
     shown = make()
@@ -363,6 +373,7 @@ async def serve_until_stopped(
     if args.session is not None and Path(args.session).is_file():
         next_command = f"\n  twin session {args.session}"
     print(next_command)
+    return interrupted.is_set()
 
 
 async def _bridge(operation: Operation, host: str, port: int, context: ssl.SSLContext | None) -> RosBridge:
@@ -405,11 +416,12 @@ def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:
     return context
 
 
-def _on_ctrl_c(stopping: asyncio.Event) -> None:
-    """Let the first Ctrl-C set `stopping`, which stops the server, and a second Ctrl-C end the process."""
+def _on_ctrl_c(stopping: asyncio.Event, interrupted: asyncio.Event) -> None:
+    """Let the first Ctrl-C set both events, of which `stopping` stops the server, and a second one end the process."""
     loop = asyncio.get_running_loop()
 
     def end() -> None:
+        interrupted.set()
         stopping.set()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.remove_signal_handler(number)

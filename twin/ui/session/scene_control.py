@@ -45,6 +45,7 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.organs import WorldFeed
 from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
+from twin.ui.session.task_choice import FIXING, judged
 
 if TYPE_CHECKING:
     from twin.ui.session.forms import When
@@ -279,13 +280,20 @@ class LiveConsole:
             TwinError: there is no such task, or the server shows only this exercise.
         """
         if self.choice is None:
-            raise TwinError(
-                "this server shows only one exercise: start it without --session, --trials and machines to choose a "
-                "task on the page"
-            )
+            raise TwinError(f"this server shows only one exercise: {self._why_one}")
         self.require_free(client)
         self.choice.ask(name)
         self.reading = self._read()
+
+    @property
+    def _why_one(self) -> str:
+        """Reason why a page cannot start another task, and the way out."""
+        if self.scene.trainer is not None:
+            return f"scene '{self.scene.name}' has the machines of a trainer, so that its page cannot start a task"
+        if not judged(self.scene.tasks):
+            return f"scene '{self.scene.name}' has no task that a page judges"
+        options = ", ".join(f"--{option}" for option in FIXING)
+        return f"to choose a task on the page, start it without all of {options}"
 
     def end(self, client: str) -> None:
         """End the present attempt; nothing moves until the next attempt begins.

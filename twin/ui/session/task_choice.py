@@ -9,6 +9,9 @@ from twin.core.errors import TwinError, unknown
 from twin.core.json_types import JsonObject
 from twin.model.task import ConsoleTask
 
+FIXING = ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros")
+"""Options of `twin serve` that determine the exercise, so that a page cannot start another one."""
+
 
 class TaskChoice:
     """The task that a server shows, and the one that a page has asked for.
@@ -47,12 +50,14 @@ class TaskChoice:
         """End the present content; the task `name` follows (None: no task).
 
         Raises:
-            TwinError: there is no such task, or nothing is shown.
+            TwinError: there is no such task, nothing is shown, or another task was asked for and has not begun yet.
         """
         if name is not None and name not in self.tasks:
             raise TwinError(unknown("task", name, self.tasks))
         if self._stopping is None:
             raise TwinError("no content is shown: a task can be started while the page is served")
+        if self._asked:  # `_before` is then the content that is shown, to which `refuse` returns
+            raise TwinError("another task is being prepared: wait until the page shows it")
         self._before = self.present
         self.present = name
         self.problem = ""
