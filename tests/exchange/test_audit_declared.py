@@ -15,6 +15,7 @@ from pxr import Gf, Sdf
 from made.bundle import grave, write_good
 from twin.exchange.audit import audit
 from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.mjcf.audit import Mjcf
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit.shipped import PACKAGE
 
@@ -250,3 +251,24 @@ def test_scripts_of_the_unity_package_are_those_that_twin_ships(tmp_path):
         assert faults(folder) == [f"unity: {script.relative_to(folder).as_posix()}"]
         script.write_bytes(text.replace(b"\n", b"\r\n"))
         assert not faults(folder)
+
+
+def test_points_of_a_mesh_are_moved_turned_and_scaled_as_mujoco_does(tmp_path):
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]])
+    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in points)
+    (tmp_path / "a.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    mesh = '<mesh name="a" file="a.obj" refpos="0.3 -0.2 0.5" refquat="0.5 0.1 -0.7 0.3" scale="2 3 0.5"/>'
+    body = '<body name="b"><freejoint/><geom type="mesh" mesh="a" quat="1 2 0 0" pos="0.1 0 0"/></body>'
+    path = tmp_path / "a.xml"
+    path.write_text(f"<mujoco><asset>{mesh}</asset><worldbody>{body}</worldbody></mujoco>")
+    read = Mjcf(path, Ledger("a.xml"))
+    mujoco.mj_kinematics(read.model, read.data)
+    shown = read.model.mesh_vert @ read.data.geom_xmat[0].reshape(3, 3).T + read.data.geom_xpos[0]
+    shape = read.content.shapes["b"].points
+    for own, other in ((shape, shown), (shown, shape)):
+        assert np.linalg.norm(own[:, None] - other, axis=2).min(axis=1).max() < 1e-6
+
+
+def test_a_shape_whose_rotation_is_not_read_is_reported(good, tmp_path):
+    path = edited(good, tmp_path, "bars.xml", '(<geom [^>]*mesh="[^"]*")( quat="[^"]*")?', r'\1 axisangle="1 0 0 0.1"')
+    assert "mjcf.shape" in {finding.code for finding in audit(path).findings}

@@ -18,7 +18,7 @@ ROBOTS = ("pa10", "sils", "sher", "davinci_psm", "hibou")
 LEAST = 0.98
 """Share of the seeded defects that must be found by their right cause."""
 
-FEW = ("MJCF: joint damped", "USD: joint breaks")
+FEW = ("MJCF: joint damped", "USD: joint breaks", "MJCF: turn of a mesh")
 """Kinds that are seeded by default."""
 
 

@@ -827,6 +827,7 @@ for kind, edit, says in (
     ("medium", text("*.xml", "<option ", '<option density="1000" viscosity="0.5" '), "medium"),
     ("links collide", text("*.xml", 'contype="0"', 'contype="1"', count=0), "collisions of its own links"),
     ("reference of a mesh", text("*.xml", '(<mesh name="[^"]*")', r'\1 refpos="10 0 0"'), "mesh"),
+    ("turn of a mesh", text("*.xml", '(<mesh name="[^"]*")', r'\1 refquat="0.7 0.7 0 0"'), "mesh"),
     ("margin of a limit", text("*.xml", '(type="hinge")( [^>]*range=)', r'\1 margin="0.2"\2'), "limits"),
     ("filter of a drive", text("*.xml", "(<general )", r'<general dyntype="filter" dynprm="2" '), "law"),
     ("soft limit", text("*.xml", '(type="hinge")( [^>]*range=)', r'\1 solreflimit="0.5 1"\2'), "limit of joint"),

@@ -287,16 +287,14 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape
     if compiler is not None:
         folder = compiler.get("meshdir", compiler.get("assetdir", ""))
     assets: dict[str | None, tuple[str, Array, Array]] = {}
+    unread: set[str] = set()
     for mesh in root.findall("asset/mesh"):
         file = mesh.get("file", "")
         name = mesh.get("name") or Path(file).stem
         if folder:
             file = f"{folder}/{file}"
-        if "refquat" in mesh.attrib:  # twin does not write it; such shapes are not read
-            continue
-        # MuJoCo subtracts the reference position from the points of the file, before it scales them
         scale = numbers(mesh.get("scale"), 3, (1, 1, 1))
-        assets[name] = (file, scale, scale * numbers(mesh.get("refpos"), 3, (0, 0, 0)))
+        assets[name] = (file, scale, _reference(mesh, name, scale))
     checked: dict[str, tuple[Array, Array] | None] = {}
     shapes: dict[str, LinkShape] = {}
     for body in (*root.iter("worldbody"), *root.iter("body")):
@@ -307,7 +305,10 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape
             if place in seen:  # the same mesh is used for display and collision
                 continue
             seen.add(place)
-            if geom.get("mesh") not in assets or not _ROTATIONS.isdisjoint(geom.keys()):
+            if geom.get("mesh") not in assets:
+                continue
+            if not _ROTATIONS.isdisjoint(geom.keys()):
+                unread.add(str(geom.get("mesh")))
                 continue
             file, scale, reference = assets[geom.get("mesh")]
             solid = named_mesh(path, file, scale, checked, ledger, "mjcf")
@@ -315,18 +316,38 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape
                 continue
             q_wxyz = numbers(geom.get("quat"), 4, (1, 0, 0, 0))
             T = poses.pose(poses.rotation(q_wxyz[[1, 2, 3, 0]]), numbers(geom.get("pos"), 3, (0, 0, 0)))
-            part = placed_shape(solid, T @ poses.pose(None, -reference), "mjcf")
+            part = placed_shape(solid, T @ reference, "mjcf")
             if part is not None:
                 parts.append(part)
         shape = joined(parts)
         name = "world" if body.tag == "worldbody" else body.get("name", "")
         if shape is not None and name:
             shapes[name] = shape
+    for name in sorted(unread):
+        text = f"shape '{name}' is not read: its rotation is not given by quat."
+        ledger.add("mjcf.shape", "warning", text, name)
     return shapes
 
 
+def _reference(mesh: ET.Element, name: str, scale: Array) -> Array:
+    """Return the affine map (4, 4) of scaled points of a mesh file to those that MuJoCo shows.
+
+    MuJoCo subtracts `refpos` from the points of the file, turns them by the inverse of `refquat`, and scales them then.
+    """
+    T = poses.pose(None, -scale * numbers(mesh.get("refpos"), 3, (0, 0, 0)))
+    if "refquat" not in mesh.attrib:
+        return T
+    q_wxyz = numbers(mesh.get("refquat"), 4, (1, 0, 0, 0))
+    if not scale.all() or not q_wxyz.any():
+        raise ReadError(f"mesh '{name}' has a scale or a refquat of 0")
+    R = poses.rotation(q_wxyz[[1, 2, 3, 0]])
+    turned = np.eye(4)
+    turned[:3, :3] = np.diag(scale) @ R.T @ np.diag(1 / scale)
+    return turned @ T
+
+
 _ROTATIONS = {"euler", "axisangle", "xyaxes", "zaxis"}
-"""Attributes for a rotation that twin does not write, and that depend on other attributes; such shapes are not read."""
+"""Attributes for a rotation that twin does not write, and that depend on other attributes; such shapes are reported."""
 
 
 def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
