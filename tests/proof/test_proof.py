@@ -318,8 +318,14 @@ def with_forward(formula, change):
     return replace(formula, equations=equations)
 
 
-@pytest.mark.parametrize(("entry", "result"), [(0, "margin arm"), (3, "measure elbow")])
-def test_an_error_in_a_box_of_a_result_without_a_claim_is_named(entry, result):
+@pytest.mark.parametrize(
+    ("entry", "result", "where", "unfound"),
+    [
+        (0, "margin arm", lambda q2: ca.fabs(q2 - 0.3) < 1e-6, 0),
+        (3, "measure elbow", lambda q2: q2 == 0.3, 2),  # two sides, neither reached by chance
+    ],
+)
+def test_an_error_in_a_box_of_a_result_without_a_claim_is_named(entry, result, where, unfound):
     """Nothing tells which value of a margin is right; but that few poses have another formula is said."""
     robot = twin.load("pa10")
     helper = next(equation for equation in robot.formula.equations if "stretch" in equation.outputs)
@@ -328,7 +334,7 @@ def test_an_error_in_a_box_of_a_result_without_a_claim_is_named(entry, result):
     @wraps(function)
     def changed(**symbols):
         values = list(function(**symbols))
-        values[entry] += 0.001 * (ca.fabs(symbols["q2"] - 0.3) < 1e-6)
+        values[entry] += 0.001 * where(symbols["q2"])
         return tuple(values)
 
     equation = replace(helper, variants={helper.default: changed})
@@ -338,6 +344,8 @@ def test_an_error_in_a_box_of_a_result_without_a_claim_is_named(entry, result):
     assert claim.name == "results without a claim"
     assert result in claim.reason
     assert result in proof.uncovered_values
+    assert result in "".join(proof.branches.silent)
+    assert (proof.branches.unfound, proof.branches.unjudged) == (unfound, 0)
     assert not prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism, 256).branches.silent
 
 

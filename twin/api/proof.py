@@ -18,6 +18,7 @@ from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
     from twin.api.motion_proof import ProvedMotion
+    from twin.proof.branches import BranchReport
     from twin.proof.claims import JudgedClaim
     from twin.proof.prove import Proof
 
@@ -143,11 +144,7 @@ class Proved(Result):
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
         report = proof.branches
         if report is not None and report.count:
-            yield (
-                f"  {report.count} conditions in the equations: both answers at drawn states {report.drawn}, no value "
-                f"at the other {report.undefined}, one answer by intervals {report.bounded}, the other found by a "
-                f"search {report.found}, open {len(report.open)}"
-            )
+            yield f"  {_known(report)}"
         missing = [claim.name for claim in proof.claims if claim.status == "proved" and not claim.nodes]
         if missing:
             yield f"  the certificate leaves out {', '.join(missing)}: a half angle is in them"
@@ -288,6 +285,23 @@ def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     return disagreement("prove.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
 
 
+def _known(report: BranchReport) -> str:
+    """Return how many conditions are in each category; each is in one."""
+    text = (
+        f"{report.count} conditions in the equations: both answers at drawn states {report.drawn}, no value "
+        f"at the other {report.undefined}, one answer by intervals {report.bounded}, the other found by a "
+        f"search {report.found}, open {len(report.open)}"
+    )
+    if report.unfound:
+        text += f", one answer found, and no claim depends on it {report.unfound}"
+    if report.unjudged:
+        text += f", not judged because no drawn state is within reach {report.unjudged}"
+    if report.silent:
+        number = len(report.silent)
+        text += f"; {number} of them have an answer that is rare or not found, and no claim depends on it"
+    return text
+
+
 def _conditions(proof: Proof) -> JsonObject | None:
     """Return what is known of the conditions in the equations as plain data."""
     report = proof.branches
@@ -299,7 +313,10 @@ def _conditions(proof: Proof) -> JsonObject | None:
         "no_value_at_the_other": report.undefined,
         "one_answer_by_intervals": report.bounded,
         "other_answer_found": report.found,
+        "other_answer_not_found_without_a_claim": report.unfound,
         "open": list(report.open),
+        "not_judged": report.unjudged,
+        "silent": list(report.silent),
     }
 
 

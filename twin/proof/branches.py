@@ -476,8 +476,10 @@ class BranchReport:
         bounded: those with one answer at all states within the limits, by intervals.
         found: those whose other answer was found by a search, at states that were judged then.
         open: texts of those with one answer at all drawn states, and their smallest margin; nothing else is known.
+        unfound: those with one answer at all drawn states whose other answer no search found, on which nothing depends
+            of which anything is claimed: they are among the silent ones.
         silent: texts of those with an answer that few drawn states have, or none, on which nothing depends of which
-            anything is claimed.
+            anything is claimed; those of them that are not among the unfound are among the drawn or found.
         states: {name: values (j,)} at the states that were found, and at those with rare answers.
         without_value: {name: value} at a state within reach where the equations have no value; empty if there is none.
     """
@@ -487,10 +489,16 @@ class BranchReport:
     undefined: int
     bounded: int
     found: int
+    unfound: int
     open: tuple[str, ...]
     silent: tuple[str, ...]
     states: Mapping[str, Array]
     without_value: Mapping[str, float]
+
+    @property
+    def unjudged(self) -> int:
+        """Number of conditions in no category, because no drawn state is within reach."""
+        return self.count - self.drawn - self.undefined - self.bounded - self.found - self.unfound - len(self.open)
 
 
 def examined(
@@ -512,7 +520,7 @@ def examined(
     state = state[:, finite & reach]
     empty = {name: np.zeros(0) for name in branches.names}
     if not branches.all or not state.shape[1]:
-        return BranchReport(len(branches.all), 0, 0, 0, 0, (), (), empty, without_value)
+        return BranchReport(len(branches.all), 0, 0, 0, 0, 0, (), (), empty, without_value)
     margins = branches.margins(state).full()
     single: dict[int, bool] = {}
     undefined = 0
@@ -539,14 +547,16 @@ def examined(
     rest = [i for i in single if i not in sure]
     found = searched(branches, rest, state, limits) if rest else []
     texts = []
+    unfound = 0
     for i, other in zip(rest, found, strict=True):
         if branches.all[i].only_affects(unclaimed):
             silent.append(branches.effect(i))
+            unfound += not other.shape[1]
         elif not other.shape[1]:
             texts.append(f"{branches.text(i)} (margin {np.abs(margins[i]).min():.2g} or more)")
     columns = np.hstack([np.zeros((len(limits), 0)), *rare, *found])
     states = dict(zip(branches.names, columns, strict=True))
     count = len(branches.all)
     number_found = sum(other.shape[1] > 0 for other in found)
-    known = (count, drawn, undefined, len(sure), number_found)
+    known = (count, drawn, undefined, len(sure), number_found, unfound)
     return BranchReport(*known, tuple(texts), tuple(silent), states, without_value)

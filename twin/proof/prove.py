@@ -446,7 +446,7 @@ def _with_branches(proof: Proof, report: BranchReport) -> Proof:
             f"change results of which nothing is claimed: {', '.join(report.silent[:_OPEN_CONDITIONS])}"
         )
         if len(report.silent) > _OPEN_CONDITIONS:
-            reason += " and others"
+            reason += f" and {len(report.silent) - _OPEN_CONDITIONS} more, each in the JSON of the result"
         claims.append(unclaimed("results without a claim", sentence, reason))
     if report.without_value:
         sentence = "the equations have a value at each pose within reach"
