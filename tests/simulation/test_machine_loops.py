@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import twin
 from twin.api.machine import machine, machine_parts
+from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.units import MM
 from twin.exchange.formats.mjcf.write import mjcf_text
@@ -16,6 +19,7 @@ from twin.simulation.dynamics.effort_plants import MujocoPlant
 from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.itp import pack
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.loop_plant import FARTHEST, JAM, LoopPlant
 from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
 
 STILL = np.array([0, 0, 0, 1.0, 0, 0, 0, 0, 1])
@@ -56,6 +60,12 @@ def moved(x=0, y=0, z=0):
     values = STILL.copy()
     values[:3] = x, y, z
     return values
+
+
+def gaps_of(parts):
+    """Return (index of the lower carriage, index of the upper one, minimum distance in m) of all rails."""
+    names = [joint.name for joint in parts.arm.mechanism.active]
+    return [(names.index(lower), names.index(upper), least) for lower, upper, least in parts.gaps]
 
 
 def test_compiled_dynamics_with_loops_agree_with_the_reference(parts):
@@ -128,35 +138,126 @@ def test_brakes_hold_the_platform_in_spite_of_its_strongly_coupled_joints(parts)
 
 
 @pytest.mark.slow
-def test_no_target_beyond_a_singularity_or_a_gap_is_followed(parts):
+def test_no_target_beyond_a_joint_limit_is_followed(parts):
     driven = Driven(parts)
     driven.run(100)
-    driven.run(3000, moved(z=20))  # upwards, until carriages 3 and 4 or a limit are near
+    driven.run(3000, moved(z=20))  # upwards, where carriage 4 reaches its limit
     machine = driven.machine
     assert machine.held > 0
     assert machine.level == Level.PEDAL_DN
-    T = machine._target
-    assert T is not None
-    assert not any(alarm.any() for alarm in parts.kin.singularity_alarm(Ts=T[None]).values())
-    names = [joint.name for joint in parts.arm.mechanism.active]
-    for lower, upper, least in parts.gaps:
-        assert machine.wanted[names.index(upper)] - machine.wanted[names.index(lower)] >= least
+    low, high = parts.arm.mechanism.limits.T
+    assert (low <= machine.wanted).all()
+    assert (machine.wanted <= high).all()
+    assert machine.wanted[3] - low[3] < 1 * MM
+
+
+def test_no_target_near_a_singularity_is_followed(parts):
+    """The last pose is within all limits, and no carriages come too close: only the equations' alarm refuses it."""
+    driven = Driven(parts)
+    driven.run(100)
+    driven.run(50, STILL)
+    machine = driven.machine
+    start = parts.kin.forward(parts.home)
+    held = []
+    for part in (0.5, 1.0):
+        turn = spatial.exp_so3(part * np.array([-0.545, 0.557, 0.027]))
+        T = spatial.pose(turn @ start[:3, :3], start[:3, 3] + part * np.array([-3.9, 85.8, -64.5]) * MM)
+        q = parts.kin.inverse(T, machine.wanted)
+        low, high = parts.arm.mechanism.limits.T
+        assert (low <= q).all()
+        assert (q <= high).all()
+        for i, k, least in gaps_of(parts):
+            assert q[k] - q[i] > least
+        machine._reach(T, machine.wanted)
+        held.append(machine.held)
+    assert held == [0, 1]
 
 
 @pytest.mark.slow
 def test_carriages_that_meet_touch_and_go_on_together(parts):
+    """Two carriages are pushed towards each other; springs and gravity compensation hold the others."""
     plant = parts.plant.another(Physics.of(parts.arm))
-    names = [joint.name for joint in parts.arm.mechanism.active]
-    lower, upper, least = parts.gaps[0]
-    i, k = names.index(lower), names.index(upper)
+    i, k, least = gaps_of(parts)[1]
     plant.reset(parts.home)
-    efforts = np.zeros(6)
-    efforts[i], efforts[k] = 60, -60
-    closest = np.inf
-    for _ in range(600):
-        plant.advance(efforts)
-        closest = min(closest, plant.q[k] - plant.q[i])
-    assert closest >= least - 1e-12
+    gravity = parts.arm.dynamics().gravity(parts.home)
+    together = 0
+    for _ in range(900):
+        springs = -3000 * (plant.q - parts.home)
+        springs[i], springs[k] = 20, -20
+        plant.advance(gravity + springs - 100 * plant.qd)
+        distance = plant.q[k] - plant.q[i]
+        assert distance >= least - 1e-12
+        if distance < least + 1e-12:
+            assert plant.qd[i] == plant.qd[k]
+            together += abs(plant.qd[i]) > 0.01
+    assert plant.jams == 0
+    assert together > 200
+
+
+def test_wild_torques_leave_carriages_within_stops_and_the_linkage_in_its_assembly(parts):
+    """Between wild efforts, the linkage jams, but never jumps; it moves again when the efforts are turned round."""
+    plant = parts.plant.another(Physics.of(parts.arm))
+    solver = LoopSolver(parts.arm.mechanism)
+    low, high = parts.arm.mechanism.limits.T
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        plant.reset(parts.home)
+        states = solver.forward_many(parts.home[None]).states[0]
+        jams = plant.jams
+        turned = 0
+        efforts = rng.uniform(-400, 400, 6)
+        for tick in range(110):
+            plant.advance(efforts if tick < 100 else -efforts)
+            turned += tick >= 100 and np.abs(plant.qd).max() > 0
+            assert (low <= plant.q).all()
+            assert (plant.q <= high).all()
+            for i, k, least in gaps_of(parts):
+                assert plant.q[k] - plant.q[i] >= least - 1e-12
+            assert np.abs(plant.qd).max() <= FARTHEST / TICK
+            states = solver.close(plant.q, states, JAM)
+            assert states is not None
+        assert plant.jams > jams
+        assert turned > 5
+
+
+def test_torques_that_are_no_numbers_are_refused(parts):
+    plant = parts.plant.another()
+    before = plant.q.copy()
+    with pytest.raises(MechanismError, match="rates after a tick are not finite"):
+        plant.advance(np.array([np.nan, 0, 0, 0, 0, 0]))
+    assert (plant.q == before).all()
+    assert plant.jams == 0
+
+
+class Rail(LoopPlant):
+    """Carriages on one rail, without links and motors."""
+
+    def __init__(self, gaps, stops):
+        self._count = 3
+        self._gaps = gaps
+        self.physics = SimpleNamespace(stops=np.array(stops, float))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "rates", "expected"),
+    [
+        ([0.1, 0.3, 0.5], [0.2, 0.23, 0.5], [1, -1, 0], [0.195, 0.235, 0.5]),  # the first two touch
+        ([0.1, 0.3, 0.5], [0.0, 0.02, 0.5], [1, -1, 0], [0.0, 0.04, 0.5]),  # the first is at its hard stop
+        ([0.1, 0.3, 0.5], [0.47, 0.46, 0.5], [1, 0, 0], None),  # the last is pushed, too
+        ([0.1, 0.3, 0.5], [0.9, 0.97, 1.0], [1, 1, 0], [0.9, 0.96, 1.0]),  # the last is at its hard stop
+    ],
+)
+def test_carriages_keep_their_distances_also_at_hard_stops_and_in_a_row(old, new, rates, expected):
+    gaps = [(0, 1, 0.04), (1, 2, 0.04)]
+    rail = Rail(gaps, [[0] * 3, [1] * 3])
+    moved = np.array([*new, *rates], float)
+    kept = rail._keep_apart(moved, np.array([*old, 0, 0, 0.0]))
+    if expected is not None:
+        np.testing.assert_allclose(moved[:3], expected, atol=1e-12)
+    if kept:
+        assert (np.diff(moved[:3]) >= 0.04 - 1e-12).all()
+    assert kept == (expected is not None)
+    assert ((moved[:3] >= 0) & (moved[:3] <= 1)).all()
 
 
 @pytest.mark.slow

@@ -108,6 +108,7 @@ def _tell(args: argparse.Namespace, name: str, arm: Machine, server: Server, sai
         "accepted": receiver.accepted,
         "refused": receiver.refused,
         "last_refusal": receiver.reason,
+        "jams": arm.plant.jams,
         **pace,
     }
     if args.json:
@@ -117,6 +118,8 @@ def _tell(args: argparse.Namespace, name: str, arm: Machine, server: Server, sai
     if receiver.reason:
         packets += f": {receiver.reason}"
     said(packets)
+    if arm.plant.jams:
+        said(f"the linkage jammed in {arm.plant.jams} ticks: near a singularity its simulation stops the joints")
     said(
         f"{pace['ticks']} ticks, {pace['late']} more than 1 ms late; delay p50 {pace['p50_ms']:.2f} ms, "
         f"p99 {pace['p99_ms']:.2f} ms, largest {pace['max_ms']:.2f} ms"

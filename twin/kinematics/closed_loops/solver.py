@@ -157,14 +157,14 @@ class LoopSolver:
             gap=float(found.offset[0]),
         )
 
-    def close(self, q: Array, seed: Array) -> Array | None:
+    def close(self, q: Array, seed: Array, margin: float = -np.inf) -> Array | None:
         """Return the loop unknowns (m,) that close the loops at q (n,), by Newton's method from `seed` (m,).
 
         The solution may be in any assembly; usually, it is in the assembly of the seed. None: the method does not
-        converge.
+        converge, or the margin of the solution (see `ClosedStates`) is not above `margin`.
         """
         out = self._single(q, seed)
-        if out[12] <= self.gap and out[13] <= self.tilt:
+        if out[12] <= self.gap and out[13] <= self.tilt and out[14] > margin:
             return out[15:]
         return None
 

@@ -1,8 +1,10 @@
 """Simulate motors and links of a machine with closed loops: the compiled tick of `motor_plant`, then the loops close.
 
 After a tick, Newton's method closes the loops at the new values of the active joints. Two carriages on one rail that
-would come closer than their minimum distance touch instead: they go on with their mean rate, without rebound. If no
-state of the passive joints closes the loops, the linkage jams: the joints stay where they are, at rest.
+would come closer than their minimum distance touch instead: they go on with their mean rate, without rebound; at a hard
+stop, both stop. The linkage jams if no state of the passive joints closes the loops, or if the state is so near a
+singularity, or so far from the previous one, that the platform could change to another assembly: then the joints stay
+where they are, at rest.
 """
 
 from __future__ import annotations
@@ -19,13 +21,21 @@ from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.motor_plant import MotorPlant, Physics, tick_kernel
 
+JAM = 0.02
+"""Margin of the loops (see `ClosedStates`) down to which the linkage moves (ASSUMED); 0 is a singularity."""
+
+FARTHEST = 0.02
+"""Maximum change in a tick of a joint value in m or rad, and of a number of a ball joint's quaternion (ASSUMED)."""
+
+_TOUCHES = 8
+"""Maximum number of passes over the carriages of all rails until all keep their distances."""
+
+_OVERLAP = 1e-12
+"""Difference in m up to which two carriages count as touching."""
+
 
 class LoopPlant(MotorPlant):
-    """Simulates a robot with closed loops that moves under motor torques.
-
-    Attributes:
-        jams: number of ticks in which the linkage jammed.
-    """
+    """Simulates a robot with closed loops that moves under motor torques."""
 
     def __init__(self, arm: Arm, physics: Physics | None = None, gaps: Iterable[tuple[str, str, float]] = ()) -> None:
         """Compile the equations of a robot, or load them from the cache.
@@ -66,7 +76,7 @@ class LoopPlant(MotorPlant):
         """Set joint values (n,) and rates (n,); the loops are closed from the posture of the CAD.
 
         Raises:
-            MechanismError: the loops cannot be closed at q.
+            MechanismError: the loops cannot be closed at q, or the linkage would jam there.
         """
         values = np.asarray(q, float)
         found = self._solver.forward_many(values[None])
@@ -74,32 +84,78 @@ class LoopPlant(MotorPlant):
             raise MechanismError(
                 f"{self._arm.mechanism.name}: the loops cannot be closed at q = {np.round(values, 6).tolist()}"
             )
+        if not found.margin[0] > JAM:
+            raise MechanismError(
+                f"{self._arm.mechanism.name}: q = {np.round(values, 6).tolist()} is at a singularity of the loops: "
+                f"their margin is {found.margin[0]:.3g}, and must be above {JAM:g}"
+            )
         rates = np.broadcast_to(np.asarray(qd, float), self._count)
         self._state = np.concatenate([values, rates, found.states[0]])
 
     def advance(self, torques: Array) -> None:
-        """Advance by one tick under motor torques (n,) in N m or N."""
+        """Advance by one tick under motor torques (n,) in N m or N.
+
+        Raises:
+            MechanismError: a torque, or a rate after the tick, is not finite; the state has not changed.
+        """
         n = self._count
         old = self._state
         moved = self._step(old, torques, self._parameters)
-        for lower, upper, least in self._gaps:
-            self._touch(moved, lower, upper, least)
-        states = self._solver.close(moved[:n], old[2 * n :])
-        if states is None:
+        if not np.isfinite(moved).all():
+            raise MechanismError(
+                f"{self._arm.mechanism.name}: the rates after a tick are not finite, with motor torques "
+                f"{np.asarray(torques).tolist()}; give finite torques that the masses of the robot can take"
+            )
+        states = None
+        if self._keep_apart(moved, old):
+            states = self._solver.close(moved[:n], old[2 * n :], JAM)
+        if states is None or not self._is_near(np.concatenate([moved[:n], states]), old):
             self.jams += 1
             moved = np.concatenate([old[:n], np.zeros(n)])
             states = old[2 * n :]
         self._state = np.concatenate([moved, states])
 
-    def _touch(self, moved: Array, lower: int, upper: int, least: float) -> None:
-        """Keep two carriages at their minimum distance, if new joint values and rates (2 n,) bring them closer."""
+    def _is_near(self, values: Array, old: Array) -> bool:
+        """Return whether values of all active joints, then of the passive ones, can follow those of the `old` state."""
+        n = self._count
+        before = np.concatenate([old[:n], old[2 * n :]])
+        return bool(np.abs(values - before).max() <= FARTHEST)
+
+    def _keep_apart(self, moved: Array, old: Array) -> bool:
+        """Keep the distances of the carriages in new joint values and rates (2 n,); return whether all are kept.
+
+        Carriages that were too close in the `old` state may stay so, but come no closer.
+        """
+        gaps = []
+        for lower, upper, least in self._gaps:
+            before = old[upper] - old[lower]
+            gaps.append((lower, upper, before if before < least - _OVERLAP else least))
+        for _ in range(_TOUCHES):
+            touched = False
+            for gap in gaps:
+                touched = self._touch(moved, *gap) or touched
+            if not touched:
+                return True
+        return all(moved[upper] - moved[lower] >= least - _OVERLAP for lower, upper, least in gaps)
+
+    def _touch(self, moved: Array, lower: int, upper: int, least: float) -> bool:
+        """Let two carriages touch that come closer than their minimum distance; return whether they did."""
         n = self._count
         overlap = least - (moved[upper] - moved[lower])
         closing = moved[n + lower] - moved[n + upper]
-        if not (overlap > 0 and closing > 0):
-            return
-        moved[lower] -= overlap / 2
-        moved[upper] += overlap / 2
-        mean = (moved[n + lower] + moved[n + upper]) / 2
-        moved[n + lower] = mean
-        moved[n + upper] = mean
+        if not (overlap > _OVERLAP and closing >= 0):
+            return False
+        low = self.physics.stops[0][lower]
+        high = self.physics.stops[1][upper]
+        # A carriage at its hard stop does not give way; then the other one gives way alone, and both are at rest.
+        down = min(overlap / 2, max(moved[lower] - low, 0.0))
+        up = min(overlap - down, max(high - moved[upper], 0.0))
+        down = min(overlap - up, max(moved[lower] - low, 0.0))
+        moved[lower] -= down
+        moved[upper] += up
+        rate = (moved[n + lower] + moved[n + upper]) / 2
+        if down < overlap / 2 or up < overlap / 2:
+            rate = 0.0
+        moved[n + lower] = rate
+        moved[n + upper] = rate
+        return True

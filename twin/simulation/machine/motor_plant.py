@@ -115,7 +115,10 @@ class MotorPlant:
     Attributes:
         q, qd: (n,) joint values in rad or m, and rates.
         physics: parameters; change them with `set`.
+        jams: number of ticks in which a linkage with closed loops jammed (see `loop_plant`).
     """
+
+    jams = 0
 
     def __init__(self, arm: Arm, physics: Physics | None = None) -> None:
         """Compile the equations of a robot, or load them from the cache.
