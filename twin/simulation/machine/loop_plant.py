@@ -147,7 +147,7 @@ class LoopPlant(MotorPlant):
             return False
         low = self.physics.stops[0][lower]
         high = self.physics.stops[1][upper]
-        # A carriage at its hard stop does not give way; then the other one gives way alone, and both are at rest.
+        # A carriage at its hard stop does not yield; then the other one moves back alone, and both are at rest.
         down = min(overlap / 2, max(moved[lower] - low, 0.0))
         up = min(overlap - down, max(high - moved[upper], 0.0))
         down = min(overlap - up, max(moved[lower] - low, 0.0))
