@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,3 +22,9 @@ def test_ends_are_chosen_and_gaps_are_even(count, most):
 
 def test_nothing_is_chosen_of_nothing():
     assert spread(0, 5).size == 0
+
+
+@pytest.mark.parametrize("most", [1, 0, -1])
+def test_fewer_than_first_and_last_are_refused(most):
+    with pytest.raises(ValueError, match=f"at most {most} indices: give at least 2"):
+        spread(10, most)
