@@ -1,4 +1,4 @@
-"""Evaluate the options --protocol, --all-protocols and --variant."""
+"""Evaluate the options --protocol, --all-protocols, --variant and --device."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from twin.core import compute_device
+from twin.core.compute_device import Choice
 from twin.core.errors import TwinError, unknown
 
 if TYPE_CHECKING:
@@ -32,6 +34,17 @@ def protocols(robot: Robot, args: argparse.Namespace) -> tuple[str, ...]:
     for name in chosen:
         robot.protocol(name)  # report invalid values before computing and writing
     return chosen
+
+
+def device(args: argparse.Namespace) -> Choice:
+    """Return what computes: the value of --device, else that of the environment variable TWIN_DEVICE, else "auto".
+
+    Raises:
+        TwinError: the variable has another value.
+    """
+    if args.device is not None:
+        return args.device
+    return compute_device.of_environment("auto")
 
 
 def asked(texts: Sequence[str]) -> str | dict[str, str] | None:

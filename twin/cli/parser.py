@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from twin.cli.commands import GROUPS, HELP
-from twin.core.compute_device import CHOICES
+from twin.core.compute_device import CHOICES, DEVICE
 from twin.core.errors import unknown
 from twin.core.version import __version__
 
@@ -214,14 +214,15 @@ class Command(_Parser):
         self.number("--tolerance-um", "UM", text)
 
     def device(self, when: str = "") -> None:
-        """Add the option --device; `when` names the option that it needs, in which case its default is None."""
+        """Add the option --device; `when` names the option that it needs. `cli.chosen.device` returns the choice."""
         text = (
             "what computes: the processor (cpu), an NVIDIA graphics processor (gpu), or such a one where it is "
             "expected to be faster, copies included (auto)"
         )
         if when:
             text = f"with {when}: {text}"
-        self.add_argument("--device", choices=CHOICES, default=None if when else "auto", help=f"{text} (default auto)")
+        text += f" (default: that of the environment variable {DEVICE}, else auto)"
+        self.add_argument("--device", choices=CHOICES, default=None, help=text)
 
     def scheduler(self) -> None:
         """Add the option --scheduler."""

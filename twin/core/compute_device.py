@@ -21,7 +21,7 @@ Choice = Literal["auto", "cpu", "gpu"]
 CHOICES: tuple[Choice, ...] = get_args(Choice)
 
 DEVICE = "TWIN_DEVICE"
-"""Environment variable with the choice outside of `computing_on`; default: "cpu"."""
+"""Environment variable with the choice outside of `computing_on`, and that of commands without --device."""
 
 PROCESSOR = "processor"
 """Name of the processor in results."""
@@ -77,18 +77,33 @@ def computing_on(choice: Choice) -> Iterator[ComputeDevice]:
 
 
 def current() -> ComputeDevice:
-    """Return the choice that holds now.
+    """Return the choice that holds now: without a block, that of the environment, else "cpu".
 
     Raises:
         TwinError: `TWIN_DEVICE` is none of the choices.
     """
     device = _current.get()
     if device is None:
-        wanted = os.environ.get(DEVICE) or "cpu"
+        wanted = of_environment("cpu")
         if wanted not in _of_environment:
-            _of_environment[wanted] = ComputeDevice(checked(wanted))
+            _of_environment[wanted] = ComputeDevice(wanted)
         return _of_environment[wanted]
     return device
+
+
+def of_environment(default: Choice) -> Choice:
+    """Return the choice of the environment variable `TWIN_DEVICE`; `default` if it is unset or empty.
+
+    Raises:
+        TwinError: `TWIN_DEVICE` is none of the choices.
+    """
+    wanted = os.environ.get(DEVICE)
+    if not wanted:
+        return default
+    try:
+        return checked(wanted)
+    except TwinError as e:
+        raise TwinError(f"environment variable {DEVICE}: {e}") from None
 
 
 def checked(choice: str) -> Choice:

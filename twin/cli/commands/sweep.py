@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis import table
     from twin.analysis.sweep import sweep as judge
     from twin.cli import show
+    from twin.cli.chosen import device
     from twin.core import assets
     from twin.ui.report.files import write_result
 
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             workers=args.workers,
             scheduler=args.scheduler,
-            device=args.device,
+            device=device(args),
             fresh=args.fresh,
             progress=progress,
         )

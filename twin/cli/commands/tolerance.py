@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis.tolerance import Spread
     from twin.analysis.tolerance import tolerance as compute
     from twin.cli import show
+    from twin.cli.chosen import device
     from twin.core.compute_device import computing_on
 
     if args.samples and args.samples < 1000:
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "tolerance")
     spread = Spread(args.sigma_um * UM, args.sigma_deg * DEG, args.encoder_um * UM, args.encoder_deg * DEG)
-    with show.progress(args.quiet or args.json) as progress, computing_on(args.device):
+    with show.progress(args.quiet or args.json) as progress, computing_on(device(args)):
         found = compute(
             robot,
             spread,

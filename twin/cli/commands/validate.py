@@ -125,7 +125,7 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
     """
     from twin.api.judge import validate_samples
     from twin.cli import pages, show
-    from twin.cli.chosen import asked
+    from twin.cli.chosen import asked, device
     from twin.core import assets
 
     for option in ("sweep", "compare", "protocol", "all_protocols", "timing", "prove"):
@@ -144,7 +144,7 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
             args.samples,
             variants=variants,
             tolerances=tolerances,
-            device=args.device or "auto",
+            device=device(args),
             progress=progress,
         )
         with assets.atomic_folder(folder) as work:

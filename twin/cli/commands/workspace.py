@@ -37,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis import cloud
     from twin.analysis.search import workspace as search
     from twin.cli import show
+    from twin.cli.chosen import device
     from twin.core import assets
     from twin.core.compute_device import computing_on
     from twin.ui.report.files import write_result
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "workspace")
     with assets.atomic_folder(folder) as work, show.progress(args.quiet or args.json) as progress:
-        with computing_on(args.device):
+        with computing_on(device(args)):
             found = search(
                 robot,
                 args.count,
