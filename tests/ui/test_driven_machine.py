@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import threading
 import time
 
@@ -68,11 +69,23 @@ class Page:
         """T_base_tool of the machine, by the independent model of the CAD."""
         return self.reference.solve(self.server.machine.plant.q, self.near).T_base_tool
 
-    def close(self):
-        self.live.close()
+    def restart(self, parts):
+        """End the machine, and start another one at the same ports."""
+        self.stop()
+        self.ends = threading.Event()
+        self.server = Server(machine(parts), self.server.port, self.server.state_port)
+        self.server.machine.start()
+        self.thread = threading.Thread(target=self.server.run, kwargs={"ends": self.ends.is_set})
+        self.thread.start()
+
+    def stop(self):
         self.ends.set()
         self.thread.join()
         self.server.close()
+
+    def close(self):
+        self.live.close()
+        self.stop()
 
 
 def drag(T):
@@ -126,6 +139,46 @@ def test_a_dragged_platform_drives_the_machine_and_a_released_one_stands_where_i
     assert followed["problem"] is None
     way = np.linalg.norm((stopped - goal)[:3, 3])
     assert 4 * MM < way < 15 * MM  # it stopped on its way of 20 mm
+
+
+def test_a_machine_that_is_started_again_is_connected_again_and_moves_at_the_next_grab(parts):
+    async def play(page):
+        def about():
+            return page.live.state()["machine"]
+
+        await page.until(lambda: page.level == Level.PEDAL_UP)
+        page.live.ask("a hand", GrabMessage(type="grab", target="tool"))
+        start = page.platform
+        goal = spatial.pose(start[:3, :3], start[:3, 3] + np.array([0, 0, -8]) * MM)
+
+        def hold():
+            page.live.ask("a hand", drag(goal))
+
+        await page.until(lambda: page.level == Level.PEDAL_DN, hold)
+        page.restart(parts)
+        await page.until(lambda: about()["level"] is None)
+        lost = about()["problem"]
+        await page.until(lambda: page.level == Level.PEDAL_UP and about()["level"] == "PEDAL_UP", hold)
+        renewed = about()["problem"]
+        home = page.platform
+        for _ in range(30):
+            now = len(levels)
+            await page.until(lambda now=now: len(levels) > now, lambda: (hold(), levels.append(page.level)))
+        moved = np.abs(page.platform - home).max()
+        page.live.ask("a hand", ReleaseMessage(type="release"))
+        await page.until(lambda: about()["problem"] is None)
+        page.live.ask("a hand", GrabMessage(type="grab", target="tool"))
+        await page.until(lambda: page.level == Level.PEDAL_DN, hold)
+        return lost, renewed, moved
+
+    levels = []
+    lost, renewed, moved = played(parts, play)
+    assert re.search(
+        r"start the machine again \(twin machine sils --start --port \d+ --state-port \d+\); this page", lost
+    )
+    assert "let the robot go, and hold it again" in renewed
+    assert set(levels) == {Level.PEDAL_UP}
+    assert moved < 1e-6
 
 
 def test_a_machine_in_e_stop_does_not_follow_and_the_page_says_so(parts):

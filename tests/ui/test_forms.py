@@ -214,6 +214,13 @@ COUNT = """
 }
 """
 """Script that counts the requests of the page."""
+ENTER = """
+(() => {
+  const { left, right, top, bottom } = document.querySelector('[data-id=enter]').getBoundingClientRect();
+  return document.elementFromPoint((left + right) / 2, (top + bottom) / 2).dataset.id;
+})()
+"""
+"""What a press on the middle of the button that enters a headset meets."""
 DONE = "document.querySelector('[data-id=form-done]').click()"
 
 
@@ -227,6 +234,11 @@ def test_the_page_asks_before_and_after_and_the_table_has_the_scores_by_hand(bro
     try:
         with shown_console(browser, server.url, size=(1000, 760), draws=False) as page:
             page.until("!document.querySelector('[data-id=form]').hidden", "the questionnaire before")
+            page("twin.app.xr.vr = true, twin.app.refresh()")  # as with a headset, in which the form can be answered
+            page.page.set_viewport_size({"width": 800, "height": 600})
+            page.until(f"{ENTER} === 'enter'", "the form leaves the button free that enters the headset")
+            page("twin.app.xr.vr = false, twin.app.refresh()")
+            page.page.set_viewport_size({"width": 1000, "height": 760})
             for k in range(16):
                 page(f"{CHOOSE}('item-{k}', '{k % 4}')")
             page(

@@ -332,14 +332,28 @@ class Twin:
             raise RefusedError("not_held", "grab first, then drag")
         self._move(move_of(self._hold, message, self.desk))
 
+    def _require_no_machine(self, request: str) -> None:
+        """Check that no machine leads the robot, which then stands where the machine stands unless a client holds it.
+
+        Raises:
+            RefusedError: there is a machine.
+        """
+        if self._machine is not None:
+            text = (
+                f"{self.called} stands where its machine stands, and {request} moves no machine: drag the tool instead"
+            )
+            raise RefusedError("refused", text)
+
     def _posture(self, name: str) -> None:
         if name not in self.desk.postures:
             raise RefusedError("unknown", unknown("posture", name, self.desk.postures))
+        self._require_no_machine("a posture")
         self._leave_track()
         self._move(lambda: self.desk.go(name))
 
     def _undo(self) -> None:
         """Move to the joint values at the begin of the last grab that moved the robot."""
+        self._require_no_machine("undo")
         here = np.array(self._shown.q, float)
         while self._before and np.abs(self._before[-1] - here).max(initial=0.0) < 1e-9:
             self._before.pop()

@@ -1,4 +1,8 @@
-"""A machine whose tool follows that of a robot on a page, while somebody holds the robot (SILS paper, Fig. 3)."""
+"""A machine whose tool follows that of a robot on a page, while somebody holds the robot (SILS paper, Fig. 3).
+
+If the machine ends the connection, it is connected again when it answers. A hand that held the robot meanwhile moves it
+only after a new grab: the machine may stand elsewhere than before.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from twin.simulation.machine.link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
 from twin.simulation.machine.motor_plant import TICK
 from twin.simulation.machine.simulated_machine import Parts
+from twin.ui.session.reconnection import Reconnection
 
 _APART = 1e-5
 """Difference in m or rad up to which the robot of the page counts as standing where the machine stands."""
@@ -31,6 +36,10 @@ class DrivenMachine:
             DeviceError: nothing answers at this address.
             DescriptionError: the machine file does not say how fast the tool may be moved.
         """
+        self._address = address
+        self._parts = parts
+        self._again: Reconnection | None = None
+        self._renewed = False  # whether the robot is held since before the present connection
         self._link = MachineLink(address, len(parts.home))
         try:
             self.master = MachineMaster(self._link, parts)
@@ -42,6 +51,8 @@ class DrivenMachine:
 
     def close(self) -> None:
         """End the connection; the machine's pedal goes up after its time-out."""
+        if self._again is not None:
+            self._again.close()
         self._link.close()
 
     def advance(self, passed: float, goal: Array | None) -> None:
@@ -49,6 +60,13 @@ class DrivenMachine:
 
         After a pause of the page, packets are left out: if they were sent late and faster, so would the tool move.
         """
+        if self._link.reader.problem:
+            self._renewed = True
+            self._reconnect()
+        if goal is None:
+            self._renewed = False
+        elif self._renewed:
+            goal = None
         self._goal = goal
         if goal is None:
             self.master.rest()
@@ -59,6 +77,19 @@ class DrivenMachine:
         self._late -= ticks * TICK
         self.master.step(min(ticks, self._link.room))
 
+    def _reconnect(self) -> None:
+        """Replace a connection that has ended by a new one, as soon as the machine answers."""
+        if self._again is None:
+            self._again = Reconnection(self._address, len(self._parts.home))
+        link = self._again.take()
+        if link is None:
+            return
+        self._again = None
+        self._link.close()
+        self._link = link
+        self.master = MachineMaster(link, self._parts)
+        self._late = 0.0
+
     def elsewhere(self, q: Array) -> Array | None:
         """Return the joint values (n,) of the machine if they are not q (n,); None: they are, or it does not answer."""
         state = self._link.state
@@ -68,12 +99,21 @@ class DrivenMachine:
 
     @property
     def problem(self) -> str:
-        """Reason why the machine does not follow a held robot; "" if it follows, or is not asked to."""
+        """Reason why the machine does not follow a held robot, and the way out; "" if it follows, or would."""
+        if self._link.reader.problem:
+            name = self._parts.arm.mechanism.name
+            options = f"--start --port {self._address.port} --state-port {self._address.state_port}"
+            return (
+                f"the connection to the machine has ended: start the machine again (twin machine {name} {options}); "
+                "this page then connects by itself"
+            )
         if self._link.problem:
             return self._link.problem
         state = self._link.state
         if state is not None and state.level == Level.E_STOP:
             return "the machine is in E_STOP: press its start button (twin machine --start)"
+        if self._renewed:
+            return "the machine was connected again: let the robot go, and hold it again"
         if self.master.held:
             return "the machine holds this pose as out of its reach"
         return ""

@@ -64,6 +64,10 @@ export class Header {
     ways.append(this.enter, this.other);
     this.bar.append(title, this.headline.box, this.tasks.box, ways, this.about);
     parent.append(this.bar, this.help);
+    // On a small page, a form lies below the header, whose height depends on its text.
+    const follow = () =>
+      document.documentElement.style.setProperty('--head', `${this.bar.offsetTop + this.bar.offsetHeight}px`);
+    new ResizeObserver(follow).observe(this.bar);
     this.enter.title = 'Show the robot in the headset of this device';
     this.other.title = 'Show the robot in a virtual room instead of yours';
     this.enter.onclick = () => void app.xr.enter();

@@ -1,4 +1,4 @@
-/** Three values in words and colour: the RCM, the insertion depth, the nearest joint limit. */
+/** Values in words and colour: the machine, the RCM, the insertion depth, the nearest joint limit. */
 
 import type { App } from './app';
 import { isAngle, jointValue, length } from './model';
@@ -9,13 +9,21 @@ const RCM = 1e-4;
 /** Shares of a joint's range next to a limit that are red and amber. */
 const [TIGHT, NEAR] = [0.02, 0.1];
 
+/** What the run levels of a machine mean. */
+const LEVELS: Readonly<Record<string, string>> = {
+  E_STOP: 'is stopped (E_STOP)',
+  INIT: 'moves to its start (INIT)',
+  PEDAL_UP: 'is at rest (PEDAL_UP)',
+  PEDAL_DN: 'follows the hand (PEDAL_DN)',
+};
+
 export class Headline {
   readonly box = document.createElement('ul');
   private readonly items: HTMLLIElement[] = [];
 
   constructor(private readonly app: App) {
     this.box.className = 'headline';
-    for (let i = 0; i < 3; i++) {
+    for (let i = 0; i < 4; i++) {
       const item = document.createElement('li');
       this.items.push(item);
       this.box.append(item);
@@ -23,7 +31,7 @@ export class Headline {
   }
 
   refresh(): void {
-    const values = [this.rcm(), this.depth(), this.limit()];
+    const values = [this.machine(), this.rcm(), this.depth(), this.limit()];
     this.box.hidden = this.app.console !== null;
     values.forEach((value, i) => {
       const item = this.items[i] as HTMLLIElement;
@@ -32,6 +40,15 @@ export class Headline {
       item.dataset['tone'] = value[0];
       if (item.textContent !== value[1]) item.textContent = value[1];
     });
+  }
+
+  private machine(): [Tone, string] | null {
+    const { machine } = this.app.model.state;
+    if (!machine) return null;
+    const level = machine.level === null ? 'does not answer' : (LEVELS[machine.level] ?? machine.level);
+    const behind = machine.behind === null ? '' : `, ${length(machine.behind)} behind`;
+    const said = `Machine ${level}${behind}`;
+    return machine.problem ? ['bad', `${said}: ${machine.problem}`] : ['good', said];
   }
 
   private rcm(): [Tone, string] | null {

@@ -228,6 +228,8 @@ export class Model {
     if (performance.now() - this.saidAt < SAID_FOR && !refusedByEnd) return { tone: 'warn', text: this.said };
     const console = this.atConsole();
     if (console) return console;
+    const failed = this.robots.find((r) => r.state.machine?.problem);
+    if (failed && !s.playing) return { tone: 'bad', text: `Machine of ${failed.called}: ${failed.state.machine?.problem}.` };
     const other = this.robots.find((r) => r.heldByOther);
     if (other) return { tone: 'warn', text: `Client ${other.state.holder} holds ${other.called}.` };
     const mine = this.robots.find((r) => r.holding);

@@ -330,6 +330,8 @@ export interface State {
   /** Only if the server was started with --record. */
   recording?: boolean;
   postures: string[];
+  /** The machine that follows the robot: run level (null: no answer), distance in m of its tool from the hand, problem. */
+  machine?: { level: string | null; behind: number | null; problem: string | null };
 }
 
 export type Message =
