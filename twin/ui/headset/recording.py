@@ -203,10 +203,12 @@ class Replay:
             where, what = first_mistake(error)
             raise TwinError(f"{path}: {where}: {what}; give a file written by --record") from error
         if (file.robot, file.model_hash) != (robot, model_hash):
-            what = "of an earlier version of the robot"
+            what = "of an earlier version of the robot, or of another task"
+            way_out = "record it again, or give the --task of the recorded scene"
             if file.robot != robot:
                 what = f"of '{file.robot}'"
-            raise TwinError(f"{path}: the session is {what}, not of the present '{robot}': record it again")
+                way_out = "record it again"
+            raise TwinError(f"{path}: the session is {what}, not of the present '{robot}': {way_out}")
         self._frames: dict[int, bytes] = {}
         unpack = wire.unpack if file.version == wire.ALONE else unpack_scene
         try:
