@@ -145,6 +145,7 @@ class Piece:
         self.x, self.slopes = (dict(zip(driven, functions, strict=True)) for functions in motion)
         count = sum(len(PARTS[joint["type"]]) for joint in self.mechanism["tree"])
         self.passive = [i for i in range(count) if i not in driven]
+        self.inverse = inverse
         if series is not None:
             for i, c in zip(self.passive, series, strict=True):
                 rates = [k * x / self.half for k, x in enumerate(c[: N + 1])]
@@ -276,7 +277,7 @@ class Piece:
             low, high = bound["limits"]
             found = [] if low is None else [value - Model(low + least)]
             found += [] if high is None else [Model(high - least) - value]
-        elif kind not in ("determinant", "RCM"):
+        elif kind not in ("determinant", "RCM") or self.inverse is None:
             raise ValueError(f"there is no bound {kind}")
         return [(f, *self.at(self.a, self.b)) for f in found]
 

@@ -31,6 +31,13 @@ def _protocols():
 
 PROTOCOLS = _protocols()
 
+LONG = "sils_instruments"
+"""A robot whose protocol takes a minute or two to prove and to read."""
+
+DRAWN = [
+    pytest.param(*names, marks=pytest.mark.nightly) if names[0] == LONG else pytest.param(*names) for names in PROTOCOLS
+]
+
 
 @pytest.fixture(scope="module")
 def checker():
@@ -66,7 +73,7 @@ def test_the_script_is_short_and_needs_the_standard_library_alone(checker):
     require_short(checker)
 
 
-@pytest.mark.parametrize(("robot", "protocol"), PROTOCOLS)
+@pytest.mark.parametrize(("robot", "protocol"), DRAWN)
 def test_bounds_of_every_protocol_hold_on_drawn_pieces(tmp_path, checker, capsys, robot, protocol):
     data = json.loads(proved(robot, protocol))
     assert checked(checker, tmp_path / "c.json", data) == 0
@@ -170,6 +177,19 @@ def piece_left_out(data):
     del data["pieces"][20]
 
 
+def first_pieces(data):
+    """Only the first piece of each phase is left."""
+    seen = set()
+    data["pieces"] = [piece for piece in data["pieces"] if not (piece[0] in seen or seen.add(piece[0]))]
+
+
+def determinant_alone(data):
+    """Its bound does not rest on predictions: nothing is proved of the bodies."""
+    data["bounds"] = [row for row in data["bounds"] if row["kind"] == "determinant"]
+    for piece in data["pieces"]:
+        piece[3:] = None, None
+
+
 def no_bound(data):
     data["bounds"] = []
 
@@ -203,6 +223,8 @@ def no_matrix(data):
         other_prediction,
         other_assembly,
         piece_left_out,
+        first_pieces,
+        determinant_alone,
         no_bound,
         unknown_bound,
         grid_left_out,
@@ -213,6 +235,15 @@ def no_matrix(data):
 def test_what_was_changed_with_a_new_hash_is_refused(tmp_path, checker, certificate, change):
     change(certificate)
     assert checked(checker, tmp_path / "c.json", certificate, "") in (1, 2)
+
+
+@pytest.mark.parametrize("change", [piece_left_out, first_pieces, determinant_alone, no_bound])
+def test_the_audit_refuses_what_leaves_nothing_to_sample(tmp_path, certificate, capsys, change):
+    change(certificate)
+    certificate["sha256"] = digest(certificate)
+    code, report = audited(tmp_path / "c.json", certificate, capsys)
+    assert code == 2
+    assert "certificate.unreadable" in str(report["findings"])
 
 
 def test_arithmetic_contains_functions_at_random_places(checker):

@@ -13,10 +13,12 @@ from twin.api.judge import plan
 from twin.api.motion_proof import timed_path
 from twin.api.path_samples import sampled
 from twin.api.robot import Progress, Robot, silent
+from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.reference import ReferenceModel
 
 if TYPE_CHECKING:
+    from twin.core.spatial import Array
     from twin.model.mechanism import Mechanism
     from twin.proof.motion.path import TimedPath
 
@@ -51,7 +53,9 @@ class SampledMotions:
         path = timed_path(trajectory, protocol, robot.path_kinematics(), T_tool_frame)
         if "path" in entry:
             _compare_path(entry["path"]["phases"], path)
+            _compare_moved(entry["path"], path)
             _compare_joints(entry["mechanism"], mechanism)
+            _compare_driven(entry["mechanism"], mechanism)
         values = sampled(ReferenceModel(mechanism), trajectory, path).values
         found = {}
         for key, numbers in values.items():
@@ -73,6 +77,7 @@ def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
             (np.array(stated["grid"], float), phase.grid),
             (np.array(stated["rates"], float), phase.rates),
             (np.array([stated["tip_speed"], stated["rotation_speed"]]), [phase.tip_speed, phase.rotation_speed]),
+            (np.array(stated["averaged_s"], float), phase.smoothing),
         ]
         rcm = stated["rcm"]
         same = stated["enforced"] == phase.enforced and (rcm is None) == (phase.rcm is None)
@@ -84,15 +89,73 @@ def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
             raise TwinError(f"phase '{phase.name}' is not that of the plan")
 
 
+def _compare_moved(stated: Mapping[str, Any], path: TimedPath) -> None:
+    """Raise an error unless the moved frame and the shaft of a certificate are those of a planned path."""
+    pairs = (
+        ("the moved frame", stated["frame_in_tool"], path.T_tool_frame[:3]),
+        ("the shaft", stated["shaft"], path.shaft_axis),
+    )
+    for what, one, other in pairs:
+        if not _equal(one, other, _PLANNED):
+            raise TwinError(f"{what} is not that of the plan")
+
+
 def _compare_joints(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
-    """Raise an error unless the joints of a certificate are those of a mechanism."""
+    """Raise an error unless the joints, the base and the tool of a certificate are those of a mechanism."""
     joints = [*stated["tree"], *stated["loops"]]
     names = [joint.name for joint in (*mechanism.tree, *mechanism.loops)]
-    if [joint["name"] for joint in joints] != names or len(stated["couplings"]) != len(mechanism.couplings):
+    if [joint["name"] for joint in joints] != names or len(stated["tree"]) != len(mechanism.tree):
         raise TwinError("its joints are not those of the CAD")
     for joint in joints:
         own = mechanism.joint(joint["name"])
-        frames = ((joint["on_parent"], own.T_parent_joint), (joint["on_child"], own.T_child_joint))
+        frames = (
+            (joint["on_parent"], own.T_parent_joint, 0.0),
+            (joint["on_child"], own.T_child_joint, 0.0),
+            (joint["child_in_joint"], spatial.inverse(own.T_child_joint), _ROUNDING),
+        )
         same = (joint["type"], joint["parent"], joint["child"]) == (own.type, own.parent, own.child)
-        if not same or any(not np.array_equal(np.array(one, float), other[:3]) for one, other in frames):
+        if not same or any(not _equal(one, other[:3], within) for one, other, within in frames):
             raise TwinError(f"joint {own.name} is not that of the CAD")
+    tool = mechanism.frame(mechanism.tool)
+    if stated["base"] != mechanism.base:
+        raise TwinError(f"its base is not {mechanism.base}")
+    if stated["tool"]["body"] != tool.body or not _equal(stated["tool"]["frame"], tool.T_body_frame[:3]):
+        raise TwinError("its tool is not that of the CAD")
+
+
+def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
+    """Raise an error unless the driven coordinates and the couplings of a certificate are those of a mechanism."""
+    first: dict[str, int] = {}  # coordinate of each joint, or the first of them
+    count = 0
+    for joint in mechanism.tree:
+        first[joint.name] = count
+        count += _COORDINATES[joint.type]
+    if list(stated["driven"]) != [first[joint.name] for joint in mechanism.active]:
+        raise TwinError("its driven joints are not those of the CAD")
+    if len(stated["couplings"]) != len(mechanism.couplings):
+        raise TwinError("its couplings are not those of the CAD")
+    for row, coupling in zip(stated["couplings"], mechanism.couplings, strict=True):
+        scale = _ARM if mechanism.joint(coupling.joints[0]).is_angle else 1.0
+        own = scale * np.array([*coupling.ratios, coupling.total])
+        same = list(row["coordinates"]) == [first[name] for name in coupling.joints]
+        if not same or not _equal([*row["ratios"], row["total"]], own, _ROUNDING):
+            raise TwinError(f"coupling {coupling.name} is not that of the CAD")
+
+
+def _equal(stated: Any, own: Array, within: float = 0.0) -> bool:
+    """Return whether numbers of a certificate are those of the CAD or the plan."""
+    numbers = np.array(stated, float)
+    return numbers.shape == own.shape and bool(np.abs(numbers - own).max(initial=0.0) <= within)
+
+
+_COORDINATES = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "fixed": 0}
+"""{type of a joint: number of its coordinates}."""
+
+_ROUNDING = 1e-14
+"""Largest difference, in m or without a unit, of numbers that are computed: of inverses and of scaled ratios."""
+
+_PLANNED = 1e-9
+"""Largest difference of numbers that are planned anew."""
+
+_ARM = 0.1
+"""Length in m by which a certificate multiplies couplings of turns."""

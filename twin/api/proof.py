@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,8 @@ _FEWEST_STATES = 64
 
 _MOST_READ = 6
 """Maximum number of terms of an error that a finding shows: a longer one would not be read."""
+
+_LONGEST_NAME = 100
 
 _SHOWN = 4
 """Number of claims that are named together if they are not proved for one reason."""
@@ -111,10 +114,11 @@ class Proved(Result):
         """Write the certificate, and one of each protocol."""
         text = json.dumps(self.certificate(), ensure_ascii=True, allow_nan=False)
         (folder / "certificate.json").write_text(text, encoding="ascii")
-        for motion in self.motions:
+        files = motion_files([motion.protocol for motion in self.motions])
+        for file, motion in zip(files, self.motions, strict=True):
             if motion.certificate is not None:
                 text = json.dumps(motion.certificate, ensure_ascii=True, allow_nan=False)
-                (folder / f"motion-{motion.protocol}.json").write_text(text, encoding="ascii")
+                (folder / file).write_text(text, encoding="ascii")
 
     def text(self) -> Iterator[Part]:
         """Yield the table of the claims, what they rest on, the findings and the verdict."""
@@ -231,6 +235,26 @@ def prove(
         motions.append(motion)
         findings += motion.findings
     return Proved(robot.name, chosen, proof, robot.hashes(), tuple(findings), tuple(motions))
+
+
+def motion_files(protocols: Sequence[str]) -> list[str]:
+    """Return the file name of the certificate of each protocol, given their names; no two files are the same.
+
+    Characters other than letters, digits, "-" and "_" become "_", and only the first 100 are kept: the name of a
+    protocol is any text, and must not lead to another folder.
+    """
+    found: list[str] = []
+    taken: set[str] = set()
+    for protocol in protocols:
+        plain = re.sub(r"[^A-Za-z0-9_-]", "_", protocol)[:_LONGEST_NAME]
+        name = f"motion-{plain}"
+        count = 1
+        while name.lower() in taken:  # there are folders that do not tell capitals
+            count += 1
+            name = f"motion-{plain}-{count}"
+        taken.add(name.lower())
+        found.append(f"{name}.json")
+    return found
 
 
 def _listed(values: Sequence[str]) -> str:

@@ -26,6 +26,9 @@ CLOSED = 1e-9
 _NEAR = 1e-5
 """Largest distance in m or rad of the joint values from those predicted."""
 
+_NOT_SAMPLED = "determinant"
+"""Kind of the bound that has no row of its own."""
+
 _STEPS = 8
 _STEP = 1e-30
 
@@ -44,8 +47,14 @@ def audit_motion_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
     generator = np.random.default_rng()  # no time that the author of a certificate could foresee
     pieces = data["pieces"]
     phases = data["path"]["phases"]
-    if not data["bounds"]:
-        raise ValueError("it has no bound")
+    if all(bound["kind"] == _NOT_SAMPLED for bound in data["bounds"]):
+        raise ValueError("it has no bound that a sample could exceed")
+    _require_tiles(pieces, len(phases))
+    for joint in data["mechanism"]["tree"]:
+        # other programs place the child by the inverse, this one by the frame itself
+        off = np.abs(_frame(joint["child_in_joint"]) @ _frame(joint["on_child"]) - np.eye(4)).max()
+        if not off <= CLOSED:
+            raise ValueError(f"the two frames of joint {joint['name']} on its child are not inverse to one another")
     chosen = np.sort(generator.integers(0, len(pieces), TIMES))
     s = np.zeros(TIMES)
     x = np.zeros((TIMES, sum(len(_PARTS[joint["type"]]) for joint in data["mechanism"]["tree"])))
@@ -78,6 +87,21 @@ def audit_motion_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
         _row(ledger, "loops", float(gap), CLOSED, "a loop does not close", "m")
     for bound in data["bounds"]:
         _judge(bound, sampled, bodies, ledger)
+
+
+def _require_tiles(pieces: Sequence[Sequence[Any]], phases: int) -> None:
+    """Raise an error unless the pieces of each phase follow one another from 0 to 1, and all phases have some."""
+    phase, end = -1, 1.0
+    for k, (number, first, last, *_) in enumerate(pieces):
+        if end == 1.0 and first == 0.0 and number == phase + 1:
+            phase = number
+        elif number != phase or first != end:
+            raise ValueError(f"piece {k} does not begin where the one before it ends: a part of the path is left out")
+        if not first < last <= 1.0:
+            raise ValueError(f"piece {k} goes from {first} to {last}")
+        end = last
+    if (phase + 1, end) != (phases, 1.0):
+        raise ValueError(f"its pieces end at {end} of phase {phase + 1}, not at the end of phase {phases}")
 
 
 class _Sampled:
@@ -189,7 +213,7 @@ def _gaps(kind: str, T: Numbers) -> list[Numbers]:
 def _judge(bound: Mapping[str, Any], sampled: _Sampled, bodies: bool, ledger: Ledger) -> None:
     """Add the row of a bound, and a finding if a sample is beyond it."""
     name = f"{bound['kind']} {bound['value']}"
-    if bound["kind"] == "determinant":
+    if bound["kind"] == _NOT_SAMPLED:
         return  # that it is not 0 shows in the loops, which Newton's method closes
     if ("at least" in bound) == ("at most" in bound):
         raise ValueError(f"{name} has not either a lower or an upper bound")
