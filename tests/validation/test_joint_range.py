@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import replace
+from typing import cast
 
 import casadi
 import numpy as np
@@ -14,16 +15,17 @@ import twin
 from made import explain_seeds as seeds
 from made.arm import LINK, arm
 from made.branches import RIGHT, THREE, TWO, WRONG
+from made.formulas import with_reach
 from made.lanes import one_of_a_kind
 from twin.cli import cure
 from twin.core import spatial
-from twin.kinematics import compile_formula
+from twin.kinematics import Kinematics, compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.joint_range import STATES, joint_range
 from twin.robots import load_formula
 from twin.validation.compare import EquationsComparison
 from twin.validation.explain.explain import explain
-from twin.validation.joint_range import HEADING, whole_range
+from twin.validation.joint_range import HEADING, reads_orientation, whole_range
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances
 
@@ -35,10 +37,10 @@ SEED = int(os.environ.get("TWIN_BRANCHES_SEED", "5"))
 LIMIT = 2.6
 
 
-def judged(tmp_path, template, parts, error="pass", before=None):
+def judged(tmp_path, template, parts, error="pass", before=None, reach=None):
     """Return the comparison over the joint range of a formula for a planar arm of two or three links.
 
-    `before` is a row of the protocol.
+    `before` is a row of the protocol, `reach` are functions from tool pose to margin by row of reach.
     """
     count = 2 if template is TWO else 3
     model = ReferenceModel(arm(count))
@@ -47,6 +49,8 @@ def judged(tmp_path, template, parts, error="pass", before=None):
     home = np.full(count, 0.3)
     driven = [(f"q{i}", True) for i in range(count)]
     formula = load_formula(path, "arm", driven=lambda: (driven, model.solve(home).T_base_tool, home))
+    if reach:
+        formula = with_reach(formula, reach)
     out = EquationsComparison(residuals=[before] if before else [])
     whole_range(compile_formula(formula), model, Tolerances(), out)
     return out
@@ -68,6 +72,34 @@ def test_a_wrong_branch_is_found(tmp_path, name):
     assert finding.severity == "disagreement"
     found = float(finding.message.split("(")[1].split(" %")[0]) / 100
     assert found == pytest.approx(share, abs=0.11)
+
+
+def test_a_margin_without_a_value_excludes_no_state_and_is_found(tmp_path):
+    reach = {"upper": lambda T: casadi.sqrt(T[1, 3])}
+    out = judged(tmp_path, *RIGHT[0], reach=reach)
+    (finding,) = out.findings
+    assert (finding.code, finding.severity) == ("range.no_margin", "disagreement")
+    assert "the row 'upper' of reach has no value at" in finding.message
+    assert out.facts[HEADING]["judged"] == f"100 % of the joint range, {STATES} states"
+    both = judged(tmp_path, *RIGHT[0], reach={**reach, "above": lambda T: T[1, 3]})
+    assert not both.findings
+    assert "beyond 'above' of the equations" in both.facts[HEADING]
+
+
+def test_derivatives_without_a_value_do_not_say_that_no_orientation_is_read():
+    class Unknown:
+        def __init__(self, rates):
+            self.rates = rates
+
+        def inverse_jacobian_many(self, Ts):
+            return self.rates
+
+    nothing = np.zeros((2, 3, 6))
+    unknown = np.full((2, 3, 6), np.nan)
+    turning = nothing.copy()
+    turning[1, 2, 4] = 1.0
+    for rates, reads in ((nothing, False), (unknown, True), (turning, True), (np.zeros((0, 3, 6)), True)):
+        assert reads_orientation(cast(Kinematics, Unknown(rates)), np.zeros((len(rates), 4, 4))) is reads
 
 
 def test_the_fix_of_a_lost_quadrant_is_atan2(tmp_path):

@@ -52,6 +52,13 @@ _NO_ANSWER = Kind(
     word="",
 )
 _NO_ANSWER_FOLLOWS = Kind("range.no_answer", "info", word="")
+_NO_MARGIN = Kind(
+    "range.no_margin",
+    "disagreement",
+    "let the row of `reach` have a value at all states: negative where the equations do not hold",
+    word="",
+)
+_NO_MARGIN_FOLLOWS = Kind("range.no_margin", "info", word="")
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,8 @@ class RangeErrors:
     Attributes:
         drawn: the states (k).
         beyond: {name of a row of reach: (k,) bool}, whether a state is beyond it, for rows that exclude any state.
+        without_margin: {name of a row of reach: (k,) bool}, whether it is NaN at a state that no row excludes, for rows
+            that are NaN at any. Such states are judged.
         errors: {"inverse" or "forward": errors of the tool pose, (k,) in m and (k,) in rad}; NaN without a result,
             infinite if the mechanism cannot take the joint values of the equations.
         own: (k,) bool, whether the inverse gives the joint values of the state, not those of another solution.
@@ -70,6 +79,7 @@ class RangeErrors:
 
     drawn: JointRange
     beyond: dict[str, np.ndarray]
+    without_margin: dict[str, np.ndarray]
     errors: dict[str, tuple[Array, Array]]
     own: np.ndarray
     other_values: dict[str, tuple[Array, Array]]
@@ -92,28 +102,44 @@ class RangeErrors:
 
 
 def range_errors(
-    kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, drawn: JointRange | None = None
+    kin: Kinematics,
+    model: ReferenceModel,
+    tolerances: Tolerances,
+    drawn: JointRange | None = None,
+    *,
+    free_angles: bool = True,
+    reads: bool | None = None,
 ) -> RangeErrors:
-    """Return the errors of the equations at the states `drawn`; default: those of `reference.joint_range`."""
+    """Return the errors of the equations at the states `drawn`; default: those of `reference.joint_range`.
+
+    Args:
+        kin: the compiled equations.
+        model: the reference model.
+        tolerances: see `SLACK`.
+        drawn: the states.
+        free_angles: whether to evaluate `RangeErrors.other_values` too.
+        reads: whether the inverse equations read the orientation; None: as `reads_orientation` finds at the states.
+    """
     if drawn is None:
         drawn = joint_range(model)
     own = np.ones(len(drawn.run.x), bool)
     errors = {}
     if kin.closed_inverse:
-        offset, turn, own = _of_inverse(kin, model, drawn, tolerances)
+        offset, turn, own = _of_inverse(kin, model, drawn, tolerances, reads)
         errors["inverse"] = offset, turn
     if kin.closed_forward:
         errors["forward"] = _of_forward(kin, drawn)
     other_values = {}
-    for p in _free_angles(kin, model):
+    for p in _free_angles(kin, model) if free_angles else ():
         changed = {**kin.parameters, p.name: kin.parameters[p.name] + _CHANGE}
         extra_joints = model.mechanism.extra_joints(j.name for j in kin.formula.joints)
         other = compile_formula(kin.formula, kin.variants, changed, extra_joints)
-        offset, turn, _ = _of_inverse(other, model, drawn, tolerances)
+        offset, turn, _ = _of_inverse(other, model, drawn, tolerances, reads)
         judged = np.isfinite(offset)
         text = f"inverse, {p.name} = {changed[p.name] / DEG:.0f} deg"
         other_values[text] = np.where(judged, offset, np.nan), np.where(judged, turn, np.nan)
-    return RangeErrors(drawn, _beyond(kin, drawn), errors, own, other_values)
+    beyond, without_margin = beyond_reach(kin, drawn.run.q, drawn.run.Ts_base_tool)
+    return RangeErrors(drawn, beyond, without_margin, errors, own, other_values)
 
 
 def _free_angles(kin: Kinematics, model: ReferenceModel) -> list[Parameter]:
@@ -149,37 +175,46 @@ def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, 
             wrong_before = residual.name
             break
     judge = _Judge(found.drawn, inside, model.mechanism, tolerances, wrong_before, out)
+    for name, states in found.without_margin.items():
+        judge.no_margin(name, states)
     for name, (offset, turn) in found.errors.items():
         judge.rows(name, offset, turn)
     for name, (offset, turn) in found.other_values.items():
         judge.compared(name, offset, turn)
 
 
-def _beyond(kin: Kinematics, drawn: JointRange) -> dict[str, np.ndarray]:
-    """Return {name of a row of reach: (k,) bool, whether a state is beyond it} for rows that exclude any state."""
-    run = drawn.run
+def beyond_reach(kin: Kinematics, q: Array, Ts: Array) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the states beyond the reach that the equations state, and those at which they state none.
+
+    `q` (k, n) and `Ts` (k, 4, 4) are joint values and tool poses. For `beyond` and `without_margin` see `RangeErrors`.
+    """
     beyond: dict[str, np.ndarray] = {}
+    unknown: dict[str, np.ndarray] = {}
     if kin.closed_inverse:
-        for name, margin in kin.reach(Ts=run.Ts_base_tool).items():
-            beyond[name] = ~(margin >= 0)  # also where the margin is NaN
+        for name, margin in kin.reach(Ts=Ts).items():
+            beyond[name] = margin < 0
+            unknown[name] = np.isnan(margin)
     if kin.closed_forward:
-        for name, margin in kin.reach(qs=run.q).items():
+        for name, margin in kin.reach(qs=q).items():
             beyond[name] = beyond.get(name, margin < 0) | (margin < 0)
-    excluding = {}
-    for name, states in beyond.items():
-        if states.any():
-            excluding[name] = states
-    return excluding
+            # with an inverse, the margins are known at the true poses; those of wrong forward equations do not count
+            unknown.setdefault(name, np.isnan(margin))
+    outside = np.zeros(len(q), bool)
+    for states in beyond.values():
+        outside |= states
+    excluding = {name: states for name, states in beyond.items() if states.any()}
+    without_margin = {name: states & ~outside for name, states in unknown.items() if (states & ~outside).any()}
+    return excluding, without_margin
 
 
 def _of_inverse(
-    kin: Kinematics, model: ReferenceModel, drawn: JointRange, tolerances: Tolerances
+    kin: Kinematics, model: ReferenceModel, drawn: JointRange, tolerances: Tolerances, reads: bool | None
 ) -> tuple[Array, Array, np.ndarray]:
     """Return the errors of the inverse equations (see `RangeErrors`): (k,) in m, (k,) in rad, and `own` (k,).
 
     The error is 0 where the equations give the joint values of the state.
     """
-    Ts, own = poses_by_inverse(kin, model, drawn.run, tolerances)
+    Ts, own = poses_by_inverse(kin, model, drawn.run, tolerances, reads)
     true = drawn.run.Ts_base_tool
     taken = np.isfinite(Ts).all(axis=(1, 2)) & ~own
     offset = np.where(np.isnan(Ts).any(axis=(1, 2)), np.nan, np.inf)
@@ -191,12 +226,13 @@ def _of_inverse(
 
 
 def poses_by_inverse(
-    kin: Kinematics, model: ReferenceModel, run: SolvedSamples, tolerances: Tolerances
+    kin: Kinematics, model: ReferenceModel, run: SolvedSamples, tolerances: Tolerances, reads: bool | None = None
 ) -> tuple[Array, np.ndarray]:
     """Return (tool poses (k, 4, 4) of the mechanism at the joint values that the inverse gives for its states, `own`).
 
     `own` (k,) says whether the inverse gives the joint values of the state; otherwise the mechanism is driven to its
-    values. Poses are NaN without a result, infinite if the mechanism cannot take the joint values.
+    values. Poses are NaN without a result, infinite if the mechanism cannot take the joint values. For `reads` see
+    `range_errors`.
     """
     q = kin.inverse_many(run.Ts_base_tool)
     q[:, kin.auxiliary] = run.q[:, kin.auxiliary]
@@ -214,7 +250,7 @@ def poses_by_inverse(
     true = run.Ts_base_tool[other]
     out[other] = np.inf
     least = np.full(len(q), np.inf)
-    turned = reads_orientation(kin, true)
+    turned = reads_orientation(kin, run.Ts_base_tool) if reads is None else reads
     closing = Closing(model, np.ones(q.shape[1]))
     closing.keep(run.q, run.x)
     # Full turns change no pose, but a walk from the known states may reach only one of the values.
@@ -242,9 +278,14 @@ def poses_by_inverse(
 
 
 def reads_orientation(kin: Kinematics, Ts: Array) -> bool:
-    """Return whether the inverse equations depend on the orientation of tool poses (k, 4, 4)."""
+    """Return whether the inverse equations depend on the orientation of tool poses (k, 4, 4).
+
+    They count as dependent unless all derivatives are known at some of the poses, and all that are known are zero.
+    """
     rates = kin.inverse_jacobian_many(Ts=Ts)[:, :, 3:]
-    return bool(np.nanmax(np.abs(rates), initial=0.0) > 0)
+    zero = (rates == 0) | np.isnan(rates)
+    known = np.isfinite(rates).all(axis=(1, 2))
+    return not (known.any() and zero.all())
 
 
 def _of_forward(kin: Kinematics, drawn: JointRange) -> tuple[Array, Array]:
@@ -324,6 +365,16 @@ class _Judge:
         )
         first = int(np.argmax(missing))
         self.out.findings.append(kind(name, text, when=self._state(first), cause=name))
+
+    def no_margin(self, name: str, states: np.ndarray) -> None:
+        """Add a finding on a row of reach that is NaN at states (k,) bool."""
+        kind = _NO_MARGIN_FOLLOWS if self.wrong_before else _NO_MARGIN
+        text = (
+            f"over the joint range, the row '{name}' of reach has no value at {_share(states, self.inside)} that the "
+            "mechanism can take"
+        )
+        first = int(np.argmax(states))
+        self.out.findings.append(kind(name, text, when=self._state(first), cause="reach"))
 
     def _row(self, name: str, unit: str, error: Array, judged: np.ndarray, limit: float) -> Residual:
         worst = int(np.argmax(np.where(judged, error, -1.0)))

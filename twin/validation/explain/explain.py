@@ -321,7 +321,7 @@ def _over_range(
     except TwinError:  # a symbol without a value, which is explained row by row
         return None
     used = Tolerances() if tolerance is None else Tolerances(tolerance.length, tolerance.angle)
-    found = range_errors(kin, model, used)
+    found = range_errors(kin, model, used, free_angles=False)
     wrong = np.flatnonzero(found.wrong(used))
     right = np.flatnonzero(found.inside & found.own & ~found.wrong(used))
     if not len(wrong):
