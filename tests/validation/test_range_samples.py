@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import casadi
 import numpy as np
 import pytest
 
 import twin
+from made import own_robot
 from made.arm import LINK, arm
 from made.branches import RIGHT, THREE, TWO, WRONG
+from made.formulas import with_reach
 from made.processor_as_gpu import ProcessorAsGpu
 from twin.api.judge import validate_samples
 from twin.cli import main
@@ -22,12 +25,15 @@ from twin.kinematics.closed_loops import LoopSolver
 from twin.reference import ReferenceModel
 from twin.robots import load_formula
 from twin.validation import range_samples
-from twin.validation.range_samples import RangeSamples, SampledRange
+from twin.validation.range_samples import RangeSamples, SampledRange, _Tally
 from twin.validation.rows import Tolerances
 
 
-def judge_of(tmp_path, template, parts, mechanism=None) -> SampledRange:
-    """Return the judge of a formula for a planar arm; `mechanism` is that of the reference model, if another one."""
+def judge_of(tmp_path, template, parts, mechanism=None, reach=None) -> SampledRange:
+    """Return the judge of a formula for a planar arm.
+
+    `mechanism` is that of the reference model, if another one; `reach` are functions from tool pose to margin by row.
+    """
     count = 2 if template is TWO else 3
     drawn = arm(count)
     path = tmp_path / "formula.py"
@@ -36,6 +42,8 @@ def judge_of(tmp_path, template, parts, mechanism=None) -> SampledRange:
     driven = [(f"q{i}", True) for i in range(count)]
     start = ReferenceModel(drawn).solve(home)
     formula = load_formula(path, "arm", driven=lambda: (driven, start.T_base_tool, home))
+    if reach:
+        formula = with_reach(formula, reach)
     model = ReferenceModel(mechanism or drawn)
     return SampledRange("arm", compile_formula(formula), LoopSolver(drawn), None, model, Tolerances())
 
@@ -52,6 +60,7 @@ def test_right_equations_agree(tmp_path, template, parts):
     assert found.confirmed == 64
     (stage,) = found.stages
     assert stage.suspects == 0
+    assert stage.position is not None
     assert stage.position < 1e-12
 
 
@@ -67,6 +76,7 @@ def test_a_wrong_branch_is_found_and_judged_by_the_reference(tmp_path, name):
     assert stage.by_reference == 256 + 64
     for finding in found.findings:
         assert f"the compiled kernels suspect {stage.suspects} of 4000 states" in finding.message
+        assert finding.code == "samples.no_answer" or "the largest error of those judged: " in finding.message
 
 
 def test_equations_without_a_result_are_told_with_a_state(tmp_path):
@@ -99,6 +109,58 @@ def test_the_reference_judges_states_without_a_doubt_too(tmp_path):
     assert found.verdict == "disagree"
 
 
+def test_what_the_reference_cannot_judge_is_not_claimed(tmp_path, monkeypatch):
+    judge = judge_of(tmp_path, *RIGHT[0])
+    monkeypatch.setattr(SampledRange, "_judged_by_reference", lambda self, closing, q: None)
+    found = judged(judge, 50)
+    assert (found.unsuspected, found.confirmed) == (50, 0)
+    assert found.verdict == "unchecked"
+    (finding,) = found.findings
+    assert finding.code == "samples.undecided"
+    assert "could judge only 0 of 50 states" in finding.message
+
+
+def test_a_margin_without_a_value_excludes_no_state(tmp_path):
+    """The arm can take the states at which y is negative, and the equations are right there."""
+    found = judged(judge_of(tmp_path, *RIGHT[0], reach={"upper": lambda T: casadi.sqrt(T[1, 3])}), 3000)
+    assert found.beyond == 0
+    assert found.verdict == "disagree"
+    inverse, reach = found.stages
+    assert inverse.suspects == 0
+    assert inverse.judged == 3000
+    assert reach.suspects == pytest.approx(1500, rel=0.1)
+    assert reach.missing == reach.examined == 256
+    (finding,) = found.findings
+    assert finding.code == "samples.no_margin"
+    assert "the row 'upper' of reach has no value at 256 of 320 states" in finding.message
+    assert "reach, upper" in "".join(str(part) for part in found.text())
+
+
+def test_a_margin_may_have_no_value_where_another_is_negative(tmp_path):
+    rows = {"upper": lambda T: casadi.sqrt(T[1, 3]), "above": lambda T: T[1, 3]}
+    found = judged(judge_of(tmp_path, *RIGHT[0], reach=rows), 3000)
+    assert found.verdict == "agree"
+    assert found.beyond == pytest.approx(1500, rel=0.1)
+    assert [stage.name for stage in found.stages] == ["inverse"]
+
+
+def test_whether_the_orientation_is_read_is_decided_once(tmp_path, monkeypatch):
+    asked = []
+    decide = range_samples.reads_orientation
+    monkeypatch.setattr(range_samples, "reads_orientation", lambda *given: asked.append(0) or decide(*given))
+    monkeypatch.setattr(range_samples, "_BLOCK", 512)
+    assert judged(judge_of(tmp_path, *RIGHT[4]), 3000).verdict == "agree"
+    assert len(asked) == 1
+
+
+def test_the_worst_of_the_kernels_is_relative_to_the_tolerances():
+    """A turn of 1 rad is worse than an offset of 1 µm, although only the second state has an offset."""
+    tally = _Tally()
+    tally.add(np.array([[1.0], [2.0]]), np.array([0.0, 1e-6]), np.array([1.0, 0.0]), Tolerances())
+    assert tally.worst[1] == [1.0]
+    assert tally.position is None
+
+
 def test_blocks_change_nothing(tmp_path, monkeypatch):
     judge = judge_of(tmp_path, THREE, WRONG["no sign of the elbow"][1])
     whole = judged(judge, 3000)
@@ -127,6 +189,28 @@ def test_the_device_is_named_and_answers_alike(monkeypatch):
     assert by_card.stages == by_processor.stages
 
 
+def test_the_command_tells_findings_and_verdict(tmp_path, capsys):
+    options = ["--samples", "500", "--variant", "eq1=printed", "--out", str(tmp_path)]
+    assert main(["validate", "sils", *options]) == 1
+    out = capsys.readouterr().out
+    assert "over the joint range, the inverse equations are wrong at" in out
+    assert "DISAGREE: the equations are wrong" in out
+    cells = next(line for line in out.splitlines() if line.startswith("  inverse ")).split()
+    assert cells[2] == "-"  # no state is without a suspicion, so that there is no largest error
+    assert cells[1] == cells[3]
+
+
+def test_the_command_takes_the_device_of_the_environment(tmp_path, capsys, monkeypatch):
+    card = ProcessorAsGpu()
+    monkeypatch.setattr(gpu, "found", lambda: (card, ""))
+    monkeypatch.setattr(kernel_module, "_MANY", 1)
+    command = ["validate", "davinci_ecm", "--samples", "100", "--json", "--out", str(tmp_path)]
+    for choice, device in (("cpu", "processor"), ("gpu", card.name)):
+        monkeypatch.setenv("TWIN_DEVICE", choice)
+        assert main(command) == 0
+        assert json.loads(capsys.readouterr().out)["device"] == device
+
+
 def test_the_command_writes_a_result(tmp_path, capsys):
     assert main(["validate", "davinci_ecm", "--samples", "2e3", "--json", "--out", str(tmp_path)]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -151,5 +235,12 @@ def test_options_without_effect_are_refused(options, said, capsys):
 
 
 def test_a_robot_without_equations_is_refused(tmp_path):
-    with pytest.raises(TwinError):
-        twin.validate_samples(twin.load("sher"), 0)
+    folder = own_robot.folder(tmp_path)
+    (folder / "formula.py").unlink()
+    with pytest.raises(TwinError, match="formula"):
+        twin.validate_samples(folder, 10)
+
+
+def test_less_than_one_sample_is_refused():
+    with pytest.raises(TwinError, match="samples = 0: give at least 1"):
+        twin.validate_samples("sher", 0)

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from twin.core import compute_device, spatial
-from twin.core.findings import Finding, Kind
+from twin.core.findings import Finding, Kind, by_severity
 from twin.core.json_types import JsonObject
 from twin.core.quantity import deg, mm
 from twin.core.result import Part, Result, TextTable
@@ -27,7 +28,7 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, draws, ends, within_limits
-from twin.validation.joint_range import SLACK, range_errors, reads_orientation
+from twin.validation.joint_range import SLACK, beyond_reach, range_errors, reads_orientation
 from twin.validation.rows import Tolerances
 
 _BLOCK = 1 << 18
@@ -48,6 +49,9 @@ _ENOUGH = 0.5
 _SEEN = 1000
 """Number of poses at which it is found out whether the inverse equations read the orientation."""
 
+_REACH = "reach "
+"""What the names of tallies of rows of reach begin with."""
+
 _DIFFERS = Kind(
     "samples.differs",
     "disagreement",
@@ -58,6 +62,12 @@ _NO_ANSWER = Kind(
     "samples.no_answer",
     "disagreement",
     "extend the equations, or state where they end by a row of `reach` in the formula",
+    word="",
+)
+_NO_MARGIN = Kind(
+    "samples.no_margin",
+    "disagreement",
+    "let the row of `reach` have a value at all states: negative where the equations do not hold",
     word="",
 )
 _UNDECIDED = Kind(
@@ -71,26 +81,28 @@ _NOTHING = Kind("samples.nothing", "error", "check the limits of the joints and 
 
 @dataclass(frozen=True)
 class JudgedStage:
-    """What was found about the inverse equations, or about the forward equations.
+    """What was found about the inverse equations, about the forward equations, or about a row of reach.
 
     Attributes:
-        name: "inverse" or "forward".
+        name: "inverse", "forward" or "reach".
         judged: number of states at which the equations were compared.
-        position, rotation: largest errors in m and rad, over the states without a suspicion.
+        position, rotation: largest errors in m and rad, over the states without a suspicion; None if all states are
+            suspected, and for a row of reach.
         suspects: number of states at which the kernels find no result, or an error above the tolerance.
         examined: number of suspects that the reference model has judged.
         by_reference: number of states that the reference model has judged: examined ones, and some without a suspicion.
         wrong: number of these at which an error is above the tolerance.
         missing: number of these without a result of the equations.
-        worst: largest errors in m and rad, and the joint values (n,) at which they occur, over the wrong states; None
-            if there is no wrong state with a result.
+        worst: errors in m and rad, and the joint values (n,) at which they occur, at that of the wrong states where
+            they are largest, each relative to its tolerance; None if there is no wrong state with a result.
         missing_at: joint values (n,) of a state without a result; None if there is none.
+        row: name of the row of reach, if the stage is one: a margin has no error, but may have no value.
     """
 
     name: str
     judged: int
-    position: float
-    rotation: float
+    position: float | None
+    rotation: float | None
     suspects: int
     examined: int
     by_reference: int
@@ -98,6 +110,21 @@ class JudgedStage:
     missing: int
     worst: tuple[float, float, Array] | None = None
     missing_at: Array | None = None
+    row: str = ""
+
+    @property
+    def subject(self) -> str:
+        """What the stage is about, as text."""
+        return f"the row '{self.row}' of reach" if self.row else f"the {self.name} equations"
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the row of the stage in the table of the text."""
+        name = f"{self.name}, {self.row}" if self.row else self.name
+        error = "-"
+        if self.position is not None and self.rotation is not None:
+            error = f"{self.position / MM:.2g} mm, {self.rotation / DEG:.2g}°"
+        counts = (self.suspects, self.examined, self.wrong, self.missing)
+        return (name, str(self.judged), error, *(str(count) for count in counts))
 
 
 @dataclass(frozen=True)
@@ -112,8 +139,9 @@ class RangeSamples(Result):
         possible: number of states that the mechanism can take, within its limits.
         beyond: number of possible states that are beyond the reach that the equations state; they are not judged.
         tolerance: largest errors in m and rad that count as agreement.
-        stages: what was found about inverse and forward equations.
-        confirmed: number of states without a suspicion that the reference model has judged as well.
+        stages: what was found about inverse and forward equations, and about rows of reach without a value.
+        unsuspected: number of judged states without a suspicion.
+        confirmed: number of these that the reference model has judged as well.
         device: what has computed the kernels, see `ComputeDevice.name`.
         mechanism: the mechanism, for names and units of joints.
     """
@@ -125,6 +153,7 @@ class RangeSamples(Result):
     beyond: int
     tolerance: tuple[float, float]
     stages: tuple[JudgedStage, ...]
+    unsuspected: int
     confirmed: int
     device: str
     mechanism: Mechanism = field(repr=False)
@@ -139,6 +168,14 @@ class RangeSamples(Result):
             found.append(_NOTHING("mechanism", f"none of {self.samples} states over the joint range could be judged"))
         for stage in self.stages:
             found += self._of_stage(stage)
+        asked = min(_CONFIRMED, self.unsuspected)
+        if not found and self.confirmed < asked:
+            text = (
+                f"over the joint range, the reference model could judge only {self.confirmed} of {asked} states at "
+                "which the compiled kernels suspect nothing"
+            )
+            way = "compare along protocols, by `twin validate` without --samples"
+            found.append(_UNDECIDED("mechanism", text, suggestion=way))
         return tuple(found)
 
     def _of_stage(self, stage: JudgedStage) -> list[Finding]:
@@ -154,22 +191,27 @@ class RangeSamples(Result):
                 size = deg(rotation)
                 limit = deg(self.tolerance[1])
             text = (
-                f"over the joint range, the {stage.name} equations are wrong at {stage.wrong} of {judged}; "
-                f"{suspected}; the largest error"
+                f"over the joint range, {stage.subject} are wrong at {stage.wrong} of {judged}; {suspected}; the "
+                "largest error of those judged"
             )
             found.append(_DIFFERS(stage.name, text, size, limit, when=self._state(q), cause=stage.name))
         if stage.missing_at is not None:
+            kind = _NO_ANSWER
+            fault = "give no result"
+            if stage.row:
+                kind = _NO_MARGIN
+                fault = "has no value"
             text = (
-                f"over the joint range, the {stage.name} equations give no result at {stage.missing} of {judged} and "
-                f"that the mechanism can take; {suspected}"
+                f"over the joint range, {stage.subject} {fault} at {stage.missing} of {judged} and that the mechanism "
+                f"can take; {suspected}"
             )
-            found.append(_NO_ANSWER(stage.name, text, when=self._state(stage.missing_at), cause=stage.name))
+            found.append(kind(stage.row or stage.name, text, when=self._state(stage.missing_at), cause=stage.name))
         if not found and stage.examined < stage.suspects:
             text = (
-                f"over the joint range, {suspected} of wrong {stage.name} equations; the reference model judged "
-                f"{stage.examined} of these, and found the equations right there"
+                f"over the joint range, the compiled kernels suspect {stage.subject} at {share}; the reference model "
+                f"judged {stage.examined} of these, and found nothing wrong there"
             )
-            found.append(_UNDECIDED(stage.name, text))
+            found.append(_UNDECIDED(stage.row or stage.name, text))
         return found
 
     def _state(self, q: Array) -> str:
@@ -187,6 +229,7 @@ class RangeSamples(Result):
             stages.append(
                 {
                     "equations": stage.name,
+                    "row": stage.row,
                     "judged": stage.judged,
                     "position_max": stage.position,
                     "rotation_max": stage.rotation,
@@ -204,13 +247,14 @@ class RangeSamples(Result):
             "possible": self.possible,
             "beyond_reach": self.beyond,
             "tolerance": list(self.tolerance),
+            "unsuspected": self.unsuspected,
             "confirmed_by_reference": self.confirmed,
             "device": self.device,
             "stages": stages,
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield what was drawn, a row for inverse and forward equations, and who has judged."""
+        """Yield what was drawn, a row for each stage, who has judged, the findings and the verdict."""
         yield f"{self.robot} · equations and mechanism at {self.samples} states over the joint range · {self.device}"
         if self.on_lines:
             yield "  few states of the whole range are possible: drawn on lines from the rest poses to such states"
@@ -218,17 +262,20 @@ class RangeSamples(Result):
         if self.beyond:
             yield f"  {self.beyond} of them are beyond the reach that the equations state, and are not judged"
         yield ""
-        header = ("equations", "judged", "largest error", "largest rotation", "suspected", "examined", "wrong", "none")
-        rows = []
-        for stage in self.stages:
-            position = f"{stage.position / MM:.2g} mm"
-            rotation = f"{stage.rotation / DEG:.2g}°"
-            counts = (stage.suspects, stage.examined, stage.wrong, stage.missing)
-            rows.append((stage.name, str(stage.judged), position, rotation, *(str(count) for count in counts)))
-        yield TextTable(header, rows)
-        yield "  largest errors: of states without a suspicion; suspected: by the compiled kernels; examined: suspected"
-        yield "  states that the reference model judged; wrong, none: states with a wrong result, or without one, by it"
-        yield f"  the reference model also judged {self.confirmed} states without a suspicion"
+        largest = "largest error of the unsuspected"
+        header = ("equations", "judged", largest, "suspected", "examined", "wrong", "none")
+        yield TextTable(header, [stage.cells() for stage in self.stages])
+        yield "  suspected: by the compiled kernels; examined: suspected states that the reference model judged;"
+        yield "  wrong, none: states with a wrong result, or without one, by the reference model"
+        yield f"  the reference model also judged {self.confirmed} of {self.unsuspected} states without a suspicion"
+        yield ""
+        yield from by_severity(self.findings)
+        verdicts = {
+            "agree": f"AGREE: equations and mechanism agree over the joint range, {self.possible - self.beyond} states",
+            "disagree": "DISAGREE: the equations are wrong, or have no result, in a part of the joint range",
+            "unchecked": "UNCHECKED: not all that was drawn could be judged",
+        }
+        yield f"  {verdicts[self.verdict]} (exit code {self.exit_code})"
         yield ""
 
 
@@ -241,19 +288,21 @@ class _Tally:
     """What the kernels have found about one stage so far."""
 
     judged: int = 0
-    position: float = 0.0
-    rotation: float = 0.0
+    position: float | None = None  # largest errors of the states without a suspicion
+    rotation: float | None = None
     suspects: int = 0
     kept: Array | None = None  # joint values of suspects (s, n), spread over all
     every: int = 1  # one in so many suspects is kept
-    worst: tuple[float, Array] = (-1.0, np.zeros(0))  # largest error by the kernels, and its joint values (n,)
+    # largest error by the kernels, relative to the tolerances, and its joint values (n,)
+    worst: tuple[float, Array] = (-1.0, np.zeros(0))
 
     def add(self, q: Array, offset: Array, turn: Array, tolerances: Tolerances) -> np.ndarray:
         """Add errors (k,) in m and rad at joint values q (k, n); return (k,) bool: whether a state is suspected."""
         right = (offset <= SLACK * tolerances.position) & (turn <= SLACK * tolerances.rotation)
         self.judged += len(q)
-        self.position = max(self.position, float(offset[right].max(initial=0.0)))
-        self.rotation = max(self.rotation, float(turn[right].max(initial=0.0)))
+        if right.any():
+            self.position = max(self.position or 0.0, float(offset[right].max()))
+            self.rotation = max(self.rotation or 0.0, float(turn[right].max()))
         suspected = np.flatnonzero(~right)
         if len(suspected):
             # positions of the suspects among all that were found so far
@@ -264,7 +313,8 @@ class _Tally:
             while len(self.kept) > 2 * _SUSPECTS:
                 self.kept = self.kept[::2]
                 self.every *= 2
-            size = np.nan_to_num(offset[suspected], nan=-1.0)
+            size = offset[suspected] / tolerances.position + turn[suspected] / tolerances.rotation
+            size = np.nan_to_num(size, nan=-1.0)
             largest = int(np.argmax(size))
             if size[largest] > self.worst[0]:
                 self.worst = (float(size[largest]), q[suspected[largest]].copy())
@@ -304,47 +354,83 @@ class SampledRange:
 
     def judge(self, samples: int, progress: Callable[[str, float], None]) -> RangeSamples:
         """Return the comparison at `samples` states; always the same states for the same number."""
-        mechanism = self.model.mechanism
-        rest = self.model.home().q
-        low, high = ends(mechanism, rest)
-        on_lines = self._few(low, high)
         tallies: dict[str, _Tally] = {}
         for name, exists in (("inverse", self.kin.closed_inverse), ("forward", self.kin.closed_forward)):
             if exists:
                 tallies[name] = _Tally()
+        for row in self.kin.formula.scalars["reach"]:
+            tallies[_REACH + row] = _Tally()
         possible_count = 0
         beyond_count = 0
-        unsuspected = np.zeros((0, len(low)))
+        unsuspected_count = 0
+        unsuspected = np.zeros((0, len(self._rest)))
         for first in range(0, samples, _BLOCK):
             last = min(first + _BLOCK, samples)
-            q = low + draws(first + 1, last + 1, len(low)) * (high - low)
-            if on_lines:
-                parts = draws(first + 1, last + 1, len(low) + 1)
-                target = low + parts[:, :-1] * (high - low)
-                q = rest + parts[:, -1:] * (target - rest)
+            q = self._drawn(first, last, self._on_lines)
             closed = self.loops.forward_many(q)
             possible = self._possible(q, closed)
             possible_count += int(possible.sum())
-            beyond = self._beyond(q[possible], closed.Ts_base_tool[possible])
+            beyond, without_margin = self._reach(q[possible], closed.Ts_base_tool[possible])
             beyond_count += int(beyond.sum())
             rows = np.flatnonzero(possible)[~beyond]
-            suspected = self._block(q[rows], closed.Ts_base_tool[rows], closed.states[rows], tallies)
+            without_margin = {name: states[~beyond] for name, states in without_margin.items()}
+            block = q[rows], closed.Ts_base_tool[rows], closed.states[rows]
+            suspected = self._block(*block, without_margin, tallies)
+            unsuspected_count += int((~suspected).sum())
             if len(unsuspected) < _CONFIRMED:
                 unsuspected = np.concatenate([unsuspected, q[rows[~suspected]][:_CONFIRMED]])
             progress(f"{samples:.3g} states", last / samples)
         progress("reference model", 0.0)
-        confirmed, stages = self._decided(tallies, unsuspected[:_CONFIRMED], low, high)
+        confirmed, stages = self._decided(tallies, unsuspected[:_CONFIRMED])
         limit = (SLACK * self.tolerances.position, SLACK * self.tolerances.rotation)
         device = compute_device.current().name
         return RangeSamples(
-            self.robot, samples, on_lines, possible_count, beyond_count, limit, stages, confirmed, device, mechanism
+            self.robot,
+            samples,
+            self._on_lines,
+            possible_count,
+            beyond_count,
+            limit,
+            stages,
+            unsuspected_count,
+            confirmed,
+            device,
+            self.model.mechanism,
         )
 
-    def _few(self, low: Array, high: Array) -> bool:
-        """Return whether few states of the whole range (n,) to (n,) are possible."""
-        q = low + draws(1, 1 + _PILOT, len(low)) * (high - low)
+    @cached_property
+    def _rest(self) -> Array:
+        """Joint values (n,) of the rest poses."""
+        return self.model.home().q
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array]:
+        """Ends (n,) and (n,) of the joint range."""
+        return ends(self.model.mechanism, self._rest)
+
+    def _drawn(self, first: int, last: int, on_lines: bool) -> Array:
+        """Return the joint values (k, n) of the draws from `first` to before `last`."""
+        low, high = self._ends
+        if not on_lines:
+            return low + draws(first + 1, last + 1, len(low)) * (high - low)
+        parts = draws(first + 1, last + 1, len(low) + 1)
+        target = low + parts[:, :-1] * (high - low)
+        return self._rest + parts[:, -1:] * (target - self._rest)
+
+    @cached_property
+    def _on_lines(self) -> bool:
+        """Whether few states of the whole range are possible, so that states are drawn on lines."""
+        q = self._drawn(0, _PILOT, on_lines=False)
         possible = self._possible(q, self.loops.forward_many(q))
         return bool(possible.mean() < _ENOUGH)
+
+    @cached_property
+    def _reads(self) -> bool:
+        """Whether the inverse equations read the orientation: decided once, for kernels and reference model."""
+        q = self._drawn(0, _SEEN, self._on_lines)
+        closed = self.loops.forward_many(q)
+        Ts = closed.Ts_base_tool[self._possible(q, closed)]
+        return not len(Ts) or reads_orientation(self.kin, Ts)
 
     def _possible(self, q: Array, closed: ClosedStates) -> np.ndarray:
         """Return (k,) bool: whether the loops close at joint values q (k, n), within the limits of passive joints."""
@@ -353,26 +439,32 @@ class SampledRange:
             possible[possible] = self.passive.within(q[possible], closed.states[possible])
         return possible
 
-    def _beyond(self, q: Array, Ts: Array) -> np.ndarray:
-        """Return (k,) bool: whether states are beyond a row of reach of the equations."""
-        beyond = np.zeros(len(q), bool)
+    def _reach(self, q: Array, Ts: Array) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Return (whether states are beyond a row of reach, (k,) bool; `RangeErrors.without_margin`)."""
+        outside = np.zeros(len(q), bool)
         if not len(q):
-            return beyond
-        if self.kin.closed_inverse:
-            for margin in self.kin.reach(Ts=Ts).values():
-                beyond |= ~(margin >= 0)  # also where the margin is NaN
-        if self.kin.closed_forward:
-            for margin in self.kin.reach(qs=q).values():
-                beyond |= margin < 0
-        return beyond
+            return outside, {}
+        beyond, without_margin = beyond_reach(self.kin, q, Ts)
+        for states in beyond.values():
+            outside |= states
+        return outside, without_margin
 
-    def _block(self, q: Array, Ts: Array, states: Array, tallies: dict[str, _Tally]) -> np.ndarray:
+    def _block(
+        self,
+        q: Array,
+        Ts: Array,
+        states: Array,
+        without_margin: dict[str, np.ndarray],
+        tallies: dict[str, _Tally],
+    ) -> np.ndarray:
         """Compare the equations at states of the mechanism; return (k,) bool: whether a state is suspected."""
         suspected = np.zeros(len(q), bool)
         if not len(q):
             return suspected
         for name, tally in tallies.items():
-            if name == "inverse":
+            if name.startswith(_REACH):
+                offset = turn = _of_margin(without_margin, name, len(q))
+            elif name == "inverse":
                 offset, turn = self._of_inverse(q, Ts, states)
             else:
                 offset, turn = _errors(Ts, self.kin.forward_many(q))
@@ -399,7 +491,7 @@ class SampledRange:
         turn = offset.copy()
         if len(other):
             found = self.loops.forward_many(answer[other], states[other]).Ts_base_tool
-            if not reads_orientation(kin, Ts[:_SEEN]):
+            if not self._reads:
                 found[:, :3, :3] = Ts[other, :3, :3]  # in another working mode, a position has another orientation
             offset[other], turn[other] = _errors(Ts[other], found)
             open_loops = np.isnan(offset[other])
@@ -407,16 +499,19 @@ class SampledRange:
             turn[other[open_loops]] = np.inf
         return offset, turn
 
-    def _decided(
-        self, tallies: dict[str, _Tally], unsuspected: Array, low: Array, high: Array
-    ) -> tuple[int, tuple[JudgedStage, ...]]:
-        """Return (number of unsuspected states that the reference model judged, what it finds about each stage)."""
-        closing = Closing(self.model, np.ones(len(low)))
-        confirming = self._judged_by_reference(closing, unsuspected, low, high)
+    def _decided(self, tallies: dict[str, _Tally], unsuspected: Array) -> tuple[int, tuple[JudgedStage, ...]]:
+        """Return (number of unsuspected states that the reference model judged, what it finds about each stage).
+
+        Rows of reach without a suspicion are left out.
+        """
+        closing = Closing(self.model, np.ones(len(self._rest)))
+        confirming = self._judged_by_reference(closing, unsuspected)
         stages = []
         for name, tally in tallies.items():
-            examining = self._judged_by_reference(closing, tally.examined(), low, high)
-            q = np.zeros((0, len(low)))
+            if name.startswith(_REACH) and not tally.suspects:
+                continue
+            examining = self._judged_by_reference(closing, tally.examined())
+            q = np.zeros((0, len(self._rest)))
             offset = np.zeros(0)
             turn = np.zeros(0)
             for judged in (examining, confirming):
@@ -430,9 +525,7 @@ class SampledRange:
             stages.append(self._stage(name, tally, examined, q, offset, turn))
         return 0 if confirming is None else len(confirming[0]), tuple(stages)
 
-    def _judged_by_reference(
-        self, closing: Closing, q: Array, low: Array, high: Array
-    ) -> tuple[Array, dict[str, tuple[Array, Array]]] | None:
+    def _judged_by_reference(self, closing: Closing, q: Array) -> tuple[Array, dict[str, tuple[Array, Array]]] | None:
         """Return (joint values (s, n), errors of the stages) by the reference model at those of q that it can take."""
         if not len(q):
             return None
@@ -441,11 +534,17 @@ class SampledRange:
         states = states[within_limits(self.model, states)]
         if not len(states):
             return None
-        found = range_errors(self.kin, self.model, self.tolerances, JointRange(self.model.collect(states), low, high))
+        drawn = JointRange(self.model.collect(states), *self._ends)
+        reads = self._reads if self.kin.closed_inverse else None
+        found = range_errors(self.kin, self.model, self.tolerances, drawn, free_angles=False, reads=reads)
         inside = found.inside
         errors = {}
         for name, (offset, turn) in found.errors.items():
             errors[name] = offset[inside], turn[inside]
+        for row in self.kin.formula.scalars["reach"]:
+            name = _REACH + row
+            margin = _of_margin(found.without_margin, name, len(inside))[inside]
+            errors[name] = margin, margin
         return found.drawn.run.q[inside], errors
 
     def _stage(self, name: str, tally: _Tally, examined: int, q: Array, offset: Array, turn: Array) -> JudgedStage:
@@ -459,11 +558,18 @@ class SampledRange:
             k = int(np.argmax(size))
             worst = (float(offset[k]), float(turn[k]), q[k])
         missing_at = q[int(np.argmax(missing))] if missing.any() else None
+        row = ""
+        position = tally.position
+        rotation = tally.rotation
+        if name.startswith(_REACH):
+            row = name.removeprefix(_REACH)
+            name = "reach"
+            position = rotation = None
         return JudgedStage(
             name,
             tally.judged,
-            tally.position,
-            tally.rotation,
+            position,
+            rotation,
             tally.suspects,
             examined,
             len(q),
@@ -471,7 +577,14 @@ class SampledRange:
             int(missing.sum()),
             worst,
             missing_at,
+            row,
         )
+
+
+def _of_margin(without_margin: dict[str, np.ndarray], name: str, count: int) -> Array:
+    """Return an error (count,) for the row of reach of this tally: 0 with a value of the margin, NaN without one."""
+    states = without_margin.get(name.removeprefix(_REACH), np.zeros(count, bool))
+    return np.where(states, np.nan, 0.0)
 
 
 def _errors(true: Array, Ts: Array) -> tuple[Array, Array]:
