@@ -97,6 +97,9 @@ def test_a_doubt_of_the_kernels_is_no_verdict(tmp_path, monkeypatch):
     many = judged(judge, 1000)
     assert many.verdict == "unchecked"
     assert [finding.code for finding in many.findings] == ["samples.undecided"]
+    (stage,) = many.stages
+    wrong_too = replace(stage, name="forward", wrong=1, worst=(1.0, 0.0, np.zeros(2)))
+    assert replace(many, stages=(stage, wrong_too)).verdict == "disagree"
 
 
 def test_the_reference_judges_states_without_a_doubt_too(tmp_path):

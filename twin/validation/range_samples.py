@@ -117,6 +117,11 @@ class JudgedStage:
         """What the stage is about, as text."""
         return f"the row '{self.row}' of reach" if self.row else f"the {self.name} equations"
 
+    @property
+    def share(self) -> str:
+        """How many of the judged states are suspected, as text."""
+        return f"{self.suspects} of {self.judged} states ({_percent(self.suspects, self.judged)})"
+
     def cells(self) -> tuple[str, ...]:
         """Return the row of the stage in the table of the text."""
         name = f"{self.name}, {self.row}" if self.row else self.name
@@ -162,27 +167,40 @@ class RangeSamples(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings on equations that are wrong or without a result, and on what could not be decided."""
-        found: list[Finding] = []
+        """Findings on equations that are wrong or without a result; if there are none, on what was not decided."""
         if self.possible == self.beyond:
-            found.append(_NOTHING("mechanism", f"none of {self.samples} states over the joint range could be judged"))
+            return (_NOTHING("mechanism", f"none of {self.samples} states over the joint range could be judged"),)
+        faults: list[Finding] = []
         for stage in self.stages:
-            found += self._of_stage(stage)
+            faults += self._of_stage(stage)
+        # What is wrong at some states is wrong, whatever was not decided at others.
+        return tuple(faults or self._undecided())
+
+    def _undecided(self) -> list[Finding]:
+        """Return findings on states that the reference model could not judge."""
+        found: list[Finding] = []
+        for stage in self.stages:
+            if stage.examined < stage.suspects:
+                text = (
+                    f"over the joint range, the compiled kernels suspect {stage.subject} at {stage.share}; the "
+                    f"reference model judged {stage.examined} of these, and found nothing wrong there"
+                )
+                found.append(_UNDECIDED(stage.row or stage.name, text))
         asked = min(_CONFIRMED, self.unsuspected)
-        if not found and self.confirmed < asked:
+        if self.confirmed < asked:
             text = (
                 f"over the joint range, the reference model could judge only {self.confirmed} of {asked} states at "
                 "which the compiled kernels suspect nothing"
             )
             way = "compare along protocols, by `twin validate` without --samples"
             found.append(_UNDECIDED("mechanism", text, suggestion=way))
-        return tuple(found)
+        return found
 
     def _of_stage(self, stage: JudgedStage) -> list[Finding]:
+        """Return findings on equations of a stage that are wrong or without a result."""
         found = []
-        share = f"{stage.suspects} of {stage.judged} states ({_percent(stage.suspects, stage.judged)})"
         judged = f"{stage.by_reference} states that the reference model judged"
-        suspected = f"the compiled kernels suspect {share}"
+        suspected = f"the compiled kernels suspect {stage.share}"
         if stage.worst is not None:
             position, rotation, q = stage.worst
             size = mm(position)
@@ -206,12 +224,6 @@ class RangeSamples(Result):
                 f"can take; {suspected}"
             )
             found.append(kind(stage.row or stage.name, text, when=self._state(stage.missing_at), cause=stage.name))
-        if not found and stage.examined < stage.suspects:
-            text = (
-                f"over the joint range, the compiled kernels suspect {stage.subject} at {share}; the reference model "
-                f"judged {stage.examined} of these, and found nothing wrong there"
-            )
-            found.append(_UNDECIDED(stage.row or stage.name, text))
         return found
 
     def _state(self, q: Array) -> str:
