@@ -7,7 +7,7 @@ and by writing other names. The edit that puts this part back is tried first, al
 from __future__ import annotations
 
 import ast
-import re
+import copy
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 
@@ -43,7 +43,7 @@ def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:
                 renamed = any(old != new for old, new in names.items())
                 if renamed and len(names) < _FEWEST_RENAMED:
                     continue
-                new = _written(counterpart, names, usable, unread)
+                new = _written(source, counterpart, names, usable, unread)
                 if new is None:
                     continue
                 edit = _replacement(source, statement, part, parents.get(part), new)
@@ -81,8 +81,14 @@ def _roots(statement: ast.AST) -> Iterator[ast.expr]:
 
 def _names(node: ast.AST) -> set[str]:
     """Return the names in an expression, without those of functions and numbers."""
-    found = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-    return found - {_called(n) for n in ast.walk(node)} - _NUMBERS
+    found: set[str] = set()
+    todo = [node]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, ast.Name):
+            found.add(part.id)
+        todo += _operands(part)
+    return found - _NUMBERS
 
 
 def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
@@ -97,7 +103,7 @@ def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
         return None if node.id in names.values() else {**names, whole.id: node.id}
     if isinstance(node, ast.Constant) and isinstance(whole, ast.Constant):
         return names if node.value == whole.value else None
-    if _called(node) != _called(whole):
+    if _called(node) != _called(whole) or _form(node) != _form(whole):
         return None
     ours = _operands(node)
     theirs = _operands(whole)
@@ -117,7 +123,7 @@ def _with_gap(node: ast.AST, whole: ast.AST, names: _Names) -> Iterator[tuple[as
         found = _matched(node, shorter, names)
         if found is not None and isinstance(node, ast.expr) and isinstance(whole, ast.expr):
             yield node, whole, found
-    if type(node) is not type(whole) or _called(node) != _called(whole):
+    if type(node) is not type(whole) or _called(node) != _called(whole) or _form(node) != _form(whole):
         return
     ours = _operands(node)
     theirs = _operands(whole)
@@ -149,6 +155,19 @@ def _called(node: ast.AST) -> str:
     return ast.unparse(node.func) if isinstance(node, ast.Call) else ""
 
 
+def _form(node: ast.AST) -> list[tuple[str, object]]:
+    """Return what a node has beside its operands: attributes, keywords, and which parts of it there are."""
+    form: list[tuple[str, object]] = []
+    for name, value in ast.iter_fields(node):
+        if isinstance(value, list):
+            form.append((name, len(value)))
+        elif isinstance(value, ast.AST):
+            form.append((name, type(value) if isinstance(value, ast.expr_context) else ast.AST))
+        elif not isinstance(node, ast.Name | ast.Constant):
+            form.append((name, value))
+    return form
+
+
 def _operands(node: ast.AST) -> list[ast.AST]:
     """Return the parts of an expression that may have other names; the name of a called function may not."""
     if isinstance(node, ast.Call):
@@ -156,11 +175,14 @@ def _operands(node: ast.AST) -> list[ast.AST]:
     return list(ast.iter_child_nodes(node))
 
 
-def _written(whole: ast.expr, names: _Names, usable: set[str], unread: Sequence[str]) -> str | None:
+def _written(source: Source, whole: ast.expr, names: _Names, usable: set[str], unread: Sequence[str]) -> str | None:
     """Return the text of `whole` with the names of a statement, or None if one of them has no value there.
 
-    A name that only the missing part has stays as it is, or becomes the only name that nobody reads.
+    A name that only the missing part has stays as it is, or becomes the only name that nobody reads. Numbers are
+    written as in the file.
     """
+    if any(isinstance(node, ast.Lambda) for node in ast.walk(whole)):  # its arguments are names of its own
+        return None
     replaced = dict(names)
     for name in sorted(_names(whole) - replaced.keys()):
         instead = name
@@ -172,7 +194,42 @@ def _written(whole: ast.expr, names: _Names, usable: set[str], unread: Sequence[
         if instead in replaced.values():
             return None
         replaced[name] = instead
-    return re.sub(r"[A-Za-z_]\w*", lambda match: replaced.get(match[0], match[0]), ast.unparse(whole))
+    renamed = _Renamed(source, replaced)
+    text = ast.unparse(renamed.visit(copy.deepcopy(whole)))
+    for place, number in renamed.numbers.items():
+        text = text.replace(place, number)
+    return text
+
+
+class _Renamed(ast.NodeTransformer):
+    """Gives other names to variables, not to functions, attributes and keywords, and keeps the text of numbers."""
+
+    def __init__(self, source: Source, names: _Names) -> None:
+        self.source = source
+        self.names = names
+        self.numbers: dict[str, str] = {}
+
+    def visit_Call(self, node: ast.Call) -> ast.Call:
+        """Leave the function as it is."""
+        node.args = [self.visit(part) for part in node.args]
+        node.keywords = [self.visit(part) for part in node.keywords]
+        return node
+
+    def visit_Name(self, node: ast.Name) -> ast.Name:
+        """Give a variable its other name."""
+        return ast.Name(self.names.get(node.id, node.id), node.ctx)
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.JoinedStr:
+        """Leave a text as it is."""
+        return node
+
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        """Return a name in the place of a number, which `ast.unparse` would write in another way."""
+        if isinstance(node.value, bool) or not isinstance(node.value, int | float | complex):
+            return node
+        place = f"number_{len(self.numbers)}_of_the_file"
+        self.numbers[place] = self.source.text(*self.source.span(node))
+        return ast.Name(place, ast.Load())
 
 
 def _replacement(source: Source, statement: Statement, node: ast.expr, parent: ast.AST | None, new: str) -> Edit:
