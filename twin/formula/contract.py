@@ -167,7 +167,8 @@ class Formula:
             coordinates are in m, in the base frame.
         passive: symbols of the passive joints, in rad or m; zero and sign of each joint are those of the CAD
             description.
-        reach: symbol of each reach margin in m, by name of the margin (>= 0: within reach).
+        reach: symbol of each reach margin in m, by name of the margin (>= 0: within reach, < 0: beyond). Checks of the
+            joint range exclude no state because its margin is NaN.
         measures: numbers that are 0 at singularities.
         aspects: signs that distinguish assemblies.
         branches: function of (q, parameters, variants) that returns the poses (4, 4) of all assemblies; or None.

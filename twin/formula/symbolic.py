@@ -25,7 +25,7 @@ _SERIES = 1e-6
 def sqrt(x: SX) -> SX:
     """Return the square root of x; 0 with derivative 0 for x <= 0 (instead of NaN or an infinite derivative).
 
-    Use this function for lengths that may be zero. Do not use it in a reach condition: there, NaN means out of reach.
+    Use this function for lengths that may be zero. Do not use it where NaN says that the joints have no value.
     """
     positive = x > 0
     # Both branches of a condition are evaluated and differentiated, so the argument is made positive first.
