@@ -683,7 +683,7 @@ def test_a_page_that_paused_leaves_room_so_that_no_two_packets_go_out_at_once(mo
         monkeypatch.setattr(link, "_send_one", lambda: sent.append(link._waiting.popleft()))
         monkeypatch.setattr(time, "sleep", lambda seconds: link._ends.set())
         for passed in (1 / 60, 0.5, 0.5, 0.5):
-            driven.advance(passed, None)
+            driven.advance(passed, None, False)
             link._ends.clear()
             link._run()  # one round of the sending thread
         assert len(sent) == 4

@@ -146,7 +146,7 @@ def test_a_machine_that_is_started_again_is_connected_again_and_moves_at_the_nex
         def about():
             return page.live.state()["machine"]
 
-        await page.until(lambda: page.level == Level.PEDAL_UP)
+        await page.until(lambda: about()["level"] == "PEDAL_UP")
         page.live.ask("a hand", GrabMessage(type="grab", target="tool"))
         start = page.platform
         goal = spatial.pose(start[:3, :3], start[:3, 3] + np.array([0, 0, -8]) * MM)
@@ -194,6 +194,82 @@ def test_a_machine_in_e_stop_does_not_follow_and_the_page_says_so(parts):
     reason, moved = played(parts, play, start=False)
     assert "the machine is in E_STOP: press its start button" in reason
     assert moved < 1e-9
+
+
+def test_a_held_machine_that_is_stopped_and_started_stays_at_home(parts):
+    async def play(page):
+        await page.until(lambda: page.live.state()["machine"]["level"] == "PEDAL_UP")
+        home = page.platform
+        goal = spatial.pose(home[:3, :3], home[:3, 3] - np.array([0, 0, 8]) * MM)
+        page.live.ask("a hand", GrabMessage(type="grab", target="tool"))
+
+        def hold():
+            page.live.ask("a hand", drag(goal))
+
+        await page.until(lambda: home[2, 3] - page.platform[2, 3] > 2 * MM, hold)
+        page.server.machine.stop()
+        await page.until(lambda: page.level == Level.E_STOP, hold)
+        page.server.machine.start()
+        await page.until(lambda: page.level == Level.PEDAL_UP, hold)
+        begun = page.server.machine.tick
+        lowered = []
+
+        def watch():
+            hold()
+            lowered.append(page.level == Level.PEDAL_DN)
+
+        await page.until(lambda: page.server.machine.tick > begun + 500, watch)
+        return any(lowered), page.live.state()["reason"]
+
+    lowered, reason = played(parts, play)
+    assert not lowered
+    assert reason == "the machine was stopped or connected again: let the robot go, and hold it again"
+
+
+class Followed:
+    """A machine without sockets: its goals."""
+
+    problem = ""
+
+    def __init__(self):
+        self.goals = []
+
+    def grabbed(self):
+        pass
+
+    def advance(self, passed, goal, held):
+        self.goals.append(goal)
+
+    def elsewhere(self, q):
+        return None
+
+    def close(self):
+        pass
+
+
+def test_a_machine_follows_only_a_drag():
+    machine = Followed()
+
+    async def play():
+        page = Twin(twin.load("sils"), "sils", None, False, Clock(), machine=machine)
+        goal = page.desk.model.solve(page.desk.assembly.q, page.desk.assembly).T_base_tool
+
+        def follows():
+            page.drive(1 / RATE)
+            return machine.goals[-1] is not None
+
+        try:
+            for _ in range(2):
+                page.ask("a hand", GrabMessage(type="grab", target="tool"))
+                assert not follows()  # the page may show the pose of a protocol, far from that of the machine
+                page.ask("a hand", drag(goal))
+                assert follows()
+                page.ask("a hand", ReleaseMessage(type="release"))
+                assert not follows()
+        finally:
+            page.close()
+
+    asyncio.run(play())
 
 
 @pytest.mark.parametrize(

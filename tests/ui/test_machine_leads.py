@@ -28,7 +28,7 @@ class Still:
     def state(self):
         return {"level": "PEDAL_UP", "behind": None, "problem": None}
 
-    def advance(self, passed, goal):
+    def advance(self, passed, goal, held):
         pass
 
     def close(self):

@@ -71,8 +71,8 @@ class Twin:
             clock: clock of the playback; None: a new clock.
             place: the robot's place in a scene, which has its own surroundings. None: there is no scene, and the
                 patients of the robot's protocols can be shown.
-            machine: a machine that follows the tool while a client holds the robot, and that the robot follows
-                otherwise; None: none. This object closes it.
+            machine: a machine that follows the tool while a client drags the robot, and that the robot follows while
+                no client holds it; None: none. This object closes it.
         """
         self._machine = machine
         self.robot = robot
@@ -89,6 +89,7 @@ class Twin:
         self._reach = ReachablePoints(self.desk, source)
         self._distances = ChangedDistances(self.desk)
         self._hold: ClientHold | None = None
+        self._dragged: ClientHold | None = None  # the last hold with a drag: the machine follows it
         self._before: list[Array] = []  # joint values at the begin of each grab, the newest last
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
@@ -142,19 +143,24 @@ class Twin:
             self._move(self._wish)
 
     def drive(self, passed: float) -> None:
-        """Let a machine follow the tool while a client holds the robot; otherwise, show the robot where it stands.
+        """Let a machine follow the tool while a client drags the robot; otherwise, show the robot where it stands.
 
-        `passed` is the time in s since the last call. While a protocol is shown, the machine rests.
+        `passed` is the time in s since the last call. While a protocol is shown, the machine rests; after a grab, it
+        rests until the first drag.
         """
         machine = self._machine
         if machine is None:
             return
-        if self._hold is not None:
+        hold = self._hold
+        if hold is not None and hold is not self._dragged:
+            machine.advance(passed, None, True)
+            return
+        if hold is not None:
             tool = self.desk.mechanism.frame(self.desk.mechanism.tool)
             T_base_body = wire.pose_of(self._shown.poses[self.links.index(tool.body)])
-            machine.advance(passed, T_base_body @ tool.T_body_frame)
+            machine.advance(passed, T_base_body @ tool.T_body_frame, True)
             return
-        machine.advance(passed, None)
+        machine.advance(passed, None, False)
         at = machine.elsewhere(np.array(self._shown.q, float))
         if at is not None and self._sample is None and not self._worker.waits("move"):
             self._move(lambda: self.desk.move_joints(at))
@@ -307,6 +313,8 @@ class Twin:
         if hold.target != "tool":
             self._worker.ask("prepare", self.desk.solver.prepare, lambda _: None)
         self._hold = hold
+        if self._machine is not None:
+            self._machine.grabbed()
 
     def _leave_track(self) -> None:
         """Stop playing, and set the desk to the present pose of the protocol."""
@@ -331,6 +339,7 @@ class Twin:
         if self._hold is None:
             raise RefusedError("not_held", "grab first, then drag")
         self._move(move_of(self._hold, message, self.desk))
+        self._dragged = self._hold
 
     def _require_no_machine(self, request: str) -> None:
         """Check that no machine leads the robot, which then stands where the machine stands unless a client holds it.

@@ -1,7 +1,8 @@
 """A machine whose tool follows that of a robot on a page, while somebody holds the robot (SILS paper, Fig. 3).
 
-If the machine ends the connection, it is connected again when it answers. A hand that held the robot meanwhile moves it
-only after a new grab: the machine may stand elsewhere than before.
+If the machine ends the connection, it is connected again when it answers. A hand that held the robot meanwhile, or
+while the machine was stopped, moves it only after a new grab: at its start, the machine moves home, and the goal from
+before may be far away.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from twin.simulation.machine.link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
 from twin.simulation.machine.motor_plant import TICK
 from twin.simulation.machine.simulated_machine import Parts
+from twin.simulation.machine.state_packets import State
 from twin.ui.session.reconnection import Reconnection
 
 _APART = 1e-5
@@ -39,13 +41,15 @@ class DrivenMachine:
         self._address = address
         self._parts = parts
         self._again: Reconnection | None = None
-        self._renewed = False  # whether the robot is held since before the present connection
+        self._left = False  # whether the machine was stopped or disconnected since the last `advance`
+        self._stale = False  # whether the robot is held since before that
         self._link = MachineLink(address, len(parts.home))
         try:
             self.master = MachineMaster(self._link, parts)
         except Exception:
             self._link.close()
             raise
+        self._link.reader.heard = self._hear
         self._late = 0.0  # time in s for which no packet has been sent yet
         self._goal: Array | None = None
 
@@ -55,17 +59,27 @@ class DrivenMachine:
             self._again.close()
         self._link.close()
 
-    def advance(self, passed: float, goal: Array | None) -> None:
+    def grabbed(self) -> None:
+        """Follow the robot that a client has grabbed now, until the machine is stopped or disconnected."""
+        self._left = False
+        self._stale = False
+
+    def advance(self, passed: float, goal: Array | None, held: bool) -> None:
         """Send the packets of `passed` s: towards a pose (4, 4) of the tool; None: the pedal is up.
 
+        `held`: whether a client holds the robot. If the machine was stopped or disconnected meanwhile, the pedal stays
+        up.
         After a pause of the page, packets are left out: if they were sent late and faster, so would the tool move.
         """
         if self._link.reader.problem:
-            self._renewed = True
+            self._left = True
             self._reconnect()
-        if goal is None:
-            self._renewed = False
-        elif self._renewed:
+        if self._left:
+            self._left = False
+            self._stale = True
+        if not held:
+            self._stale = False
+        if self._stale:
             goal = None
         self._goal = goal
         if goal is None:
@@ -87,8 +101,14 @@ class DrivenMachine:
         self._again = None
         self._link.close()
         self._link = link
+        link.reader.heard = self._hear
         self.master = MachineMaster(link, self._parts)
         self._late = 0.0
+
+    def _hear(self, state: State) -> None:
+        """Take each state, in the thread that reads them: a stop and a new start may be shorter than a picture."""
+        if state.level in (Level.E_STOP, Level.INIT):
+            self._left = True
 
     def elsewhere(self, q: Array) -> Array | None:
         """Return the joint values (n,) of the machine if they are not q (n,); None: they are, or it does not answer."""
@@ -112,8 +132,8 @@ class DrivenMachine:
         state = self._link.state
         if state is not None and state.level == Level.E_STOP:
             return "the machine is in E_STOP: press its start button (twin machine --start)"
-        if self._renewed:
-            return "the machine was connected again: let the robot go, and hold it again"
+        if self._stale:
+            return "the machine was stopped or connected again: let the robot go, and hold it again"
         if self.master.held:
             return "the machine holds this pose as out of its reach"
         return ""
