@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import casadi as ca
@@ -15,6 +16,10 @@ from twin.core.errors import MechanismError
 from twin.core.units import MM
 from twin.exchange.formats.mjcf.write import mjcf_text
 from twin.kinematics.closed_loops.solver import LoopSolver
+from twin.model.body import Body
+from twin.model.inertia import Inertia
+from twin.model.joint import Joint
+from twin.reference.dynamics import Dynamics
 from twin.simulation.dynamics.effort_plants import MujocoPlant
 from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.itp import pack
@@ -87,6 +92,31 @@ def test_compiled_dynamics_with_loops_agree_with_the_reference(parts):
         assert np.abs(np.array(M) - expected).max() <= 1e-11 * np.abs(expected).max()
         bias = dynamics.bias(at, qd)
         assert np.abs(np.array(b).ravel() - bias).max() <= 1e-11 * np.abs(bias).max()
+
+
+def test_a_body_that_is_fixed_to_a_robot_with_loops_has_its_mass(parts):
+    """An instrument on the platform, tilted and heavy, against Pinocchio."""
+    mechanism = parts.arm.mechanism
+    T = spatial.pose(spatial.exp_so3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.05, -0.2]))
+    inertia = Inertia(3.0, np.array([0.02, 0.0, 0.1]), np.diag([0.02, 0.03, 0.01]))
+    platform = mechanism.frame(mechanism.tool).body
+    mechanism = replace(
+        mechanism,
+        bodies=(*mechanism.bodies, Body("load", inertia=inertia)),
+        joints=(*mechanism.joints, Joint("mount", "fixed", platform, "load", T)),
+        rest={**mechanism.rest, "load": mechanism.rest[platform] @ T},
+    )
+    solver = LoopSolver(mechanism)
+    e, dynamics = motion(mechanism, solver), Dynamics(mechanism)
+    f = ca.Function("f", [e.q, e.states, e.qd, e.factors, e.fall], [e.M, e.b])
+    q, qd = parts.home + 0.01, np.linspace(-0.5, 0.5, 6)
+    at = dynamics.near(q, dynamics.model.solve(parts.home))
+    states = solver.forward_many(q[None]).states[0]
+    M, b = f(q, states, qd, 1.0, np.array(mechanism.gravity))
+    expected = dynamics.mass_matrix(at) - dynamics.rotor
+    assert np.abs(np.array(M) - expected).max() <= 1e-11 * np.abs(expected).max()
+    bias = dynamics.bias(at, qd)
+    assert np.abs(np.array(b).ravel() - bias).max() <= 1e-11 * np.abs(bias).max()
 
 
 @pytest.mark.slow

@@ -121,7 +121,7 @@ def _tree_efforts(
 ) -> dict[str, ca.SX]:
     """Return the efforts of the joints of the tree, by name: (1,), or (3,) for a ball joint, as if there were no loops.
 
-    `joints` has the motion of each joint; a fixed joint may be missing.
+    `joints` has the motion of each joint; a fixed joint, which has none, may be missing.
     """
     # The base accelerates upwards instead of a weight on each body (Featherstone, section 5.3).
     base = _BodyMotion(ca.DM.eye(3), ca.DM.zeros(3), ca.DM.zeros(3), ca.DM.zeros(3), -fall)
@@ -136,7 +136,8 @@ def _tree_efforts(
         forces[body.name] = ca.SX.zeros(3)
         moments[body.name] = ca.SX.zeros(3)
     for i, joint in enumerate(mechanism.tree):
-        z, p, body = _across(joint, motions[joint.parent], joints[joint.name])
+        moved = joints[joint.name] if joint.type != "fixed" else _JointMotion(0, 0, 0)
+        z, p, body = _across(joint, motions[joint.parent], moved)
         axes[joint.name] = z, p
         motions[joint.child] = body
         inertia = inertias[joint.child]
