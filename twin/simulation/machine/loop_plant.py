@@ -27,7 +27,7 @@ JAM = 0.02
 FARTHEST = 0.02
 """Maximum change in a tick of a joint value in m or rad, and of a number of a ball joint's quaternion (ASSUMED)."""
 
-_TOUCHES = 8
+_TOUCHES = 64
 """Maximum number of passes over the carriages of all rails until all keep their distances."""
 
 _OVERLAP = 1e-12
@@ -142,8 +142,7 @@ class LoopPlant(MotorPlant):
         """Let two carriages touch that come closer than their minimum distance; return whether they did."""
         n = self._count
         overlap = least - (moved[upper] - moved[lower])
-        closing = moved[n + lower] - moved[n + upper]
-        if not (overlap > _OVERLAP and closing >= 0):
+        if not overlap > _OVERLAP:
             return False
         low = self.physics.stops[0][lower]
         high = self.physics.stops[1][upper]
@@ -156,6 +155,7 @@ class LoopPlant(MotorPlant):
         rate = (moved[n + lower] + moved[n + upper]) / 2
         if down < overlap / 2 or up < overlap / 2:
             rate = 0.0
-        moved[n + lower] = rate
-        moved[n + upper] = rate
+        if moved[n + lower] >= moved[n + upper]:  # else they already move apart
+            moved[n + lower] = rate
+            moved[n + upper] = rate
         return True
