@@ -50,6 +50,25 @@ def test_operation_is_what_casadi_computes(name, single):
     assert (np.abs(out[good] - expected[good]) / scale).max() <= 1e-12
 
 
+@pytest.mark.parametrize("single", [True, False])
+@pytest.mark.parametrize(
+    "root",
+    [
+        lambda x, y: ca.sqrt(x**2 - y**2),
+        lambda x, y: ca.sqrt(x * 0.7 - y * 0.7),
+        lambda x, y: ca.sqrt(0.37**2 - (0.37 * x / y) ** 2),
+        lambda x, y: ca.sqrt(-(y * y) + x * x),
+        lambda x, y: x * x - y * y,
+    ],
+)
+def test_a_difference_of_equal_products_is_zero(root, single):
+    """As of a stretched arm: a rounding error of one product would make half of the roots NaN."""
+    X = np.tile(np.random.default_rng(6).uniform(0.1, 2, 200), (2, 1))
+    function = ca.Function("f", [ca.vertcat(a, b)], [root(a, b)])
+    out, expected = both(function, X, single=single)
+    np.testing.assert_array_equal(out, expected)
+
+
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_an_exact_kernel_has_the_last_bit_of_casadi(name):
     rng = np.random.default_rng(4)

@@ -7,7 +7,10 @@ NaN.
 
 A product that is added or subtracted is fused with the sum, which avoids a rounding. This is done here, not by LLVM,
 which would choose between two products differently for each target: so a sample has the same result, bit for bit, in
-vectors of any width, whatever its neighbours, and on a graphics processor that rounds as IEEE 754 prescribes.
+vectors of any width, whatever its neighbours, and on a graphics processor that rounds as IEEE 754 prescribes. Sums of
+two products and sums of which a square root is taken are not fused: of a**2 - b**2 with equal a and b would remain the
+rounding error of one square, and half of such roots, as of a stretched arm, would be NaN. If equal terms are computed
+in two ways, rounding decides whether there is a root, as it does in CasADi, but not always in the same way.
 
 An exact kernel has one lane and fuses no operations. It rounds after each operation and calls the functions of the C
 library, so that its results equal those of CasADi's interpreter bit for bit.
@@ -60,6 +63,9 @@ _INTRINSIC = {
     ca.OP_TANH: "tanh",
 }
 """Functions that LLVM provides for vectors."""
+
+_TERMS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN)
+"""Operations that keep what they add: of a difference of equal terms remains 0."""
 
 _HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
 """pi/2 as a sum of two doubles, for an exact reduction of angles."""
@@ -208,6 +214,7 @@ class _Writer:
         sines: dict[str, tuple[str, str]] = {}
         points: dict[str, tuple[str, str]] = {}  # (y, x) of each angle that is an arc tangent
         products: dict[str, tuple[str, str]] = {}  # factors of each product that a sum may take in
+        radicands = _radicands(function)
         results = [[zero] * function.numel_out(i) for i in range(function.n_out())]
         for k in range(function.n_instructions()):
             op = function.instruction_id(k)
@@ -246,7 +253,8 @@ class _Writer:
             elif op == ca.OP_SQ:
                 result = self._product(a, a, products)
             elif op in (ca.OP_ADD, ca.OP_SUB):
-                result = self._sum(a, b, products, minus=op == ca.OP_SUB)
+                taken = {} if k in radicands else products
+                result = self._sum(a, b, taken, minus=op == ca.OP_SUB)
             elif op == ca.OP_TWICE:
                 result = self.put(f"fadd {V} {a}, {a}")
             elif op == ca.OP_NEG:
@@ -290,8 +298,10 @@ class _Writer:
         return result
 
     def _sum(self, a: str, b: str, products: Mapping[str, tuple[str, str]], *, minus: bool) -> str:
-        """Return the LLVM name of a + b, or with `minus` of a - b; fused with the second product of the two, if any."""
+        """Return the LLVM name of a + b, or with `minus` of a - b; fused if one of them is a product."""
         V = self.V
+        if a in products and b in products:
+            products = {}
         if b in products:
             first, second = products[b]
             if minus:
@@ -339,6 +349,24 @@ class _Writer:
         for coefficient in coefficients[1:]:
             y = self.intrinsic("fma", y, z, self.constant(coefficient))
         return y
+
+
+def _radicands(function: ca.Function) -> set[int]:
+    """Return the instructions that add or subtract terms of what a square root is taken of."""
+    found: set[int] = set()
+    rooted: set[int] = set()  # places of the work vector whose next reader is a root, seen from the end
+    for k in reversed(range(function.n_instructions())):
+        op = function.instruction_id(k)
+        if op == ca.OP_OUTPUT:
+            continue
+        target = function.instruction_output(k)[0]
+        holds_term = target in rooted and op in _TERMS
+        rooted.discard(target)
+        if holds_term:
+            found.add(k)
+        if holds_term or op == ca.OP_SQRT:
+            rooted.update(function.instruction_input(k))
+    return found
 
 
 def _sines(width: int) -> _Writer:
