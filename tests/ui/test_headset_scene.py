@@ -29,7 +29,7 @@ from twin.ui.headset import protocol as wire
 from twin.ui.headset import scene_frame, served
 from twin.ui.headset import twin as live
 from twin.ui.headset.files import page_files
-from twin.ui.headset.recording import Replay
+from twin.ui.headset.replay import Replay
 from twin.ui.headset.scene_frame import pack_field, pack_scene, unpack_any, unpack_scene
 from twin.ui.session.feed import vertices_of
 from twin.ui.session.loaded_scene import LoadedScene

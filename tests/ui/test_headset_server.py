@@ -36,7 +36,8 @@ from twin.ui.headset import recording as recordings
 from twin.ui.headset import server as servers
 from twin.ui.headset import twin as live
 from twin.ui.headset.protocol import RefusedError, sevens
-from twin.ui.headset.recording import Replay, StreamRecording
+from twin.ui.headset.recording import StreamRecording
+from twin.ui.headset.replay import Replay
 from twin.ui.session import workspace_cloud
 from twin.ui.session.timeline import prepare
 
@@ -599,10 +600,10 @@ def test_no_client_fills_the_disk_with_recordings(sils, tmp_path, monkeypatch):
     assert 1 <= len(list(tmp_path.glob("*.json"))) <= 3
 
 
-@pytest.mark.parametrize(("limit", "entries"), [("LARGEST", 100_000), ("LONGEST", 10)])
+@pytest.mark.parametrize(("limit", "entries"), [("MAX_SIZE", 100_000), ("MAX_DURATION", 10)])
 def test_a_recording_ends_when_it_is_full(tmp_path, monkeypatch, limit, entries):
     """Of frames, of documents and of what clients say: whichever is too much."""
-    monkeypatch.setattr(recordings, limit, {"LARGEST": 50_000, "LONGEST": 1}[limit])
+    monkeypatch.setattr(recordings, limit, {"MAX_SIZE": 50_000, "MAX_DURATION": 1}[limit])
     for add in (
         lambda r, k: r.add_frame(k, b"x" * 100),
         lambda r, k: r.add_document(k, {"type": "state", "reason": "x" * 100}),
@@ -615,7 +616,7 @@ def test_a_recording_ends_when_it_is_full(tmp_path, monkeypatch, limit, entries)
 
 
 def test_budget_of_all_recordings(tmp_path, monkeypatch):
-    monkeypatch.setattr(recordings, "IN_ALL", 1000)
+    monkeypatch.setattr(recordings, "MAX_TOTAL_SIZE", 1000)
     recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
     recording.check_room()
     recording.add_frame(0, b"x" * 1000)
@@ -624,7 +625,7 @@ def test_budget_of_all_recordings(tmp_path, monkeypatch):
     recording.finish()
     with pytest.raises(RefusedError, match="one run of the server records at most"):
         recording.check_room()
-    monkeypatch.setattr(recordings, "IN_ALL", 2000)
+    monkeypatch.setattr(recordings, "MAX_TOTAL_SIZE", 2000)
     recording.check_room()  # a recording that has ended counts once
 
 

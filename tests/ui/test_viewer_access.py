@@ -643,12 +643,12 @@ def test_what_security_says_is_so():
     text = " ".join((Path(twin.__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8").split())
     for figure in (
         f"at most {message_filter.UPLOAD / 1e6:.1f} MB", f"{session_files.MOST:,} moments are read".replace(",", " "),
-        f"{recording.LONGEST // 60} minutes and {recording.LARGEST / 1e6:.0f} MB each",
+        f"{recording.MAX_DURATION // 60} minutes and {recording.MAX_SIZE / 1e6:.0f} MB each",
         f"admits {admission.PAGES} pages, {admission.PAGES_OF_ONE} of them from one address",
         f"up to {admission.WAITING_OF_ONE} clients of one address wait, each for at most {admission.FIRST:g} s",
         f"silent for {admission.IDLE:g} s",
         f"accepts {limits.CLIENTS} WebSockets, {limits.CLIENTS_OF_ONE} from one address",
-        f"{recording.FILES} files and {recording.IN_ALL / 1e9:.0f} GB for one start", NO_CODE,
+        f"{recording.MAX_RECORDINGS} files and {recording.MAX_TOTAL_SIZE / 1e9:.0f} GB for one start", NO_CODE,
     ):  # fmt: skip
         assert figure in text, figure
     assert f"at most {machines.READERS} connections" in text

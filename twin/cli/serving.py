@@ -320,7 +320,8 @@ async def serve_until_stopped(
     `make` and `begun` are called in the event loop. `access`: that of an earlier server; None: a new one.
     """
     from twin.ui.headset import files
-    from twin.ui.headset.recording import Replay, StreamRecording
+    from twin.ui.headset.recording import StreamRecording
+    from twin.ui.headset.replay import Replay
     from twin.ui.headset.server import StreamServer
 
     # Each send releases the interpreter's lock; by default, the solver thread would then hold the lock for 5 ms.

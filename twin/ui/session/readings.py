@@ -31,6 +31,7 @@ smaller limits."""
 
 OTHER = "not comparable: different assembly modes"
 BEYOND = "not comparable: beyond the reach of the equations"
+"""The values of `RobotReading.scope`."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +251,9 @@ def _residual(
     try:
         q_equations = kin.inverse(T, q)
     except KinematicsError:
-        return _largest(errors + of_pose), ""
+        if any(np.isfinite(error.size) for error in errors):
+            return _largest(errors + of_pose), ""
+        return _largest(of_pose), BEYOND
     errors.append(_joint_error(desk, q_equations, q))
     if _largest(errors).size > AGREE and _agree_at_home(desk):
         tool_errors = [_pose_error(T_tool, T) for T_tool in desk.solver.tools(now, q_equations)]
