@@ -102,7 +102,11 @@ def test_a_format_of_another_package_stands_in_all_lists(outside, capsys):
         with pytest.raises(SystemExit):
             main([command, "--help"])
         words = " ".join(capsys.readouterr().out.split())
-        assert ("urdf, poses" if command == "export" else "Unity package, lists of link poses") in words
+        names = [format.name for format in registry.exported()]
+        titles = [format.title for format in registry.audited()]
+        assert names[-1] == "poses"
+        assert titles[-1] == "lists of link poses"
+        assert ", ".join(names if command == "export" else titles[-2:]) in words
     with pytest.raises(TwinError, match=r"supported are .*, lists of link poses \(\.poses\) and proof\.json"):
         audit(ROOT / "README.md")
 

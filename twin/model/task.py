@@ -142,7 +142,7 @@ class TaskTable(Sourced):
     A target has a point for one hand or for both hands. A target is touched when, for each of these hands, the distance
     between tip and point has been within the tolerance for `hold_s`, without interruption. A ring is transferred when
     it is around its peg and no instrument holds it. `GuideTable` describes `guide`, `AlignTable` describes `align`,
-    `ProcedureTable` describes `procedure`; only a task with `procedure` needs no console.
+    `ProcedureTable` describes `procedure`. The folder of a kind says in `KIND` whether it needs a console.
     """
 
     title: str = Field(min_length=1)
