@@ -31,12 +31,16 @@ def _protocols():
 
 PROTOCOLS = _protocols()
 
-LONG = "sils_instruments"
-"""A robot whose protocol takes a minute or two to prove and to read."""
+SHORT = {
+    ("davinci_ecm", "look_around"),
+    ("davinci_psm_si", "reach"),
+    ("lapbot", "cavity"),
+    ("pa10", "circle"),
+    ("sils", "table2"),
+}
+"""Protocols of the slow lane: loops, couplings, neither. The others are those of the nightly lane."""
 
-DRAWN = [
-    pytest.param(*names, marks=pytest.mark.nightly) if names[0] == LONG else pytest.param(*names) for names in PROTOCOLS
-]
+DRAWN = [names if names in SHORT else pytest.param(*names, marks=pytest.mark.nightly) for names in PROTOCOLS]
 
 
 @pytest.fixture(scope="module")
@@ -125,13 +129,13 @@ def test_what_was_changed_is_refused(tmp_path, checker, certificate, capsys, see
 @pytest.mark.parametrize(
     ("kind", "value", "change"),
     [
-        ("joint limit", "q1", 1.01),
-        ("joint speed", "q3", 0.99),
-        ("passive limit", "pin_a3", 1.01),
+        pytest.param("joint limit", "q1", 1.01, marks=pytest.mark.nightly),
+        pytest.param("joint speed", "q3", 0.99, marks=pytest.mark.nightly),
+        pytest.param("passive limit", "pin_a3", 1.01, marks=pytest.mark.nightly),
         ("RCM", "enforced", -1e-6),
-        ("tool speed", "tip", 0.99),
-        ("tool speed", "rotation", 0.99),
-        ("loop gap", "loops", 1e-6),
+        pytest.param("tool speed", "tip", 0.99, marks=pytest.mark.nightly),
+        pytest.param("tool speed", "rotation", 0.99, marks=pytest.mark.nightly),
+        pytest.param("loop gap", "loops", 1e-6, marks=pytest.mark.nightly),
     ],
 )
 def test_a_bound_that_was_made_sharper_fails(tmp_path, checker, certificate, capsys, kind, value, change):
@@ -216,9 +220,9 @@ def no_matrix(data):
 @pytest.mark.parametrize(
     "change",
     [
-        beyond_limit,
-        other_path,
-        faster,
+        pytest.param(beyond_limit, marks=pytest.mark.nightly),
+        pytest.param(other_path, marks=pytest.mark.nightly),
+        pytest.param(faster, marks=pytest.mark.nightly),
         other_length,
         other_prediction,
         other_assembly,
