@@ -90,7 +90,7 @@ def test_a_machine_ends_with_the_program_that_started_it():
 
 
 def test_a_robot_that_is_no_machine():
-    said = r"the machine of lapbot cannot start: lapbot has no machine: .* no inertia.toml"
+    said = r"the machine of lapbot cannot start: lapbot has no machine: .* no machine.toml"
     with pytest.raises(DeviceError, match=said):
         ChildMachine("lapbot")
 

@@ -171,7 +171,7 @@ def test_drawn_errors_in_a_part_of_the_range_are_found(tmp_path):
     assert missed[0.01] <= 0.01 * all_of[0.01]
 
 
-ROBOTS = [name for name in twin.names() if name != "sils" and not name.startswith("raven")]
+ROBOTS = [name for name in twin.names() if not name.startswith(("sils", "raven"))]
 """Robots in which errors are drawn. The equations of SILS are solved, and must be linear in the joint values; those of
 the Ravens choose one of eight solutions."""
 

@@ -164,8 +164,8 @@ class PlanMode:
                 "hands of the console"
             )
         if robot in self._machines:
-            (value,) = self._world().signals[f"{robot}.phase"]
-            phase = TrainerPhase(int(value))
+            trainer = self._world().signals[f"{robot}.phase"]
+            phase = TrainerPhase(int(trainer[0]))
             if phase > TrainerPhase.REHEARSE:
                 name = phase.name.lower()
                 raise TwinError(f"the trainer of {robot} is in '{name}': choose Engage or Rehearse, then plan")
