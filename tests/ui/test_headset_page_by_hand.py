@@ -17,7 +17,7 @@ SCENE = "vsrs"
 
 @pytest.fixture(scope="module")
 def serving():
-    server = headset.Serving(SCENE)
+    server = headset.Serving(SCENE, None, "--task", "none")  # in its operation, tools are changed outside of the body
     yield server
     server.stop()
 
