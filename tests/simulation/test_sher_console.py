@@ -293,7 +293,8 @@ def test_answers_before_a_trial_are_written_at_once_and_the_trial_completes_thei
     for user, group in (("3", "x"), ("4", "y")):
         TrialTable(file, user, group).add({"a": 1.0})
     said = [f.message for f in compare(file).findings if f.code == "study.trials"]
-    assert said == ["a value of a user is the mean of the user's trials: 6 trials of 4 users"]
+    counted = "a value of a user is the mean of the user's trials: 6 trials of 4 users"
+    assert said == [f"{counted}; rows without a number in the column 'trial', which do not count: 1"]
     # the row was removed meanwhile: its answers are still there
     file.write_text("user,group,trial,a,before_a\n1,x,3,4,\n")
     again.add({"a": 8.0})
