@@ -703,11 +703,11 @@ def test_the_action_and_the_hook_are_yaml_with_what_their_programs_need():
     root = Path(__file__).parents[2]
     blocks = re.findall(r"```yaml\n(.*?)```", (root / "docs/check.md").read_text(encoding="utf-8"), re.DOTALL)
     hooks, action, workflow = (yaml.safe_load(block) for block in blocks)
-    assert hooks["repos"][0]["hooks"][0]["id"] == "twin-check"
+    (hook,) = hooks["repos"][0]["hooks"]
+    assert hook["id"] == "twin-check"
+    assert {"name", "entry", "language", "additional_dependencies"} <= set(hook)
+    assert re.search(hook["files"], "urdf/arm.urdf.xacro")
     assert action["runs"]["using"] == "composite"
     for step in action["runs"]["steps"]:
         assert "uses" in step or "shell" in step
     assert workflow["permissions"]["security-events"] == "write"
-    (hook,) = yaml.safe_load((root / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
-    assert {"id", "name", "entry", "language"} <= set(hook)
-    assert re.search(hook["files"], "urdf/arm.urdf.xacro")
