@@ -359,22 +359,18 @@ class _Judge:
 
     def _no_answer(self, name: str, missing: np.ndarray) -> None:
         kind = _NO_ANSWER_FOLLOWS if self.wrong_before else _NO_ANSWER
-        text = (
-            f"over the joint range, the {name} equations give no result at {_share(missing, self.inside)} that the "
-            "mechanism can take"
-        )
-        first = int(np.argmax(missing))
-        self.out.findings.append(kind(name, text, when=self._state(first), cause=name))
+        self._without_value(kind, name, f"the {name} equations give no result", missing, name)
 
     def no_margin(self, name: str, states: np.ndarray) -> None:
         """Add a finding on a row of reach that is NaN at states (k,) bool."""
         kind = _NO_MARGIN_FOLLOWS if self.wrong_before else _NO_MARGIN
-        text = (
-            f"over the joint range, the row '{name}' of reach has no value at {_share(states, self.inside)} that the "
-            "mechanism can take"
-        )
+        self._without_value(kind, name, f"the row '{name}' of reach has no value", states, "reach")
+
+    def _without_value(self, kind: Kind, name: str, what: str, states: np.ndarray, cause: str) -> None:
+        """Add a finding on what the equations do not give at states (k,) bool that the mechanism can take."""
+        text = f"over the joint range, {what} at {_share(states, self.inside)} that the mechanism can take"
         first = int(np.argmax(states))
-        self.out.findings.append(kind(name, text, when=self._state(first), cause="reach"))
+        self.out.findings.append(kind(name, text, when=self._state(first), cause=cause))
 
     def _row(self, name: str, unit: str, error: Array, judged: np.ndarray, limit: float) -> Residual:
         worst = int(np.argmax(np.where(judged, error, -1.0)))

@@ -295,15 +295,11 @@ def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]
 def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
     """Return "name = value: reason" for each assumed parameter; parameters of appearance are only counted."""
     lines = []
-    drawn = 0
     for parameter in parameters:
-        if parameter.provenance != "ASSUMED":
-            continue
-        if parameter.name.startswith(DRAWING):
-            drawn += 1
-        else:
+        if parameter.provenance == "ASSUMED" and not parameter.name.startswith(DRAWING):
             line = f"{parameter.name} = {parameter.shown:g} {parameter.unit}: {parameter.note}"
             lines.append(" ".join(line.split()))
+    drawn = count_assumed(parameters).drawing
     if drawn:
         lines.append(
             f"{DRAWING}*: {drawn} lengths that affect only the appearance of parts (`twin info --all` lists them)"
