@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import socket
 import threading
@@ -534,12 +535,14 @@ class Sender:
     def __enter__(self):
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.port, self.peer, self.ready = self.listener.getsockname()[1], None, threading.Event()
-        threading.Thread(target=self._accept, daemon=True).start()
+        self.thread = threading.Thread(target=self._accept, daemon=True)
+        self.thread.start()
         return self
 
     def _accept(self):
-        self.peer = self.listener.accept()[0]
-        self.ready.set()
+        with contextlib.suppress(OSError):  # nobody has connected until the end
+            self.peer = self.listener.accept()[0]
+            self.ready.set()
 
     def send(self, *sent):
         assert self.ready.wait(5)
@@ -548,6 +551,8 @@ class Sender:
             self.peer.sendall(state if isinstance(state, bytes) else state_packets.pack(state))
 
     def __exit__(self, *_):
+        self.listener.shutdown(socket.SHUT_RDWR)  # ends `accept`, whose thread may not yet have stored the connection
+        self.thread.join()
         self.listener.close()
         if self.peer is not None:
             self.peer.close()
