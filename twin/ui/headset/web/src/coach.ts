@@ -4,6 +4,7 @@ import { Vector3 } from 'three';
 import type { App } from './app';
 
 const STILL = 0.5; // px: a smaller motion of the hint is not drawn
+const WIDTH = 140; // px: space for the words at the right of the point; without it, they are at its left
 
 export class Coach {
   private readonly box = document.createElement('div');
@@ -37,6 +38,7 @@ export class Coach {
     this.y = at.y;
     this.box.style.left = `${at.x}px`;
     this.box.style.top = `${at.y}px`;
+    this.box.classList.toggle('left', at.x + WIDTH > window.innerWidth);
   }
 
   /** Return the point of the page where a drag begins; null if no hint is needed, or if something covers the point. */
