@@ -583,7 +583,7 @@ def test_a_silent_holder_loses_the_grab_and_a_ping_keeps_it(sils, monkeypatch):
 
 @pytest.mark.slow
 def test_no_client_fills_the_disk_with_recordings(sils, tmp_path, monkeypatch):
-    monkeypatch.setattr(recordings, "FILES", 3)
+    monkeypatch.setattr(recordings, "MAX_RECORDINGS", 3)
 
     async def go():
         async with serving(sils, record=tmp_path / "session.json", plans=False) as s, joined(s.port) as peer:
@@ -670,7 +670,7 @@ def test_a_write_to_who_is_gone_is_none(caplog):
 
 @pytest.mark.slow
 def test_a_running_recording_counts(tmp_path, monkeypatch):
-    monkeypatch.setattr(recordings, "FILES", 1)
+    monkeypatch.setattr(recordings, "MAX_RECORDINGS", 1)
     recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
     recording.check_room()  # nothing is recorded yet
     recording.add_frame(0, b"x")
