@@ -604,15 +604,18 @@ def test_no_client_fills_the_disk_with_recordings(sils, tmp_path, monkeypatch):
 def test_a_recording_ends_when_it_is_full(tmp_path, monkeypatch, limit, entries):
     """Of frames, of documents and of what clients say: whichever is too much."""
     monkeypatch.setattr(recordings, limit, {"MAX_SIZE": 50_000, "MAX_DURATION": 1}[limit])
-    for add in (
-        lambda r, k: r.add_frame(k, b"x" * 100),
-        lambda r, k: r.add_document(k, {"type": "state", "reason": "x" * 100}),
-        lambda r, k: r.add_request(k, "c1", wire.parse(json.dumps({"type": "play", "on": True}))),
-    ):
-        recording = StreamRecording(tmp_path / "s.json", "sils", "sha256:0", ("a",), ("q",))
+    adders = {
+        "frames": lambda r, k: r.add_frame(k, b"x" * 100),
+        "documents": lambda r, k: r.add_document(k, {"type": "state", "reason": "x" * 100}),
+        "requests": lambda r, k: r.add_request(k, "c1", wire.parse(json.dumps({"type": "play", "on": True}))),
+    }
+    for what, add in adders.items():
+        file = tmp_path / f"{what}.json"
+        recording = StreamRecording(file, "sils", "sha256:0", ("a",), ("q",))
         count = next(k for k in range(entries * 60) if add(recording, k) or recording.full(k))
         assert 0 < count < 2000
-        assert not recording.finish()() if recording._frames else True
+        recording.finish()()
+        assert file.exists() == (what == "frames"), "a recording without a frame is not written"
 
 
 def test_budget_of_all_recordings(tmp_path, monkeypatch):

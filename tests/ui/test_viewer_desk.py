@@ -464,7 +464,7 @@ def test_another_assembly_is_not_a_disagreement(sils, rng):
     assert "not comparable: different assembly modes" in table
     assert "DISAGREE" not in table
     assert differs(reading).startswith("not comparable")
-    assert measured(reading, None)["scope"] == reading.scope
+    assert measured(reading, None)["scope"] == reading.incomparable
     sils.change(parameters={"l_p": sils.kin.parameters["l_p"] + 0.6 * MM})  # what is wrong stays wrong there
     assert not read(sils).agrees
     assert "DISAGREE" in readout.table(read(sils))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class SampledMotions:
-    """Plans the protocols of a certificate and samples their values, without the prover; see `MotionSamples`."""
+    """Plans the protocols of a certificate and samples their values, without the prover; see `MotionSampler`."""
 
     def __init__(self, robot: Robot, progress: Progress = silent) -> None:
         """Keep the robot, whose protocols are planned."""

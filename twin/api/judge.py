@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from twin.validation.result import Report
     from twin.validation.retimed import CheckedPlan
     from twin.validation.rows import Tolerances
-    from twin.validation.stroke import Strokes
+    from twin.validation.stroke_result import Strokes
 
 
 def plan(
@@ -327,7 +327,8 @@ def strokes(
         >>> twin.strokes("sher", ["q5"]).verdict
         'agree'
     """
-    from twin.validation.stroke import STANDINS, Strokes, ToolRequirement, sweep
+    from twin.validation.stroke import STANDINS, sweep
+    from twin.validation.stroke_result import Strokes, ToolRequirement
 
     robot = loaded(robot)
     for name in standins:

@@ -29,31 +29,31 @@ class Surface:
         Raises:
             TwinError: the surface is empty, not finite, open, inverted, or has more than `VERTICES` vertices.
         """
-        v = np.asarray(vertices, float).reshape(-1, 3)
-        f = np.asarray(triangles, int).reshape(-1, 3)
-        if not len(f):
+        vertices = np.asarray(vertices, float).reshape(-1, 3)
+        triangles = np.asarray(triangles, int).reshape(-1, 3)
+        if not len(triangles):
             raise TwinError(f"surface '{name}' is empty; draw it again")
-        if not np.isfinite(v).all():
+        if not np.isfinite(vertices).all():
             raise TwinError(f"surface '{name}' is not finite; draw it again")
-        v, f = _merged(v, f)
-        _require_closed(name, v, f)
-        content = volume(v, f)
+        vertices, triangles = _merged(vertices, triangles)
+        _require_closed(name, vertices, triangles)
+        content = volume(vertices, triangles)
         if content <= 0:
             raise TwinError(
                 f"surface '{name}' is inverted: its volume is {content * 1e6:.3g} cm3, because its triangles are "
                 "clockwise seen from outside; swap two corners of each triangle"
             )
-        while len(v) <= VERTICES:
-            halved = _halved(v, f, edge)
+        while len(vertices) <= VERTICES:
+            halved = _halved(vertices, triangles, edge)
             if halved is None:
                 break
-            v, f = halved
-        if len(v) > VERTICES:
+            vertices, triangles = halved
+        if len(vertices) > VERTICES:
             way_out = "allow longer edges" if np.isfinite(edge) else "draw it coarser"
             raise TwinError(f"surface '{name}' is too fine: more than {VERTICES} vertices; {way_out}")
         self.name = name
-        self.vertices = v
-        self.triangles = f
+        self.vertices = vertices
+        self.triangles = triangles
 
     @property
     def volume(self) -> float:
@@ -73,9 +73,15 @@ def _merged(vertices: Array, triangles: Index) -> tuple[Array, Index]:
 
 def volume(vertices: Array, triangles: Index) -> float:
     """Return the volume in m3 that the triangles (m, 3) of a closed surface enclose."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    a, b, c = _corners(vertices, triangles)
     # the sum of the signed volumes of the tetrahedra of the triangles and the origin
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def _corners(vertices: Array, triangles: Index) -> tuple[Array, Array, Array]:
+    """Return the positions (m, 3) of the first, second and third corner of each triangle."""
+    first, second, third = triangles.T
+    return vertices[first], vertices[second], vertices[third]
 
 
 def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
@@ -91,15 +97,22 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
     for k in candidates.tolist():
         # vectors a, b, c from the point to the corners, by components, which is faster than (m, 3) arrays
         x, y, z = (vertices - points[k]).T
-        r = np.sqrt(x * x + y * y + z * z)
-        ax, ay, az, la = x[first], y[first], z[first], r[first]
-        bx, by, bz, lb = x[second], y[second], z[second], r[second]
-        cx, cy, cz, lc = x[third], y[third], z[third], r[third]
-        triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-        ab = ax * bx + ay * by + az * bz
-        bc = bx * cx + by * cy + bz * cz
-        ca = cx * ax + cy * ay + cz * az
-        half_angles = np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb)
+        length = np.sqrt(x * x + y * y + z * z)
+        ax, ay, az = x[first], y[first], z[first]
+        bx, by, bz = x[second], y[second], z[second]
+        cx, cy, cz = x[third], y[third], z[third]
+        length_a = length[first]
+        length_b = length[second]
+        length_c = length[third]
+        b_cross_c_x = by * cz - bz * cy
+        b_cross_c_y = bz * cx - bx * cz
+        b_cross_c_z = bx * cy - by * cx
+        triple_product = ax * b_cross_c_x + ay * b_cross_c_y + az * b_cross_c_z
+        a_dot_b = ax * bx + ay * by + az * bz
+        b_dot_c = bx * cx + by * cy + bz * cz
+        c_dot_a = cx * ax + cy * ay + cz * az
+        denominator = length_a * length_b * length_c + a_dot_b * length_c + b_dot_c * length_a + c_dot_a * length_b
+        half_angles = np.arctan2(triple_product, denominator)
         # the solid angles add up to 4 pi inside, to 0 outside
         out[k] = half_angles.sum() > np.pi
     return out
@@ -166,39 +179,51 @@ def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
     raise TwinError(f"surface '{name}' {what}, one of them at ({x:.1f}, {y:.1f}, {z:.1f}) mm; {why}")
 
 
-def _halved(v: Array, f: Index, edge: float) -> tuple[Array, Index] | None:
-    """Return the surface with a new vertex in the middle of each side longer than `edge` in m; None: no such side."""
+def _halved(vertices: Array, triangles: Index, edge: float) -> tuple[Array, Index] | None:
+    """Return the surface with a new vertex in the middle of each side longer than `edge` in m; None: no such side.
+
+    The neighbour of a triangle across such a side halves it too, so the surface stays closed.
+    """
     if not np.isfinite(edge):
         return None
-    sides = np.sort(_sides(f).reshape(-1, 2), axis=1)
-    unique, index = np.unique(sides, axis=0, return_inverse=True)
-    long = np.linalg.norm(v[unique[:, 0]] - v[unique[:, 1]], axis=1) > edge
-    if not long.any():
+    sides = np.sort(_sides(triangles).reshape(-1, 2), axis=1)
+    edges, edge_of_side = np.unique(sides, axis=0, return_inverse=True)
+    ends = vertices[edges[:, 0]], vertices[edges[:, 1]]
+    is_long = np.linalg.norm(ends[0] - ends[1], axis=1) > edge
+    if not is_long.any():
         return None
-    middle = np.full(len(unique), -1)
-    middle[long] = len(v) + np.arange(int(long.sum()))
-    m = middle[index.reshape(-1, 3)]
-    is_halved = m >= 0
-    count = is_halved.sum(axis=1)
+    middles = (ends[0][is_long] + ends[1][is_long]) / 2
+    middle_of_edge = np.full(len(edges), -1)
+    middle_of_edge[is_long] = len(vertices) + np.arange(len(middles))
+    middle_of_side = middle_of_edge[edge_of_side.reshape(-1, 3)]  # (m, 3) new vertex; -1: the side stays whole
+    return np.concatenate([vertices, middles]), _split(triangles, middle_of_side)
+
+
+def _split(triangles: Index, middle_of_side: Index) -> Index:
+    """Return the triangles that replace each triangle, given the new vertices (m, 3) on its sides; -1: a whole side."""
+    is_halved = middle_of_side >= 0
+    halved_sides = is_halved.sum(axis=1)
     # rotate the corners of each triangle so that its halved sides come first
-    turn = np.zeros(len(f), int)
-    none, one, two, three = (count == k for k in range(4))
+    turn = np.zeros(len(triangles), int)
+    none = halved_sides == 0
+    one = halved_sides == 1
+    two = halved_sides == 2
+    three = halved_sides == 3
     turn[one] = np.argmax(is_halved[one], axis=1)
-    turn[two] = (np.argmin(m[two], axis=1) + 1) % 3  # the side after the whole one
+    turn[two] = (np.argmin(middle_of_side[two], axis=1) + 1) % 3  # the side after the whole one
     order = (turn[:, None] + np.arange(3)) % 3
-    a, b, c = np.take_along_axis(f, order, 1).T
-    p, q, r = np.take_along_axis(m, order, 1).T
+    a, b, c = np.take_along_axis(triangles, order, 1).T
+    p, q, r = np.take_along_axis(middle_of_side, order, 1).T  # middles of the sides ab, bc and ca
     parts = [
         (none, (a, b, c)),
         (one, (a, p, c)), (one, (p, b, c)),
         (two, (p, b, q)), (two, (a, p, q)), (two, (a, q, c)),
         (three, (a, p, r)), (three, (p, b, q)), (three, (r, q, c)), (three, (p, q, r)),
     ]  # fmt: skip
-    triangles = []
+    pieces = []
     for which, corners in parts:
-        triangles.append(np.stack([corner[which] for corner in corners], axis=1))
-    middles = (v[unique[long, 0]] + v[unique[long, 1]]) / 2
-    return np.concatenate([v, middles]), np.concatenate(triangles)
+        pieces.append(np.stack([corner[which] for corner in corners], axis=1))
+    return np.concatenate(pieces)
 
 
 def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Array]:
@@ -206,44 +231,57 @@ def nearest(p: Array, vertices: Array, triangles: Index) -> tuple[Array, int, Ar
 
     The case distinction is that of C. Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    a, b, c = _corners(vertices, triangles)
+    barycentric = _nearest_in_triangles(p, a, b, c)
+    points = barycentric[:, :1] * a + barycentric[:, 1:2] * b + barycentric[:, 2:] * c
+    k = int(np.argmin(np.linalg.norm(points - p, axis=1)))
+    return points[k], k, barycentric[k]
+
+
+def _nearest_in_triangles(p: Array, a: Array, b: Array, c: Array) -> Array:
+    """Return the barycentric coordinates (m, 3) of the point nearest to p (3,) in each triangle of corners a, b, c."""
     ab = b - a
     ac = c - a
     ap = p - a
     bp = p - b
     cp = p - c
-
-    def dot(x: Array, y: Array) -> Array:
-        return np.einsum("ij,ij->i", x, y)
-
-    d1 = dot(ab, ap)
-    d2 = dot(ac, ap)
-    d3 = dot(ab, bp)
-    d4 = dot(ac, bp)
-    d5 = dot(ab, cp)
-    d6 = dot(ac, cp)
+    d1 = _dot(ab, ap)
+    d2 = _dot(ac, ap)
+    d3 = _dot(ab, bp)
+    d4 = _dot(ac, bp)
+    d5 = _dot(ab, cp)
+    d6 = _dot(ac, cp)
     # proportional to the barycentric coordinates of the projection into the triangle's plane
     va = d3 * d6 - d5 * d4
     vb = d5 * d2 - d1 * d6
     vc = d1 * d4 - d3 * d2
+    along_bc = d4 - d3
+    from_c_along_bc = d5 - d6
     # quotients of cases that do not apply may be infinite or NaN
     with np.errstate(divide="ignore", invalid="ignore"):
         v = vb / (va + vb + vc)
         w = vc / (va + vb + vc)
-        on_ab = d1 / (d1 - d3)
-        on_ac = d2 / (d2 - d6)
-        on_bc = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-    shares = np.column_stack([1 - v - w, v, w])
-    # the last case that applies counts: edges before corners
-    for where, own in (
-        ((va <= 0) & (d4 - d3 >= 0) & (d5 - d6 >= 0), np.column_stack([0 * v, 1 - on_bc, on_bc])),
-        ((vb <= 0) & (d2 >= 0) & (d6 <= 0), np.column_stack([1 - on_ac, 0 * v, on_ac])),
-        ((vc <= 0) & (d1 >= 0) & (d3 <= 0), np.column_stack([1 - on_ab, on_ab, 0 * v])),
+        share_ab = d1 / (d1 - d3)
+        share_ac = d2 / (d2 - d6)
+        share_bc = along_bc / (along_bc + from_c_along_bc)
+    zero = np.zeros(len(a))
+    cases = [
+        # the point is nearest to the inside of an edge
+        ((va <= 0) & (along_bc >= 0) & (from_c_along_bc >= 0), np.column_stack([zero, 1 - share_bc, share_bc])),
+        ((vb <= 0) & (d2 >= 0) & (d6 <= 0), np.column_stack([1 - share_ac, zero, share_ac])),
+        ((vc <= 0) & (d1 >= 0) & (d3 <= 0), np.column_stack([1 - share_ab, share_ab, zero])),
+        # to a corner
         ((d6 >= 0) & (d5 <= d6), np.array([0.0, 0, 1])),
         ((d3 >= 0) & (d4 <= d3), np.array([0.0, 1, 0])),
         ((d1 <= 0) & (d2 <= 0), np.array([1.0, 0, 0])),
-    ):
-        shares = np.where(where[:, None], own, shares)
-    points = shares[:, :1] * a + shares[:, 1:2] * b + shares[:, 2:] * c
-    k = int(np.argmin(np.linalg.norm(points - p, axis=1)))
-    return points[k], k, shares[k]
+    ]
+    barycentric = np.column_stack([1 - v - w, v, w])
+    # the last case that applies counts: edges before corners
+    for applies, coordinates in cases:
+        barycentric = np.where(applies[:, None], coordinates, barycentric)
+    return barycentric
+
+
+def _dot(x: Array, y: Array) -> Array:
+    """Return the dot products (m,) of the rows of x and y (m, 3)."""
+    return np.einsum("ij,ij->i", x, y)

@@ -11,22 +11,15 @@ least squares:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError, KinematicsError, TwinError, unknown
-from twin.core.findings import Finding, Kind
-from twin.core.format import quantity
 from twin.core.json_types import JsonObject
-from twin.core.quantity import mm
-from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM, UM, display_unit
 from twin.kinematics import Kinematics
 from twin.reference import ReferenceModel, SolvedSamples
 from twin.validation.joint_range import poses_by_inverse
@@ -36,8 +29,6 @@ STANDINS = ("serial", "mimic")
 
 _STILL = 1e-9
 """Change (m, rad, or quaternion component) below which a coordinate counts as constant."""
-
-_TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds an edit that fixes the equations", word="tolerance")
 
 
 @dataclass(frozen=True)
@@ -333,115 +324,3 @@ def _serial(true: Array, q: Array) -> Curve:
     pivot = x[:3] - axis * (axis @ x[:3])
     listed = ", ".join(f"{coordinate * 1e3:.2f}" for coordinate in pivot)
     return Curve(fitted - p, np.zeros(k), f"pivot at ({listed}) mm")
-
-
-class ToolRequirement(NamedTuple):
-    """The position accuracy in m that the tool must have, the provenance of this number, and its reason."""
-
-    position: float
-    provenance: str
-    note: str
-
-
-@dataclass(frozen=True)
-class Strokes(Result):
-    """Comparisons over the strokes of several joints.
-
-    Attributes:
-        sweeps: one comparison per joint.
-        requirement: the required accuracy, or None if the CAD states none.
-    """
-
-    robot: str
-    sweeps: tuple[StrokeSweep, ...]
-    requirement: ToolRequirement | None = None
-
-    kind = "stroke"
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """One finding per stroke over which the equations disagree with the mechanism."""
-        findings = []
-        for sweep in self.sweeps:
-            if not sweep.agrees:
-                findings.append(_disagreement(sweep))
-        return tuple(findings)
-
-    def content(self) -> JsonObject:
-        """Return all comparisons as plain data."""
-        requirement = None
-        if self.requirement is not None:
-            stated = self.requirement
-            tool_um = stated.position / UM
-            requirement = {"tool_um": tool_um, "provenance": stated.provenance, "note": stated.note}
-        return {
-            "robot": self.robot,
-            "requirement": requirement,
-            "sweeps": [sweep.as_dict() for sweep in self.sweeps],
-        }
-
-    def text(self) -> Iterator[Part]:
-        """Yield a row per joint and model."""
-        yield f"{self.robot} · tool error over the stroke of each joint (all other joints at home)\n"
-        header = ("joint", "stroke", "model", "mean error", "largest error", "largest rotation", "")
-        rows: list[tuple[str, ...]] = []
-        for sweep in self.sweeps:
-            rows += self._rows(sweep)
-        yield TextTable(header, rows)
-        if self.requirement:
-            stated = self.requirement
-            accuracy = f"{stated.position / UM:g} µm at the tool"
-            yield f"\n  requirement: {accuracy} ({stated.provenance}: {stated.note})"
-        yield ""
-
-    def _rows(self, s: StrokeSweep) -> Iterator[tuple[str, ...]]:
-        unit, scale = display_unit(s.angle)
-        moved = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
-        for name, curve in s.curves.items():
-            errors = curve.as_dict()
-            largest = errors["position_max"]
-            if largest is None:
-                yield s.joint, moved, name, "-", "-", "-", curve.note
-                continue
-            mean = quantity(errors["position_mean"], "m")
-            rotation = quantity(errors["rotation_max"], "rad")
-            yield s.joint, moved, name, mean, quantity(largest, "m"), rotation, self._mark(s, name, largest)
-
-    def _mark(self, s: StrokeSweep, name: str, largest: float) -> str:
-        """Return the judgement of a model whose largest position error is `largest` in m."""
-        if name == "equations":
-            return "ok" if s.agrees else "DIFFERS"
-        if not self.requirement:
-            return ""
-        required = self.requirement.position
-        if largest <= required:
-            return f"within {required / UM:g} µm"
-        return f"over {required / UM:g} µm"
-
-    def write(self, folder: Path) -> None:
-        """Write one CSV file per joint with the position errors in µm."""
-        for s in self.sweeps:
-            unit = "mm"
-            scale = MM
-            if s.angle:
-                unit = "deg"
-                scale = DEG
-            names = [f"{s.joint}_{unit}"]
-            columns = [s.q / scale]
-            for model, curve in s.curves.items():
-                if len(curve.offset):
-                    names += [f"{model}_x_um", f"{model}_y_um", f"{model}_z_um"]
-                    columns.append(curve.offset / UM)
-            values = np.column_stack(columns)
-            np.savetxt(folder / f"{s.joint}.csv", values, "%.9g", ",", header=",".join(names), comments="")
-
-
-def _disagreement(s: StrokeSweep) -> Finding:
-    largest = float(s.equations.distance.max())
-    limit = s.tolerance[0]
-    return _TOOL(
-        s.joint,
-        f"over the stroke of {s.joint}, the equations and the mechanism give different tool positions",
-        mm(largest),
-        mm(limit),
-    )

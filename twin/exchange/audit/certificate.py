@@ -75,7 +75,7 @@ def is_certificate(path: Path) -> bool:
         return _NAME.search(file.read(_BEGINNING)) is not None
 
 
-class MotionSamples(Protocol):
+class MotionSampler(Protocol):
     """Samples what a mechanism does along a protocol, without the prover."""
 
     def extremes(self, entry: Mapping[str, Any]) -> Mapping[tuple[str, str], tuple[float, float, int]]:
@@ -87,7 +87,7 @@ class MotionSamples(Protocol):
 
 
 def audit_certificate(
-    path: Path, files: Mapping[str, str] | None = None, samples: MotionSamples | None = None
+    path: Path, files: Mapping[str, str] | None = None, samples: MotionSampler | None = None
 ) -> AuditReport:
     """Return the report on a certificate.
 
@@ -197,7 +197,7 @@ def _judge(data: Mapping[str, Any], ledger: Ledger) -> None:
             ledger.wrong("certificate.wrong", text, where)
 
 
-def _judge_motion(motion: Mapping[str, Any], samples: MotionSamples, ledger: Ledger) -> None:
+def _judge_motion(motion: Mapping[str, Any], samples: MotionSampler, ledger: Ledger) -> None:
     """Add a row of the bounds along a protocol, and a finding for each that a sample exceeds."""
     name = str(motion["protocol"])
     try:

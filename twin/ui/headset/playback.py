@@ -109,7 +109,7 @@ def measured(reading: RobotReading | None, ghost: float | None) -> JsonObject:
     out["depth_m"] = number(reading.depth)
     if ghost is not None:
         return out
-    out["scope"] = reading.scope or None
+    out["scope"] = reading.incomparable or None
     residual = reading.residual
     if residual is not None:
         out["residual_rad" if residual.is_angle else "residual_m"] = number(residual.size)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic_core import from_json, to_json
@@ -30,8 +31,40 @@ MAX_RECORDINGS = 50
 MAX_TOTAL_SIZE = 1_000_000_000
 """Maximum total size in bytes of the recordings by one server."""
 
-_ENTRY = 64
+_ENTRY_OVERHEAD = 64
 """Approximate overhead in bytes of each entry in the file."""
+
+
+@dataclass
+class _SentMessages:
+    """The messages of one recording, each with its tick since the first one.
+
+    Attributes:
+        first_tick: tick of the server at which the recording began.
+        size: size in bytes that the messages have in the file, approximately.
+        frames: (tick, bytes) of each sent frame.
+        documents: (tick, document) of each document sent to all clients.
+        requests: (tick, client, message) of each request.
+    """
+
+    first_tick: int
+    size: int = 0
+    frames: list[tuple[int, bytes]] = field(default_factory=list)
+    documents: list[tuple[int, JsonObject]] = field(default_factory=list)
+    requests: list[tuple[int, str, JsonObject]] = field(default_factory=list)
+
+    def as_dict(self) -> JsonObject:
+        """Return the messages as they are written to the file."""
+        requests = []
+        for tick, client, message in self.requests:
+            requests.append({"tick": tick, "client": client, "message": message})
+        documents = []
+        for tick, document in self.documents:
+            documents.append({"tick": tick, "document": document})
+        frames = []
+        for tick, frame in self.frames:
+            frames.append({"tick": tick, "frame": base64.b64encode(frame).decode()})
+        return {"requests": requests, "documents": documents, "frames": frames}
 
 
 class StreamRecording:
@@ -55,21 +88,24 @@ class StreamRecording:
         """Begin the first recording; in version `wire.VERSION`, `robot` is the scene's name, `links` are its links."""
         self.path = Path(path)
         self._stem = self.path.stem
-        self._saved = 0
-        self._written = 0
-        self._version = version
-        self._head = {"robot": robot, "model_hash": model_hash, "links": list(links), "joints": list(joints)}
+        self._recordings = 0  # finished ones, and their total size in bytes
+        self._total_size = 0
+        self._head = {
+            "schema": "twin-stream-session",
+            "version": version,
+            "robot": robot,
+            "model_hash": model_hash,
+            "links": list(links),
+            "joints": list(joints),
+            "rate": RATE,
+        }
         self.running = False
         self.begin(0)
 
     def begin(self, tick: int) -> None:
         """Begin a recording at a tick; an earlier recording must be finished."""
         self.running = True
-        self._first = tick
-        self._size = 0
-        self._frames: list[tuple[int, bytes]] = []
-        self._documents: list[tuple[int, JsonObject]] = []
-        self._requests: list[tuple[int, str, JsonObject]] = []
+        self._sent = _SentMessages(tick)
 
     def check_room(self) -> None:
         """Check that another recording is allowed.
@@ -77,77 +113,66 @@ class StreamRecording:
         Raises:
             RefusedError: the maximum number or total size of recordings is reached.
         """
-        running = self.running and bool(self._frames)
-        if self._saved + running >= MAX_RECORDINGS or self._written + self._size >= MAX_TOTAL_SIZE:
+        recordings = self._recordings
+        if self.running and self._sent.frames:
+            recordings += 1
+        if recordings >= MAX_RECORDINGS or self._total_size + self._sent.size >= MAX_TOTAL_SIZE:
             text = (
-                f"{self._saved} recordings with {self._written / 1e6:.0f} MB: one run of the server records at most "
-                f"{MAX_RECORDINGS} recordings and {MAX_TOTAL_SIZE / 1e6:.0f} MB; start the server again"
+                f"{self._recordings} recordings with {self._total_size / 1e6:.0f} MB: one run of the server records at "
+                f"most {MAX_RECORDINGS} recordings and {MAX_TOTAL_SIZE / 1e6:.0f} MB; start the server again"
             )
             raise RefusedError("refused", text)
 
     def add_frame(self, tick: int, frame: bytes) -> None:
         """Add a frame sent at a tick."""
-        if self.running:
-            self._size += 4 * len(frame) // 3 + _ENTRY
-            self._frames.append((tick - self._first, frame))
+        if not self.running:
+            return
+        self._sent.frames.append((tick - self._sent.first_tick, frame))
+        self._sent.size += 4 * len(frame) // 3 + _ENTRY_OVERHEAD  # base64 has four characters for three bytes
 
     def full(self, tick: int) -> bool:
         """Return whether the recording has reached its maximum duration or size."""
-        return self.running and (tick - self._first > MAX_DURATION * RATE or self._size > MAX_SIZE)
+        if not self.running:
+            return False
+        duration = (tick - self._sent.first_tick) / RATE
+        return duration > MAX_DURATION or self._sent.size > MAX_SIZE
 
     def add_document(self, tick: int, document: JsonObject) -> None:
         """Add a document sent to all clients; infinite and NaN numbers are stored as null, as they are sent."""
-        if self.running:
-            text = to_json(document, inf_nan_mode="null")
-            self._size += len(text) + _ENTRY
-            self._documents.append((tick - self._first, from_json(text)))
+        if not self.running:
+            return
+        text = to_json(document, inf_nan_mode="null")
+        self._sent.documents.append((tick - self._sent.first_tick, from_json(text)))
+        self._sent.size += len(text) + _ENTRY_OVERHEAD
 
     def add_request(self, tick: int, client: str, message: wire.Message) -> None:
         """Add an accepted or refused request of a client."""
-        if self.running:
-            request = message.model_dump(mode="json", exclude_none=True)
-            self._size += len(json.dumps(request)) + _ENTRY
-            self._requests.append((tick - self._first, client, request))
+        if not self.running:
+            return
+        request = message.model_dump(mode="json", exclude_none=True)
+        self._sent.requests.append((tick - self._sent.first_tick, client, request))
+        self._sent.size += len(json.dumps(request)) + _ENTRY_OVERHEAD
 
     def finish(self) -> Callable[[], None]:
         """End the recording; return a function that writes the file, for use in any thread.
 
         The returned function raises `OutputError` if the file cannot be written.
         """
-        if not self.running or not self._frames:
-            self.running = False
-            return lambda: None
+        was_running = self.running
         self.running = False
-        # `write` may run while the next recording has begun
+        if not was_running or not self._sent.frames:
+            return lambda: None
+        # the next recording may have begun when `write` runs: it has another path and other messages
         path = self.path
-        frames = self._frames
-        documents = self._documents
-        requests = self._requests
-        self._saved += 1
-        self._written += self._size
-        self._size = 0
-        self.path = path.with_name(f"{self._stem}-{self._saved + 1}{path.suffix}")
+        sent = self._sent
+        self._recordings += 1
+        self._total_size += sent.size
+        self._sent = _SentMessages(0)
+        self.path = path.with_name(f"{self._stem}-{self._recordings + 1}{path.suffix}")
 
         def write() -> None:
-            request_entries = []
-            for tick, client, message in requests:
-                request_entries.append({"tick": tick, "client": client, "message": message})
-            document_entries = []
-            for tick, document in documents:
-                document_entries.append({"tick": tick, "document": document})
-            frame_entries = []
-            for tick, frame in frames:
-                frame_entries.append({"tick": tick, "frame": base64.b64encode(frame).decode()})
-            data = {
-                "schema": "twin-stream-session",
-                "version": self._version,
-                **self._head,
-                "rate": RATE,
-                "requests": request_entries,
-                "documents": document_entries,
-                "frames": frame_entries,
-            }
+            text = json.dumps({**self._head, **sent.as_dict()}, allow_nan=False)
             with atomic_folder(path.parent) as work:
-                (work / path.name).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
+                (work / path.name).write_text(text + "\n", encoding="utf-8")
 
         return write

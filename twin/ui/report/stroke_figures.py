@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.units import DEG, MM, UM
 from twin.ui.report.style import PALETTE, log_ticks, sheet, styled
-from twin.validation.stroke import Strokes
+from twin.validation.stroke_result import Strokes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -25,13 +25,13 @@ class EquationDeviation(NamedTuple):
     is_angle: bool = False
 
 
-AGREE = 1e-6
+LIVE_TOLERANCE = 1e-6
 """Largest difference in m or rad that counts as agreement; larger differences are shown in red. Reports have
 smaller limits."""
 
-OTHER = "not comparable: different assembly modes"
-BEYOND = "not comparable: beyond the reach of the equations"
-"""The values of `RobotReading.scope`."""
+_ASSEMBLY_MODES_DIFFER = "not comparable: different assembly modes"
+_BEYOND_EQUATIONS = "not comparable: beyond the reach of the equations"
+"""The values of `RobotReading.incomparable`."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class RobotReading:
             value divided by its alarm value; at a ratio of at most 1, the robot is too near to a singularity.
         trocars: the instruments in their trocars, or the instrument at the RCM of a protocol.
         residual: largest difference between equations and mechanism; None without equations.
-        scope: why equations and mechanism cannot be compared at this state; "" if they can. If they are in different
-            assembly modes, `residual` compares the present tool pose with the tool pose of the mechanism at the joint
-            values that the equations compute, in the assembly mode of the equations.
+        incomparable: why equations and mechanism cannot be compared at this state; "" if they can. If they are in
+            different assembly modes, `residual` compares the present tool pose with the tool pose of the mechanism at
+            the joint values that the equations compute, in the assembly mode of the equations.
         points: named points (3,) in m in the base frame, computed by the equations.
         actual: the same points (3,) in m in the base frame, computed by the mechanism.
         reason: why the last request was refused; "" if it was not.
@@ -84,7 +84,7 @@ class RobotReading:
     singular: tuple[tuple[str, str, float], ...] = ()
     trocars: tuple[InTrocar, ...] = ()
     residual: EquationDeviation | None = None
-    scope: str = ""
+    incomparable: str = ""
     points: dict[str, Array] = field(default_factory=dict)
     actual: dict[str, Array] = field(default_factory=dict)
     reason: str = ""
@@ -105,15 +105,15 @@ class RobotReading:
     @property
     def comparable(self) -> bool:
         """Whether equations and mechanism can be compared: both are in the same assembly mode and reach the pose."""
-        return not self.scope
+        return not self.incomparable
 
     @property
     def agrees(self) -> bool:
-        """Whether equations and mechanism agree within `AGREE` at the present pose; True without equations.
+        """Whether equations and mechanism agree within `LIVE_TOLERANCE` at the present pose; True without equations.
 
-        If they are not `comparable`, only what can be compared counts; see `scope`.
+        If they are not `comparable`, only what can be compared counts; see `incomparable`.
         """
-        return self.residual is None or self.residual.size <= AGREE
+        return self.residual is None or self.residual.size <= LIVE_TOLERANCE
 
 
 def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
@@ -147,8 +147,8 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
             points[name] = positions[0]
             if name in now.points:
                 actual[name] = now.points[name]
-    residual, scope = _residual(desk, now, points, actual, asked)
-    if scope:
+    residual, incomparable = _residual(desk, now, points, actual, asked)
+    if incomparable:
         points = {}
         actual = {}
     return RobotReading(
@@ -160,7 +160,7 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
         singular=_singularities(kin, states),
         trocars=trocars,
         residual=residual,
-        scope=scope,
+        incomparable=incomparable,
         points=points,
         actual=actual,
         reason=reason,
@@ -220,7 +220,7 @@ def _singularities(kin: Kinematics, states: dict[str, Array]) -> tuple[tuple[str
 def _residual(
     desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
 ) -> tuple[EquationDeviation, str]:
-    """Return (residual, scope), the values of these attributes of `RobotReading`.
+    """Return (residual, incomparable), the values of these attributes of `RobotReading`.
 
     Joint values, named points and tool are compared. The same tool pose may be reached in several assembly modes.
     Equations for one mode cannot be compared with a mechanism in another mode. Such equations are nevertheless correct
@@ -229,40 +229,51 @@ def _residual(
     joint values.
     """
     kin = desk.kin
+    assert kin is not None
     q = now.q
     T = now.T_base_tool
-    assert kin is not None
-    of_pose: list[EquationDeviation] = []
-    if asked is not None:
-        distance = float(np.linalg.norm(asked[:3, 3] - T[:3, 3]))
-        angle = float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3]))
-        of_pose.append(EquationDeviation(distance, "tool"))
-        of_pose.append(EquationDeviation(angle, "tool rotation", True))
+    to_request = _request_errors(asked, T)
+    errors = _point_errors(points, actual)
+    if desk.model.redundant:
+        if kin.closed_forward:
+            distance = float(np.linalg.norm(kin.forward(q)[:3, 3] - T[:3, 3]))
+            errors.append(EquationDeviation(distance, "tool at these joints"))
+        return _largest(errors + to_request), ""
+    try:
+        q_equations = kin.inverse(T, q)
+    except KinematicsError:
+        # without joint values, the named points may still be compared
+        if any(np.isfinite(error.size) for error in errors):
+            return _largest(errors + to_request), ""
+        return _largest(to_request), _BEYOND_EQUATIONS
+    errors.append(_joint_error(desk, q_equations, q))
+    if _largest(errors).size > LIVE_TOLERANCE and _agree_at_home(desk):
+        tool_errors = [_pose_error(T_tool, T) for T_tool in desk.solver.tools(now, q_equations)]
+        nearest = min(tool_errors, key=lambda e: e.size, default=None)
+        if nearest is not None and nearest.size <= LIVE_TOLERANCE:
+            return _largest([nearest, *to_request]), _ASSEMBLY_MODES_DIFFER
+        if not _has_value(kin, q):
+            return _largest(to_request), _BEYOND_EQUATIONS
+    return _largest(errors + to_request), ""
+
+
+def _request_errors(asked: Array | None, T: Array) -> list[EquationDeviation]:
+    """Return the distance and the angle from the tool pose T (4, 4) to the requested one; nothing without a request."""
+    if asked is None:
+        return []
+    distance = float(np.linalg.norm(asked[:3, 3] - T[:3, 3]))
+    angle = float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3]))
+    return [EquationDeviation(distance, "tool"), EquationDeviation(angle, "tool rotation", True)]
+
+
+def _point_errors(points: dict[str, Array], actual: dict[str, Array]) -> list[EquationDeviation]:
+    """Return the distances of the points of the equations that have a value from those of the mechanism."""
     errors = []
     for name, position in actual.items():
         if np.isfinite(points[name]).all():
             distance = float(np.linalg.norm(points[name] - position))
             errors.append(EquationDeviation(distance, f"point {name}"))
-    if desk.model.redundant:
-        if kin.closed_forward:
-            distance = float(np.linalg.norm(kin.forward(q)[:3, 3] - T[:3, 3]))
-            errors.append(EquationDeviation(distance, "tool at these joints"))
-        return _largest(errors + of_pose), ""
-    try:
-        q_equations = kin.inverse(T, q)
-    except KinematicsError:
-        if any(np.isfinite(error.size) for error in errors):
-            return _largest(errors + of_pose), ""
-        return _largest(of_pose), BEYOND
-    errors.append(_joint_error(desk, q_equations, q))
-    if _largest(errors).size > AGREE and _agree_at_home(desk):
-        tool_errors = [_pose_error(T_tool, T) for T_tool in desk.solver.tools(now, q_equations)]
-        nearest = min(tool_errors, key=lambda e: e.size, default=None)
-        if nearest is not None and nearest.size <= AGREE:
-            return _largest([nearest, *of_pose]), OTHER
-        if not _has_value(kin, q):
-            return _largest(of_pose), BEYOND
-    return _largest(errors + of_pose), ""
+    return errors
 
 
 def _has_value(kin: Kinematics, q: Array) -> bool:
@@ -276,7 +287,7 @@ def _has_value(kin: Kinematics, q: Array) -> bool:
 
 
 def _largest(errors: list[EquationDeviation]) -> EquationDeviation:
-    """Return the largest finite error, m and rad compared as numbers, as `AGREE` does; of equal errors the first."""
+    """Return the largest finite error, the first of equal ones; m and rad are compared as numbers."""
     finite = [error for error in errors if np.isfinite(error.size)]
     return max(finite, key=lambda e: e.size, default=EquationDeviation(0.0, ""))
 
@@ -309,4 +320,4 @@ def _agree_at_home(desk: Desk) -> bool:
         q_equations = desk.kin.inverse(home.T_base_tool, home.q)
     except KinematicsError:
         return False
-    return _joint_error(desk, q_equations, home.q).size <= AGREE
+    return _joint_error(desk, q_equations, home.q).size <= LIVE_TOLERANCE

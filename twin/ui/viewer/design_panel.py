@@ -333,7 +333,7 @@ def differs(reading: RobotReading) -> str:
     if reading.residual is None:
         return "-"
     if not reading.comparable:
-        return escape(reading.scope)
+        return escape(reading.incomparable)
     what = f" ({escape(reading.residual.what)})" if reading.residual.what else ""
     return readout.amount(reading.residual) + what
 

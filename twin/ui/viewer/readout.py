@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.format import quantity
 from twin.core.units import DEG, MM
-from twin.ui.session.readings import AGREE, EquationDeviation, JointReading, RobotReading
+from twin.ui.session.readings import LIVE_TOLERANCE, EquationDeviation, JointReading, RobotReading
 
 _GOOD = "light-dark(#17703f, #57c98e)"
 _BAD = "light-dark(#b8201f, #ff8a80)"
@@ -68,7 +68,7 @@ def table(reading: RobotReading, variants: str = "") -> str:
     if reading.residual is not None:
         text, color = _agreement(reading, reading.residual)
         rows.append(_line("formula ↔ mechanism", text, color))
-    rows.append(_line("loop gap", escape(difference(reading.gap)), _color_below(reading.gap, AGREE)))
+    rows.append(_line("loop gap", escape(difference(reading.gap)), _color_below(reading.gap, LIVE_TOLERANCE)))
     for trocar in reading.trocars:
         of = ""
         if len(reading.trocars) > 1:
@@ -92,7 +92,7 @@ def table(reading: RobotReading, variants: str = "") -> str:
 def _agreement(reading: RobotReading, residual: EquationDeviation) -> tuple[str, str]:
     """Return (HTML text, colour) on the agreement of equations and mechanism."""
     if reading.agrees and not reading.comparable:
-        return reading.scope, _WARN
+        return reading.incomparable, _WARN
     text = "DISAGREE"
     color = _BAD
     if reading.agrees:

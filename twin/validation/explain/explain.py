@@ -24,7 +24,7 @@ from twin.reference import ReferenceModel
 from twin.reference.boundary import Judged
 from twin.validation.explain.candidate import TOKENS, Candidate, Found
 from twin.validation.explain.conventions import conventions, general
-from twin.validation.explain.coverage import check_margins, coverage
+from twin.validation.explain.coverage import coverage
 from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.drawing import Corrected, correct, drawing
 from twin.validation.explain.explanation import (
@@ -50,6 +50,7 @@ from twin.validation.explain.truth import Truth, gather, sample
 from twin.validation.explain.unvalued import unvalued
 from twin.validation.explain.varied import coincidences, condition
 from twin.validation.explain.weigh import weigh
+from twin.validation.explain.zero_margins import check_margins
 from twin.validation.joint_range import range_errors
 from twin.validation.rows import Tolerances
 

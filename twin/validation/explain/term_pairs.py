@@ -26,22 +26,22 @@ _MOST_TEXTS = 12
 
 def with_term(expression: Expression, wanted: Array) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of a single edit and a term or factor, after which the expression has the values `wanted` (k,)."""
-    shift = Flat(expression.k, expression.scopes)
-    shift.known = expression.known
     site = expression.site
-    atoms = scalar_atoms(site.source, site.statement, shift)
+    scope = Flat(expression.k, expression.scopes)
+    scope.known = expression.known
+    atoms = scalar_atoms(site.source, site.statement, scope)
     atoms_where_known = [Atom(atom.text, atom.values[expression.known]) for atom in atoms]
     products = Products(atoms_where_known)
-    yield from _around(expression, wanted, atoms_where_known, products)
-    yield from _beside(expression, wanted, atoms, products)
+    yield from _in_the_same_part(expression, wanted, atoms_where_known, products)
+    yield from _in_another_part(expression, wanted, atoms, products)
 
 
-def _around(
+def _in_the_same_part(
     expression: Expression, wanted: Array, atoms: Sequence[Atom], products: Products
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of an edit of a part, and a term or factor of this part."""
-    singles = expression.singles[0]
-    has_value = expression.known
+    known = expression.known
+    singles, _ = expression.singles
     for part in expression.parts:
         if expression.deadline.passed:
             return
@@ -55,59 +55,113 @@ def _around(
         needed = expression.needed(part, (), wanted)
         if needed is None:
             continue
-        values = expression.edited(part, singles, np.array(inside, np.intp))[:, has_value]
+        edits = [singles[i] for i in inside]
+        after_edits = expression.edited(part, singles, np.array(inside, np.intp))[:, known]
         if _takes_term(expression, part):
-            added = needed[has_value] - values
-            for n in products.likely(added):
-                first = singles[inside[n]]
-                for sign, text in terms(added[n], atoms):
-                    if first.end < end:
-                        yield first, _inserted(expression, end, f" {sign} {text}")
-                    elif start < first.start:  # an insertion at the end would touch the edit
-                        yield first, _inserted(expression, start, f"{sign.strip('+')}{text} + ")
+            missing_terms = needed[known] - after_edits
+            yield from _terms_of_part(expression, (start, end), edits, missing_terms, atoms, products)
         if _takes_factor(expression, part):
             with np.errstate(all="ignore"):
-                ratio = needed[has_value] / values
-            for n in products.likely(ratio):
-                first = singles[inside[n]]
-                for text in factors(ratio[n], atoms):
-                    if start < first.start:  # a factor stands in front, as long as this does not touch the edit
-                        yield first, _inserted(expression, start, f"{in_product(text)} * ")
-                    elif first.end < end:
-                        yield first, _inserted(expression, end, f" * {in_product(text)}")
+                missing_factors = needed[known] / after_edits
+            yield from _factors_of_part(expression, (start, end), edits, missing_factors, atoms, products)
 
 
-def _beside(
+def _terms_of_part(
+    expression: Expression,
+    span: tuple[int, int],
+    edits: Sequence[Edit],
+    missing: Array,
+    atoms: Sequence[Atom],
+    products: Products,
+) -> Iterator[tuple[Edit, Edit]]:
+    """Yield pairs of an edit, and an inserted term of the part at `span` with the values that are missing.
+
+    `span` is (first byte, end byte), `missing` (n, k) the difference that remains after each of the n edits. A term is
+    inserted at the end of the part, but at its start if it would touch the edit there.
+    """
+    start, end = span
+    for n in products.likely(missing):
+        edit = edits[n]
+        for sign, text in terms(missing[n], atoms):
+            if edit.end < end:
+                yield edit, _inserted(expression, end, f" {sign} {text}")
+            elif start < edit.start:
+                yield edit, _inserted(expression, start, f"{sign.strip('+')}{text} + ")
+
+
+def _factors_of_part(
+    expression: Expression,
+    span: tuple[int, int],
+    edits: Sequence[Edit],
+    missing: Array,
+    atoms: Sequence[Atom],
+    products: Products,
+) -> Iterator[tuple[Edit, Edit]]:
+    """Yield pairs of an edit, and an inserted factor of the part at `span` with the values that are missing.
+
+    `span` is (first byte, end byte), `missing` (n, k) the ratio that remains after each of the n edits. A factor is
+    inserted at the start of the part, but at its end if it would touch the edit there.
+    """
+    start, end = span
+    for n in products.likely(missing):
+        edit = edits[n]
+        for text in factors(missing[n], atoms):
+            factor = in_product(text)
+            if start < edit.start:
+                yield edit, _inserted(expression, start, f"{factor} * ")
+            elif edit.end < end:
+                yield edit, _inserted(expression, end, f" * {factor}")
+
+
+def _in_another_part(
     expression: Expression, wanted: Array, atoms: Sequence[Atom], products: Products
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of an edit, and a term or factor of a part that the edit does not touch."""
-    has_value = expression.known
-    needs: dict[ast.expr, list[tuple[Edit, Array]]] = {}
-    for first in expression.singles[0]:
-        for part in expression.beside(first):
+    edits_with_needs: dict[ast.expr, list[tuple[Edit, Array]]] = {}
+    singles, _ = expression.singles
+    for edit in singles:
+        for part in expression.beside(edit):
             if expression.deadline.passed:
                 return
-            needed = expression.needed(part, (first,), wanted)
+            needed = expression.needed(part, (edit,), wanted)
             if needed is not None:
-                needs.setdefault(part, []).append((first, needed))
-    for part, found in needs.items():
+                edits_with_needs.setdefault(part, []).append((edit, needed))
+    for part, with_needs in edits_with_needs.items():
         own = expression.own(part)
         if own is None or expression.deadline.passed:
             continue
-        for inner, values, rows in _inside(expression, part, own, found):
-            with np.errstate(all="ignore"):
-                added = products.likely(rows[:, has_value] - values[has_value])
-                factors_of = products.likely(rows[:, has_value] / values[has_value])
-            likely = {*added, *factors_of}
-            candidates = sorted(int(n) for n in likely)
-            if is_square(inner):  # what is missing in the square may be no single term or factor outside
-                candidates = list(range(len(rows)))
-            for n in candidates:
-                if expression.deadline.passed:
-                    return
-                shift = _shift(expression, values, rows[n])
-                for second in _texts(expression, inner, shift, atoms, products, n in likely):
-                    yield found[n][0], second
+        edits = [edit for edit, _ in with_needs]
+        needs = np.array([needed for _, needed in with_needs])
+        for inner, values, rows in _inner_parts(expression, part, own, needs):
+            if expression.deadline.passed:
+                return
+            yield from _completed(expression, inner, values, edits, rows, atoms, products)
+
+
+def _completed(
+    expression: Expression,
+    part: ast.expr,
+    values: Array,
+    edits: Sequence[Edit],
+    needs: Array,
+    atoms: Sequence[Atom],
+    products: Products,
+) -> Iterator[tuple[Edit, Edit]]:
+    """Yield pairs of one of `edits`, and an edit that gives a part with `values` (k,) those of `needs` (edits, k)."""
+    known = expression.known
+    with np.errstate(all="ignore"):
+        with_term = products.likely(needs[:, known] - values[known])
+        with_factor = products.likely(needs[:, known] / values[known])
+    likely = {*with_term, *with_factor}
+    candidates = sorted(int(n) for n in likely)
+    if is_square(part):  # what is missing in the square may be no single term or factor outside
+        candidates = list(range(len(needs)))
+    for n in candidates:
+        if expression.deadline.passed:
+            return
+        shift = _shift(expression, values, needs[n])
+        for second in _texts(expression, part, shift, atoms, products, n in likely):
+            yield edits[n], second
 
 
 def _shift(expression: Expression, values: Array, wanted: Array) -> Flat:
@@ -133,25 +187,26 @@ def _texts(
         yield from in_square(site.source, site.statement, part, site.parents, shift, atoms, products)
 
 
-def _inside(
-    expression: Expression, part: ast.expr, own: Array, found: Sequence[tuple[Edit, Array]]
+def _inner_parts(
+    expression: Expression, part: ast.expr, own: Array, needs: Array
 ) -> Iterator[tuple[ast.expr, Array, Array]]:
     """Yield (a part of `part`, its values (k,), the values (n, k) that it must have), `part` itself first.
 
     Values required of a part are passed on to its parts; see `inverse`.
     """
-    rows = np.array([needed for _, needed in found])
-    todo = [(part, own, rows)]
-    while todo:
-        node, values, wanted = todo.pop(0)
+    queue = [(part, own, needs)]
+    while queue:
+        node, values, wanted = queue.pop(0)
         yield node, values, wanted
         for child in ast.iter_child_nodes(node):
             if not isinstance(child, ast.expr):
                 continue
-            inner = inverse(node, child, wanted, expression.own)
-            value = expression.own(child) if inner is not None else None
-            if inner is not None and value is not None:
-                todo.append((child, value, inner))
+            inner_wanted = inverse(node, child, wanted, expression.own)
+            if inner_wanted is None:
+                continue
+            inner_values = expression.own(child)
+            if inner_values is not None:
+                queue.append((child, inner_values, inner_wanted))
 
 
 def _takes_term(expression: Expression, part: ast.expr) -> bool:
