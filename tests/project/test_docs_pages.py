@@ -76,7 +76,6 @@ NIGHTLY = {
     "twin serve davinci --task pegboard": "tests/ui/test_headset_page_task.py",
     "twin serve davinci": "tests/ui/test_headset_page_console.py",
     "twin serve raven": "tests/ui/test_headset_page_machine.py",
-    "twin serve raven_dome --task ring": "tests/ui/test_headset_page_plan.py, a copy of this scene",
     "twin serve raven_dome": "tests/ui/test_headset_page_plan.py, a copy of this scene",
     "twin serve sils --record session.json": "tests/ui/test_headset_server.py",
     "twin serve sils --replay session.json": "tests/ui/test_headset_server.py",

@@ -140,7 +140,7 @@ class ConsoleSession(Result):
         if self.lost:
             findings.append(warning("session.interrupted", self.source, self.lost))
         if self.console.time == 0:
-            text = "no arm followed a hand: the condition to start following (docs/console.md) was never met"
+            text = "no arm followed a hand: the condition to start following (docs/console-reference.md) was never met"
             findings.append(warning("session.idle", "", text))
         if self.outcome is not None:
             findings += self.outcome.findings()

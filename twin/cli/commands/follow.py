@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   twin follow raven_left --states 127.0.0.1:36001      a machine that `twin machine` runs
-  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven.md, Follow)"""
+  twin follow pa10 --packets 36002                     joint values by UDP (docs/raven-reference.md)"""
 
 
 def arguments(command: Command) -> None:

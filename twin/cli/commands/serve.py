@@ -32,7 +32,7 @@ def arguments(command: Command) -> None:
     command.page(8765, "server")
     command.text("--record", "FILE", "record the session: requests, states and frames, as JSON")
     command.text("--replay", "FILE", "replay a session recorded by --record, frame by frame")
-    text = "UDP port for hand states from other programs, for a scene with a console (docs/console.md, Packets)"
+    text = "UDP port for hand states from other programs, for a scene with a console (docs/console-reference.md)"
     command.text("--packets", "[HOST:]PORT", text, type=host_and_port)
     text = "MQTT broker for the motion scale of a scene with a console (default port 1883)"
     command.text("--mqtt", "HOST[:PORT]", text, type=_broker)
