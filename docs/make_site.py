@@ -2,9 +2,9 @@
 
     python docs/make_site.py [--out FOLDER] [--no-robots] [--builder PROGRAM]
 
-The pages of docs/ are copied together with the files to which they link; the pages that follow from the code are
-written here. A warning of the builder, a page that is not in the navigation, or a link that leads nowhere fails the
-build.
+The pages of docs/ are copied together with the files to which they link; notebooks of docs/cookbook run, and become
+pages with their outputs; the pages that follow from the code are written here. A warning of the builder, a page that is
+not in the navigation, or a link that leads nowhere fails the build.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
+
+import notebooks
 
 import twin
 from twin.cli.commands import HELP
@@ -51,6 +53,8 @@ def pages_of_docs() -> dict[Path, str]:
     places = {}
     for file in sorted([*DOCS.glob("*.md"), *DOCS.glob("tutorials/*.md")]):
         places[file] = file.relative_to(DOCS).as_posix()
+    for notebook in sorted(DOCS.glob("cookbook/*.py")):
+        places[notebook] = notebook.relative_to(DOCS).with_suffix(".md").as_posix()
     for name in PROJECT:
         places[ROOT / name] = f"project/{name}"
     places[ROOT / "README.md"] = "index.md"  # docs/index.md takes its place; links to the README lead there
@@ -62,13 +66,14 @@ def copy_pages(pages: Path) -> None:
     for folder in COPIED:
         shutil.copytree(DOCS / folder, pages / folder)
     places = pages_of_docs()
-    for file, place in places.items():
-        if file != ROOT / "README.md":
-            _copy_page(file, place, pages, places)
+    for file in places:
+        if file != ROOT / "README.md" and file.suffix == ".md":
+            _copy_page(file, file.read_text(encoding="utf-8"), pages, places)
 
 
-def _copy_page(file: Path, place: str, pages: Path, places: dict[Path, str]) -> None:
+def _copy_page(file: Path, text: str, pages: Path, places: dict[Path, str]) -> None:
     """Copy a page; its links lead to the places of pages, or to copies of other files in the folder code/."""
+    place = places[file]
 
     def moved(link: re.Match[str]) -> str:
         if urlsplit(link[2]).scheme:
@@ -84,9 +89,27 @@ def _copy_page(file: Path, place: str, pages: Path, places: dict[Path, str]) -> 
             shutil.copyfile(linked, pages / to)
         return link[1] + os.path.relpath(to, Path(place).parent) + link[3]
 
-    text = _LINK.sub(moved, file.read_text(encoding="utf-8"))
+    text = _LINK.sub(moved, text)
     (pages / place).parent.mkdir(parents=True, exist_ok=True)
     (pages / place).write_text(text, encoding="utf-8")
+
+
+def write_cookbook(pages: Path) -> None:
+    """Run the notebooks, and write each as a page with its outputs, and as .ipynb."""
+    places = pages_of_docs()
+    for file in sorted(DOCS.glob("cookbook/*.py")):
+        print(f"run {file.name}", file=sys.stderr)
+        with tempfile.TemporaryDirectory() as empty:
+            cells = notebooks.run(file, Path(empty))
+        text, pictures = notebooks.markdown_of(cells, file.stem)
+        folder = (pages / places[file]).parent
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, png in pictures.items():
+            (folder / name).write_bytes(png)
+        (folder / f"{file.stem}.ipynb").write_text(json.dumps(notebooks.ipynb_of(cells)), encoding="utf-8")
+        # its links are those of the site already: the files lie beside the page
+        text += f'\n<a href="{file.stem}.ipynb" download>This page as a notebook</a> of Jupyter.\n'
+        _copy_page(file, text, pages, places)
 
 
 def write_commands(pages: Path) -> None:
@@ -162,6 +185,7 @@ def build(out: Path, builder: Path, with_recordings: bool) -> int:
         pages = work / "docs"
         pages.mkdir()
         copy_pages(pages)
+        write_cookbook(pages)
         write_commands(pages)
         write_python(pages)
         write_schemas(pages)

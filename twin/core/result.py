@@ -101,8 +101,7 @@ class Result(ABC):
         if self.judges:
             color = {"agree": "#1a7f37", "disagree": "#cf222e", "unchecked": "#9a6700"}[self.verdict]
             parts.append(f'<b style="color: {color}">{escape(self.word)}</b> {escape(self.summary)}')
-        for part in self.text():
-            parts.append(_html_of(part))
+        parts += _html_of(self.text())
         return f"<div>{''.join(parts)}</div>"
 
     def to_json(self) -> str:
@@ -119,23 +118,40 @@ def _html_row(tag: str, cells: Iterable[object]) -> str:
     return f"<tr>{text}</tr>"
 
 
-def _html_of(part: Part) -> str:
-    """Return one part of a text as HTML."""
-    if isinstance(part, TextTable):
-        rows = []
-        if part.header:
-            rows.append(_html_row("th", part.header))
-        for row in part.rows:
-            rows.append(_html_row("td", row))
-        return f"<table>{''.join(rows)}</table>"
-    if isinstance(part, Finding):
-        text = f"{part.severity}: {part.message}"
-        if part.suggestion:
-            text += f"\n    {part.suggestion}"
-        return f"<pre>{escape(text)}</pre>"
-    if isinstance(part, Line):
-        return f"<pre>{escape(part.text)}</pre>"
-    return f"<pre>{escape(part)}</pre>"
+def _html_of(text: Iterable[Part]) -> list[str]:
+    """Return the parts of a text as HTML: tables, and the lines between them together."""
+    parts: list[str] = []
+    lines: list[str] = []
+    for part in text:
+        if isinstance(part, TextTable):
+            parts += _html_block(lines)
+            lines = []
+            parts.append(_html_table(part))
+        elif isinstance(part, Finding):
+            lines.append(f"{part.severity}: {part.message}")
+            if part.suggestion:
+                lines.append(f"    {part.suggestion}")
+        elif isinstance(part, Line):
+            lines.append(part.text)
+        else:
+            lines.append(part)
+    return parts + _html_block(lines)
+
+
+def _html_block(lines: Sequence[str]) -> list[str]:
+    """Return lines of text as one block, without empty lines at its ends; nothing if it has no text."""
+    text = "\n".join(lines).strip("\n")
+    return [f"<pre>{escape(text)}</pre>"] if text.strip() else []
+
+
+def _html_table(table: TextTable) -> str:
+    """Return a table as HTML."""
+    rows = []
+    if table.header:
+        rows.append(_html_row("th", table.header))
+    for row in table.rows:
+        rows.append(_html_row("td", row))
+    return f"<table>{''.join(rows)}</table>"
 
 
 def record(
