@@ -81,7 +81,7 @@ SHOTS = (
     Shot("B", "B  insertion point", "table2", "b", "b"),
     Shot("I", "I  inserted by 40 mm", "table2", "i", "b"),
     Shot("T", "T′  turned about the RCM", "table2", "t_prime", "b"),
-    Shot("lowered", "", "lowered_patient", "far", "port", (-42, 19, 26.8), (0.119, 0.411, 0.075), (1600, 1000), True),
+    Shot("lowered", "", "lowered_patient", "far", "port", (-42, 19, 26.8), (0.119, 0.411, 0.075), (1600, 840), True),
     Shot(
         "sher", "", "sclerotomy", "nasal", "entry", (-52, 16, 30), (0.21, 0.0, 0.135), (1600, 1000),
         robot="sher", trocar=0.0035, floor=-0.115, distance=1.35,

@@ -129,8 +129,8 @@ def _block(page: str, line: int, language: str, lines: list[str], before: str) -
     found: list[Step] = []
     if language == "console":
         for k, text in enumerate(lines, line + 1):
-            if text.startswith("$ "):
-                command = text[2:].partition(" # ")[0].strip()
+            if text.startswith(("$ ", "twin ", ACTIVATE)):  # without a prompt, a block can be copied as it is
+                command = text.removeprefix("$ ").partition(" # ")[0].strip()
                 found.append(Step(page, k, "command", command))
             elif found and text.strip():
                 found[-1].shown.append(text)
