@@ -21,6 +21,7 @@ from typing import Any
 from urllib.error import URLError
 
 from twin.cli import main
+from twin.core import assets
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
@@ -281,7 +282,12 @@ class NewUser:
                     said += more
                 with urllib.request.urlopen(address[0], timeout=PATIENCE) as page:
                     assert b"<html" in page.read()
-                (until_drawn if arguments[0] == "view" else until_described)(address[0])
+                # a scene is in the page of `twin serve` for both commands
+                scene = assets.scene_file(str(self.folder / arguments[1])) or assets.scene_file(arguments[1])
+                if arguments[0] == "view" and scene is None:
+                    until_drawn(address[0])
+                else:
+                    until_described(address[0])
                 process.send_signal(signal.SIGINT)
                 said += process.communicate(timeout=PATIENCE)[0]
             finally:

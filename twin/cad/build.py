@@ -141,7 +141,7 @@ def read_mechanism(
     folder = description_path.parent
     found: list[Finding] = []
     step = read_step(folder / d.step, tolerance, read=read) if d.step else None
-    parts = _parts_by_body(d, step)
+    parts = parts_by_body(d, step)
     measured: dict[str, dict[str, MeasuredFeature]] = {}
     for body, specs in d.feature.items():
         measured[body] = {}
@@ -195,7 +195,7 @@ def _coupling(spec: CouplingSpec) -> Coupling:
     return Coupling(spec.name, tuple(spec.joints), tuple(spec.ratios), total)
 
 
-def _parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
+def parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
     """Return {body: parts of the STEP file at or below the body's node}."""
     parts: dict[str, list[Part]] = {name: [] for name in d.body}
     if step is None:

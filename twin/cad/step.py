@@ -16,7 +16,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -54,17 +54,23 @@ class Face:
     """An analytic face in drawn coordinates, in m.
 
     Attributes:
-        kind: "plane", "cylinder" or "sphere".
-        point: (3,) plane: a point of the plane; cylinder: the point of the axis at the middle of the face; sphere: the
-            centre.
+        kind: "plane", "cylinder" or "sphere", which can be measured; in `Part.drawn` also "cone" or "torus".
+        point: (3,) plane: a point of the plane; cylinder: the point of the axis at the middle of the face; sphere and
+            torus: the centre; cone: the apex.
         direction: (3,) unit normal or axis with arbitrary sign; zeros for a sphere.
-        radius: radius of the cylinder or sphere, 0 for a plane.
+        radius: radius of the cylinder or sphere, major radius of the torus, 0 for a plane or cone.
+        half_angle: angle in rad between the axis of a cone and its face; 0 for other kinds.
     """
 
     kind: str
     point: Array
     direction: Array
     radius: float
+    half_angle: float = 0.0
+
+
+MEASURED = ("plane", "cylinder", "sphere")
+"""Kinds of faces that a description can name, and on which frames are measured."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +83,10 @@ class Part:
         vertices: (n, 3) positions in m, in drawn coordinates.
         triangles: (m, 3) indices of vertices.
         color_rgba: linear colour, 0..1.
-        faces: analytic faces.
+        faces: analytic faces of the kinds `MEASURED`.
+        drawn: every face, in the order of the file, also those that are not in `faces`; None: a face without axis or
+            centre, such as a B-spline.
+        face_of_triangle: (m,) index into `drawn` of the face of each triangle.
         numbered: `path` and `name`, with a number at each node that has siblings of its name: leg_1, leg_2, ... No
             other node of the file has the numbered name.
     """
@@ -89,6 +98,8 @@ class Part:
     color_rgba: tuple[float, float, float, float]
     faces: tuple[Face, ...]
     numbered: tuple[str, ...] = ()
+    drawn: tuple[Face | None, ...] = ()
+    face_of_triangle: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
 
     @property
     def chain(self) -> tuple[str, ...]:
@@ -117,6 +128,8 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
         data = read(path, "STEP")
     except OSError as error:
         raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
+    if not data.strip():
+        raise CadError(f"{path} is empty: export or copy the STEP file again")
     compact = data.translate(None, _SPACE).decode("latin-1")
     if not compact.startswith("ISO-10303-21"):
         raise CadError(f"{path} is not a STEP file: it does not begin with ISO-10303-21")
@@ -274,7 +287,8 @@ def _numbered(names: Sequence[str], taken: set[str]) -> list[str]:
 def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...], T: Array) -> Part:
     points: list[np.ndarray] = []
     corners: list[np.ndarray] = []
-    faces: list[Face] = []
+    drawn: list[Face | None] = []
+    owners: list[np.ndarray] = []
     color = (0.6, 0.6, 0.6, 1.0)
     count = 0
     for primitive in mesh["primitives"]:
@@ -287,17 +301,44 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
             pbr = gltf["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
             r, g, b, a = pbr.get("baseColorFactor", color)
             color = (float(r), float(g), float(b), float(a))
-        faces += _faces(primitive.get("extensions", {}).get("TM_brep_faces", {}).get("faces", ()), T)
-    vertices, triangles = _welded(np.concatenate(points), np.concatenate(corners))
+        faces, owner = _faces_of(gltf, binary, primitive, len(corners[-1]), T)
+        owners.append(owner + len(drawn))
+        drawn += faces
+    vertices, triangles, kept = _welded(np.concatenate(points), np.concatenate(corners))
     if np.linalg.det(T[:3, :3]) < 0:
         triangles = triangles[:, ::-1]  # a mirror turns the faces inside out
-    return Part(name, path, vertices @ T[:3, :3].T + T[:3, 3], triangles, color, tuple(faces))
+    measured = tuple(face for face in drawn if face is not None and face.kind in MEASURED)
+    return Part(
+        name=name,
+        path=path,
+        vertices=vertices @ T[:3, :3].T + T[:3, 3],
+        triangles=triangles,
+        color_rgba=color,
+        faces=measured,
+        drawn=tuple(drawn),
+        face_of_triangle=np.concatenate(owners)[kept],
+    )
 
 
-def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
+def _faces_of(
+    gltf: dict, binary: bytes, primitive: dict, triangles: int, T: Array
+) -> tuple[list[Face | None], np.ndarray]:
+    """Return the faces of a primitive, and for each of its triangles (their number is `triangles`) the face's index."""
+    extension = primitive.get("extensions", {}).get("TM_brep_faces", {})
+    faces = [_face(record, T) for record in extension.get("faces", ())]
+    if "faceIndices" in extension:
+        return faces, _accessor(gltf, binary, extension["faceIndices"]).astype(np.int32)
+    # triangles of which the reader does not name the faces belong to one face of no kind
+    return [*faces, None], np.full(triangles, len(faces), np.int32)
+
+
+def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarray, np.ndarray]:
     """Merge the vertices that faces share and remove triangles without area: a closed solid becomes a closed mesh.
 
     On an edge between two faces, the mesher creates bit-identical points for both faces.
+
+    Returns:
+        The vertices, the remaining triangles, and for each given triangle whether it remains.
     """
     order = np.lexsort(points.T[::-1])  # as `np.unique` does along an axis, in a third of the time
     ordered = points[order]
@@ -307,39 +348,47 @@ def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarra
     index[order] = np.cumsum(first) - 1
     triangles = index[triangles]
     a, b, c = triangles.T
-    return ordered[first].astype(float), triangles[(a != b) & (b != c) & (c != a)]
+    kept = (a != b) & (b != c) & (c != a)
+    return ordered[first].astype(float), triangles[kept], kept
 
 
-def _faces(records: Sequence[dict | None], T: Array) -> list[Face]:
+def _face(record: dict | None, T: Array) -> Face | None:
+    """Return the face of a record in drawn coordinates; None: a face without axis or centre, such as a B-spline."""
+    if record is None:
+        return None
+    radius = 0.0
+    half_angle = 0.0
+    kind = record["type"]
+    if kind == "plane":
+        direction = np.array(record["normal"])
+        # The y direction is normal x x direction, in plain numbers: np.cross takes much longer for one vector.
+        a, b, c = record["normal"]
+        i, j, k = record["x_dir"]
+        x = np.array(record["x_dir"])
+        y = np.array([b * k - c * j, c * i - a * k, a * j - b * i])
+        # The origin is a corner of the face's parameter range; the middle of the range is on the face.
+        corner = np.array(record["origin"])
+        point = corner + x * _middle(record["extent_x"]) + y * _middle(record["extent_y"])
+    elif kind == "cylinder":
+        direction = np.array(record["axis"])
+        point = np.array(record["origin"]) + direction * _middle(record["extent_height"])
+        radius = record["radius"]
+    elif kind == "sphere":
+        point = np.array(record["center"])
+        direction = np.zeros(3)
+        radius = record["radius"]
+    elif kind == "cone":
+        direction = np.array(record["axis"])
+        point = np.array(record["apex"])
+        half_angle = record["semi_angle"]
+    elif kind == "torus":
+        direction = np.array(record["axis"])
+        point = np.array(record["center"])
+        radius = record["major_radius"]
+    else:
+        return None
     R = T[:3, :3]
-    p = T[:3, 3]
-    faces = []
-    for record in records:
-        if record is None:  # a face of another kind (B-spline) is displayed, but not measured
-            continue
-        if record["type"] == "plane":
-            direction = np.array(record["normal"])
-            # The y direction is normal x x direction, in plain numbers: np.cross takes much longer for one vector.
-            a, b, c = record["normal"]
-            i, j, k = record["x_dir"]
-            x = np.array(record["x_dir"])
-            y = np.array([b * k - c * j, c * i - a * k, a * j - b * i])
-            # The origin is a corner of the face's parameter range; the middle of the range is on the face.
-            corner = np.array(record["origin"])
-            point = corner + x * _middle(record["extent_x"]) + y * _middle(record["extent_y"])
-            radius = 0.0
-        elif record["type"] == "cylinder":
-            direction = np.array(record["axis"])
-            point = np.array(record["origin"]) + direction * _middle(record["extent_height"])
-            radius = record["radius"]
-        elif record["type"] == "sphere":
-            point = np.array(record["center"])
-            direction = np.zeros(3)
-            radius = record["radius"]
-        else:
-            continue
-        faces.append(Face(record["type"], R @ point + p, R @ direction, float(radius)))
-    return faces
+    return Face(kind, R @ point + T[:3, 3], R @ direction, float(radius), float(half_angle))
 
 
 def _middle(extent: Sequence[float]) -> float:

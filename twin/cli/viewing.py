@@ -18,21 +18,29 @@ from twin.cli import show
 from twin.cli.address import PageAddress, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
+from twin.exchange.formats.step.format import FORMAT as STEP
 
 if TYPE_CHECKING:
     import viser
 
+    from twin.ui.viewer.face_page import FacePage
     from twin.ui.viewer.front import Front
+    from twin.ui.viewer.loop import ViewerPage
+    from twin.ui.viewer.server import Content
 
 
 _ADVICE = "every connected client can move and load robots, but cannot write to disk"
+_FACES_ADVICE = "every connected client sees the STEP file and can pick faces, but cannot write to disk"
 
 
 def view(args: argparse.Namespace) -> int:
     """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit.
 
-    A robot has the page of viser, in which it is taken apart; a scene has the page of `twin serve`.
+    A robot has the page of viser, in which it is taken apart; a scene has the page of `twin serve`. A STEP file has a
+    page of viser in which faces are picked.
     """
+    if Path(args.robot).suffix.lower() in STEP.sources:
+        return _show_faces(args)
     if args.html is None and not args.watch and assets.scene_file(args.robot) is not None:
         return _show_scene(args)
     port = args.port
@@ -68,11 +76,44 @@ def _show_scene(args: argparse.Namespace) -> int:
     return serve(argparse.Namespace(**(vars(defaults) | vars(args))))
 
 
+def _show_faces(args: argparse.Namespace) -> int:
+    """Show a STEP file until Ctrl-C; faces are picked in its page."""
+    path = Path(args.robot)
+    options = {
+        "the protocol": args.protocol,
+        "--html": args.html,
+        "--watch": args.watch,
+        "--tool": args.tool,
+        "--task": args.task,
+        "--fulcrum": args.fulcrum,
+        "--protocols": args.protocols,
+        "--machine": args.machine,
+    }
+    given = [option for option, value in options.items() if value]
+    if given:
+        raise TwinError(f"{path} is a STEP file, whose faces are picked in the page: omit {', '.join(given)}")
+    port = free_port(args.host, args.port)
+    from twin.ui.session.drawn_faces import StepDrawing
+
+    with show.progress(args.quiet) as progress:
+        progress(f"read {path.name}", 0.0)
+        drawing = StepDrawing(path)
+    title = path.name
+
+    def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> FacePage:
+        from twin.ui.viewer.face_page import FacePage
+
+        return FacePage(server, f"twin · {title}", drawing, stopping)
+
+    return _show_page(args, title, port, open_page, "faces")
+
+
 def _show_page(
     args: argparse.Namespace,
     title: str,
     port: int,
-    open_page: Callable[[viser.ViserServer, threading.Event, bool], Front],
+    open_page: Callable[[viser.ViserServer, threading.Event, bool], ViewerPage],
+    content: Content = "robot",
 ) -> int:
     """Show a page of viser until Ctrl-C.
 
@@ -82,6 +123,7 @@ def _show_page(
         port: the port.
         open_page: function that opens the page; its arguments are the server, the event that ends the page, and whether
             only this computer can connect.
+        content: what the page shows.
     """
     from twin.ui.access.rules import AccessRules
     from twin.ui.viewer.server import serve, stop
@@ -97,10 +139,11 @@ def _show_page(
 
     before = signal.signal(signal.SIGINT, end)
     try:
-        address = PageAddress(args.host, port, False, title, _ADVICE)
+        advice = _ADVICE if content == "robot" else _FACES_ADVICE
+        address = PageAddress(args.host, port, False, title, advice)
         rules = AccessRules(args.host, port, False, address.say)
         command = shlex.join(("twin", "view", str(args.robot)))
-        server = serve(f"twin · {title}", args.host, port, rules, command)
+        server = serve(f"twin · {title}", args.host, port, rules, command, content)
         if not rules.needs_token:
             address.say("")
             if not args.no_browser:  # the browser starts while the CAD is read

@@ -14,6 +14,7 @@ EXAMPLES = """\
   twin view my_robot/ --port 8090 --no-browser
   twin view my_robot/ --watch       rebuild the robot whenever its files change
   twin view usd/pa10/pa10.usda      a USD stage without a robot folder
+  twin view my_robot/cad/my_robot.step    click a face, copy the TOML that names it
   twin view sils --html sils.html   a recording that plays without Python"""
 
 
@@ -26,7 +27,7 @@ def arguments(command: Command) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show a robot, a scene or a stage until Ctrl-C; with --html write a recording and exit."""
+    """Show a robot, a scene, a stage or a STEP file until Ctrl-C; with --html write a recording and exit."""
     from twin.cli.viewing import view
 
     return view(args)

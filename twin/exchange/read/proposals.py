@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.cad.description import CadTolerance, Feature, FrameSpec
+from twin.cad.face_feature import feature_of
 from twin.cad.features import find, frame
 from twin.cad.meeting import locked_error
 from twin.cad.step import Face, Part
@@ -229,25 +230,7 @@ class _Frame:
 
         If the direction of the face points against `towards`, the feature has the opposite direction.
         """
-        along = face.direction
-        if face.direction @ towards < 0:
-            along = -face.direction
-        # Rounded, because a feature is only searched for at its place; the measured face has all digits.
-        x, y, z = np.round(along, 9).tolist()
-        near_x, near_y, near_z = np.round(face.point / MM, 4).tolist()
-        direction: tuple[float, float, float] | None = None
-        if any((x, y, z)):  # a sphere has no direction
-            direction = (x, y, z)
-        radius: float | None = None
-        if face.radius:
-            radius = round(face.radius / MM, 6)
-        self.features[name] = Feature(
-            kind=face.kind,  # pyright: ignore[reportArgumentType] - a face's kind is one of these
-            near_mm=(near_x, near_y, near_z),
-            direction=direction,
-            radius_mm=radius,
-            part=part.name,
-        )
+        self.features[name] = feature_of(face, towards, part.name)
         return name
 
     def _spec(self) -> JsonObject:

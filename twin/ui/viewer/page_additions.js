@@ -49,13 +49,17 @@
   }, 8000);
 
   // -- keys -------------------------------------------------------------------------------------------
-  const rows = [
+  const faces = window.twinContent === 'faces'; // the page of a STEP file: nothing moves
+  const moves = [
     ['Move the tool', 'drag the arrows at the tool; the rings rotate it'],
     ['Move any link', 'Shift and drag it'],
-    ['Rotate the view', 'drag the background; right button: shift the view'],
-    ['Zoom', 'wheel'],
     ['Play or pause', 'Space'],
     ['Undo the last drag', 'Ctrl-Z'],
+  ];
+  const rows = [
+    ...(faces ? [['Pick a face', 'click it; click it again to make it the current one']] : moves),
+    ['Rotate the view', 'drag the background; right button: shift the view'],
+    ['Zoom', 'wheel'],
     ['Show these keys', '?'],
   ];
   const keys = document.createElement('dialog');
@@ -77,7 +81,7 @@
   const help = document.createElement('aside');
   help.className = 'twin-help';
   help.setAttribute('aria-label', 'Help');
-  help.textContent = 'Drag the arrows: the tool follows. ';
+  help.textContent = faces ? 'Click a face: its TOML is in the panel. ' : 'Drag the arrows: the tool follows. ';
   const more = document.createElement('button');
   more.textContent = '?';
   more.setAttribute('aria-label', 'Mouse and keys');

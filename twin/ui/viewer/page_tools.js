@@ -14,6 +14,7 @@
   }
   const MESH = /^\/([^/]+)\/([^/]+)\/mesh\d+$/;
   const OTHER = /^(ghost_|light|WorldAxes|floor|tool)/;
+  const thing = window.twinContent === 'faces' ? 'drawing' : 'robot';
   const ready = () => viser.scene && viser.camera && viser.cameraControl && viser.canvas;
   const style = document.createElement('style');
   style.textContent = `
@@ -32,6 +33,7 @@
     .twin-said { position: fixed; z-index: 901; left: 50%; bottom: 74px; transform: translateX(-50%); padding: 6px 14px; border-radius: 12px; background: #17212e; color: #fff; font: 14px system-ui, sans-serif; }
     .twin-name[hidden], .twin-said[hidden], .twin-cube[hidden], .twin-measure[hidden] { display: none; }
     .twin-help.narrow { font-size: 0; padding-left: 4px; } .twin-help.narrow button { font-size: 14px; }
+    @media (max-width: 640px) { .twin-last { padding-bottom: 72px !important; } } /* the bar is below it */
     @media print { .twin-cube, .twin-measure { display: none; } }`;
   document.head.append(style);
 
@@ -200,7 +202,7 @@
     measuring = on;
     ends = [];
     buttons.measure.setAttribute('aria-pressed', String(on));
-    if (on) say('Click two points of the robot.');
+    if (on) say(`Click two points of the ${thing}.`);
     drawMeasure();
   }
   let down = null;
@@ -209,7 +211,7 @@
     if (!measuring || !down || down.target !== viser.canvas || e.target !== viser.canvas) return;
     if (Math.hypot(e.clientX - down.x, e.clientY - down.y) > 4) return; // the view was turned
     const hit = pick(e.clientX, e.clientY);
-    if (!hit) return say('There is no link at this point.');
+    if (!hit) return say('There is nothing at this point.');
     if (ends.length === 2) ends = [];
     ends.push({ mesh: hit.mesh, robot: hit.robot, local: hit.mesh.worldToLocal(hit.point.clone()) });
     drawMeasure();
@@ -234,6 +236,12 @@
       window.prompt(`${what}: copy this text`, text); // a browser may refuse the clipboard, as over http
     }
   }
+  // text of the page, with the button below it that copies it
+  document.addEventListener('click', (e) => {
+    const button = e.target instanceof Element && e.target.closest('[data-copies]');
+    const text = button && button.parentElement.querySelector('[data-copied]');
+    if (text) void write(text.textContent, button.dataset.copies);
+  });
   async function state() {
     const answer = await fetch('state.json', { cache: 'no-store' });
     if (!answer.ok) throw new Error(`HTTP ${answer.status}`);
@@ -319,11 +327,14 @@
   bar.className = 'twin-bar';
   help.insertBefore(bar, help.lastElementChild);
   const buttons = {};
-  const TOOLS = [
-    ['fit', 'Fit', 'Show the whole robot (double click; on a link: that link)', () => fit()],
-    ['measure', 'Measure', 'Measure between two points of the robot', () => measure(!measuring)],
+  const POSTURE = [
     ['copy', 'Copy', 'Copy the pose of the tool and the joint values', () => copy('pose')],
     ['link', 'Link', 'Copy a link that opens this posture and time', () => copy('link')],
+  ];
+  const TOOLS = [
+    ['fit', 'Fit', `Show the whole ${thing} (double click; on a body: that body)`, () => fit()],
+    ['measure', 'Measure', `Measure between two points of the ${thing}`, () => measure(!measuring)],
+    ...(thing === 'robot' ? POSTURE : []),
     ['dark', '◐', 'Dark or light page', turn],
   ];
   for (const [id, text, hint, act] of TOOLS) {
@@ -383,7 +394,8 @@
     room();
     help.classList.toggle('narrow', box.width < 640);
     cube.hidden = box.width < 260;
-    cube.style.left = `${box.right - 104}px`;
+    // the panel of a drawing is at the right
+    cube.style.left = `${thing === 'drawing' ? box.left + 12 : box.right - 104}px`;
     cube.style.top = `${Math.max(box.top, 0) + 10}px`;
     help.style.left = `${box.left + box.width / 2}px`;
     for (const { button, n, up } of faces) {

@@ -17,7 +17,7 @@ import weakref
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import viser
 import websockets.datastructures
@@ -65,6 +65,9 @@ Without this policy, a link with `?websocket=` or `?playbackPath=` could connect
 
 _SCRIPTS = ("page_additions.js", "page_tools.js")
 """Scripts that are added to viser's page, in order."""
+
+Content = Literal["robot", "faces"]
+"""What a page shows: robots that move, or the faces of a STEP file."""
 
 STATE = "/state.json"
 """URL path of the state that `publish` stores."""
@@ -137,10 +140,11 @@ class PageConnection(Connection):
         super().connection_lost(exc)
 
 
-def with_additions(page: bytes, command: str) -> bytes:
+def with_additions(page: bytes, command: str, content: Content = "robot") -> bytes:
     """Return viser's page with the scripts `page_additions.js` and `page_tools.js` at its end.
 
     `command` is the command line that opened the page, for the notice that the server has ended; "": not known.
+    `content` is what the page shows.
     """
     script = b"\n".join(Path(__file__).with_name(name).read_bytes() for name in _SCRIPTS)
     # a file name may contain "</script>"
@@ -150,7 +154,7 @@ def with_additions(page: bytes, command: str) -> bytes:
         return page
     return (
         head
-        + f"<script>window.twinCommand = {text};</script>\n<script>".encode()
+        + f"<script>window.twinCommand = {text}; window.twinContent = '{content}';</script>\n<script>".encode()
         + script
         + b"</script>\n"
         + end
@@ -167,12 +171,12 @@ class ViewerAccess:
         opened: whether viser's socket was opened by `listen` and is thus protected.
     """
 
-    def __init__(self, rules: AccessRules, command: str) -> None:
+    def __init__(self, rules: AccessRules, command: str, shown: Content) -> None:
         self.rules = rules
         self.message_filter = MessageFilter()
         self.opened = False
         page = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        content = with_additions(page.read_bytes(), command)
+        content = with_additions(page.read_bytes(), command, shown)
         self._files = {"/": File(content, "text/html; charset=utf-8", policy=POLICY)}
 
     def publish(self, state: bytes) -> None:
@@ -224,7 +228,14 @@ class ViewerAccess:
         return None
 
 
-def serve(title: str, host: str, port: int, rules: AccessRules | None = None, command: str = "") -> viser.ViserServer:
+def serve(
+    title: str,
+    host: str,
+    port: int,
+    rules: AccessRules | None = None,
+    command: str = "",
+    content: Content = "robot",
+) -> viser.ViserServer:
     """Start a server and return it.
 
     Args:
@@ -234,13 +245,14 @@ def serve(title: str, host: str, port: int, rules: AccessRules | None = None, co
         rules: access rules. None: a request is accepted if its Host header names `host` or this machine, and if the
             request comes from the server's own page or from a program that is not a browser.
         command: command that opens the page again, which the page shows when the server has ended; "": not known.
+        content: what the page shows; its help and its keys depend on it.
 
     Raises:
         TwinError: this version of viser opens its socket differently.
     """
     if rules is None:
         rules = AccessRules(host, port, False, lambda token: None)
-    access = ViewerAccess(rules, command)
+    access = ViewerAccess(rules, command, content)
     with contextlib.redirect_stdout(io.StringIO()), _opening(access):  # viser prints its address
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     if not access.opened:
