@@ -74,6 +74,15 @@ def test_the_recipe_of_conda_needs_what_the_package_needs():
         assert wanted in run or f"{name}{bounds}" in run, wanted
 
 
+def test_the_images_have_the_library_that_slim_systems_lack():
+    """Of all libraries that `run sils` loads, libgomp alone is neither in a wheel nor in python:slim."""
+    stages = (ROOT / "docs/packaging/Dockerfile").read_text(encoding="utf-8").split("\nFROM ")[1:]
+    assert len(stages) == 3
+    for stage in stages:
+        runs_twin = "CMD" in stage or "ENTRYPOINT" in stage
+        assert ("libgomp1" in stage) == runs_twin, stage
+
+
 def test_an_environment_is_trimmed_and_nothing_else(tmp_path):
     packages = tmp_path / "env/lib/python3.11/site-packages"
     for name in (
