@@ -22,8 +22,9 @@ from hypothesis.extra import numpy as stn
 import twin
 from made.lanes import contrasting, nightly
 from twin import cli
-from twin.analysis import cluster, design, joint_samples, sweep, table
+from twin.analysis import cluster, design, joint_samples, table
 from twin.analysis import workspace as reach
+from twin.analysis.robot_source import robot_source
 from twin.analysis.tolerance import ErrorPropagation, Spread
 from twin.api.imported_file import imported_file
 from twin.api.robot import Robot, RobotSource
@@ -539,6 +540,18 @@ def test_a_sweep_refuses_a_robot_that_other_processes_cannot_load(changed, diffe
     assert f"in: {difference}. " in str(refused.value)
 
 
+def test_a_workspace_that_a_cluster_computes_needs_a_robot_that_workers_can_load():
+    with pytest.raises(TwinError, match="Write it as a robot folder"):
+        twin.workspace(twin.load("sils", parameters={"l_p": 0.13}), scheduler="tcp://127.0.0.1:1")
+
+
+def test_a_keyword_that_does_not_exist_is_named():
+    with pytest.raises(TypeError, match=r"workspace\(\) got an unexpected .* 'workers'.*scheduler, source"):
+        twin.workspace("sils", workers=1)
+    with pytest.raises(TypeError, match=r"sweep\(\) got an unexpected .* 'worker'.*scheduler, source, workers, device"):
+        twin.sweep("sils", "l_p=120..150mm", worker=1)
+
+
 def _table(tool=None, xacro=None, dh=None, units=None):
     """Return a robot of a table whose content is not read: only its options are."""
     table = Path(__file__).parents[1] / "data/dh/error_empty.csv"
@@ -549,8 +562,8 @@ def _table(tool=None, xacro=None, dh=None, units=None):
 def test_processes_load_the_folder_and_not_the_built_in_robot_of_its_name(tmp_path):
     (tmp_path / "cad").mkdir()
     (tmp_path / "cad/sils.toml").write_text("")
-    assert sweep._source(twin.load(tmp_path)) == str(tmp_path)
-    assert sweep._source(twin.load("sils")) == "sils"
+    assert robot_source(twin.load(tmp_path)) == str(tmp_path)
+    assert robot_source(twin.load("sils")) == "sils"
 
 
 def test_parquet_without_pyarrow_says_how_to_get_it(monkeypatch):
@@ -610,6 +623,13 @@ def test_a_cluster_gives_the_same_workspace(robots, two_workers):
     finally:
         reach.CHUNK = chunk
     assert here.reached.any()
+    assert np.array_equal(here.values, there.values, equal_nan=True)
+
+
+@pytest.mark.slow
+def test_workers_of_a_cluster_load_the_robot_by_its_name(two_workers):
+    here = twin.workspace("sher", 5000)
+    there = twin.workspace("sher", 5000, scheduler=two_workers[0])
     assert np.array_equal(here.values, there.values, equal_nan=True)
 
 

@@ -12,9 +12,10 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from twin.core.atomic import Scratch
+from twin.core.compute_device import Choice
 from twin.core.errors import TwinError
 from twin.core.extras import require
 from twin.core.processes import spawning_children
@@ -28,6 +29,39 @@ HERE = "local"
 
 PATIENCE = "10s"
 """Maximum time to wait for a scheduler, as text for Dask."""
+
+
+class Processes(TypedDict, total=False):
+    """Keyword arguments of functions that can compute on other machines.
+
+    Attributes:
+        scheduler: address of a Dask scheduler, or "local"; default: this machine.
+        source: name or path by which workers load the robot; default: the given name or path, or the robot's folder.
+    """
+
+    scheduler: str | None
+    source: str | None
+
+
+class DeviceProcesses(Processes, total=False):
+    """Keyword arguments of functions that always compute in several processes; see also `Processes`.
+
+    Attributes:
+        workers: number of local processes; default: one for each processor.
+        device: what computes in each process, see `twin.core.compute_device`; default: "cpu".
+    """
+
+    workers: int | None
+    device: Choice
+
+
+def require_keys(function: str, given: Processes, kind: type[Processes]) -> None:
+    """Raise a TypeError if `given` has keyword arguments that the named function does not take."""
+    known = kind.__annotations__
+    for name in given:
+        if name not in known:
+            others = ", ".join(known)
+            raise TypeError(f"{function}() got an unexpected keyword argument '{name}'; it also takes: {others}")
 
 
 @contextlib.contextmanager

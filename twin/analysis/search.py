@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
-from twin.analysis.cluster import cluster
+from twin.analysis.cluster import Processes, cluster, require_keys
 from twin.analysis.joint_samples import by_joints
+from twin.analysis.robot_source import robot_source
 from twin.analysis.workspace import PoseGrid, UnreachedError, Workspace, box, centre
 from twin.analysis.workspace import workspace as over_grid
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
+from twin.core.spatial import Array
 from twin.core.units import MM
 
 _POSITIONS = 50_000_000
@@ -28,9 +31,8 @@ def workspace(
     by_joint_positions: bool = False,
     protocol: str | None = None,
     store: Path | None = None,
-    scheduler: str | None = None,
-    source: str = "",
     progress: Progress = silent,
+    **processes: Unpack[Processes],
 ) -> Workspace:
     """Return the workspace of the tool.
 
@@ -48,9 +50,8 @@ def workspace(
         by_joint_positions: whether to sample joints even if there is a closed-form inverse.
         protocol: name of the protocol that sets the trocar positions; default: the robot's default protocol.
         store: folder for workspace.npy with the values of each position; default: memory only.
-        scheduler: address of a Dask scheduler; its workers load the robot by `source`.
-        source: name or path by which workers load the robot.
         progress: see `twin.api.Progress`.
+        **processes: `scheduler` and `source`: where poses on a grid are evaluated, see `Processes`.
 
     Raises:
         TwinError: no position is reached, or the grid has more than 5e7 positions.
@@ -61,6 +62,11 @@ def workspace(
         >>> bool(space.reached.any())
         True
     """
+    require_keys("workspace", processes, Processes)
+    scheduler = processes.get("scheduler")
+    source = ""
+    if scheduler:
+        source = processes.get("source") or robot_source(robot)
     robot = loaded(robot)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
@@ -81,16 +87,7 @@ def workspace(
         if scheduler or tilt:
             raise
         return by_joints(robot, count, step, progress)
-    if step is None:
-        step = float((np.prod(high - low) * turns / count) ** (1 / 3))
-    # Integers of Python have no largest value, those of numpy have one.
-    nx, ny, nz = [int(count) + 1 for count in np.floor((high - low) / step).tolist()]
-    grid = PoseGrid(low, step, (nx, ny, nz), T[:3, :3], tilt, turns)
-    if grid.positions > _POSITIONS:
-        raise TwinError(
-            f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Increase --step-mm or reduce --count; or "
-            "omit --step-mm and increase --turns, which reduces the number of positions"
-        )
+    grid = _grid(low, high, T, count, step, tilt, turns)
 
     def kept(shape: tuple[int, int]) -> np.ndarray:
         if store is None:
@@ -106,6 +103,29 @@ def workspace(
     if not found.reached.any():
         edges = [f"{x / MM:.3g}" for x in high - low]
         size = " x ".join(edges)
-        text = f"none of {grid.positions} positions, {step / MM:.3g} mm apart, is reached in a box of {size} mm"
+        text = f"none of {grid.positions} positions, {grid.step / MM:.3g} mm apart, is reached in a box of {size} mm"
         raise TwinError(f"{robot.name}: {text}: reduce --step-mm")
     return found
+
+
+def _grid(
+    low: Array, high: Array, T_base_tool: Array, count: int, step: float | None, tilt: float, turns: int
+) -> PoseGrid:
+    """Return the grid that fills the box from `low` (3,) to `high` (3,), with the orientation of a pose (4, 4).
+
+    For `count`, `step`, `tilt` and `turns`, see `workspace`.
+
+    Raises:
+        TwinError: the grid has more than `_POSITIONS` positions.
+    """
+    if step is None:
+        step = float((np.prod(high - low) * turns / count) ** (1 / 3))
+    # Integers of Python have no largest value, those of numpy have one.
+    nx, ny, nz = [int(edge) + 1 for edge in np.floor((high - low) / step).tolist()]
+    grid = PoseGrid(low, step, (nx, ny, nz), T_base_tool[:3, :3], tilt, turns)
+    if grid.positions > _POSITIONS:
+        raise TwinError(
+            f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Increase --step-mm or reduce --count; or "
+            "omit --step-mm and increase --turns, which reduces the number of positions"
+        )
+    return grid

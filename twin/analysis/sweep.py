@@ -6,16 +6,15 @@ import signal
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from twin.analysis import design, table
-from twin.analysis.cluster import HERE, cluster, each
+from twin.analysis.cluster import HERE, DeviceProcesses, cluster, each, require_keys
+from twin.analysis.robot_source import robot_source
 from twin.analysis.workspace import limited_passive_joints
-from twin.api.robot import Progress, Robot, loaded, names, silent
-from twin.core import assets
-from twin.core.compute_device import Choice
+from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
@@ -134,17 +133,14 @@ def sweep(
     vary: str | Sequence[str],
     out: str | Path | None = None,
     *,
-    source: str | None = None,
     objectives: Sequence[str] = (),
     protocol: str | None = None,
     samples: int = 200,
     grid: int | None = None,
     seed: int = 0,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    device: Choice = "cpu",
     fresh: bool = False,
     progress: Progress = silent,
+    **processes: Unpack[DeviceProcesses],
 ) -> Sweep:
     """Evaluate designs, and reuse results that a previous run has stored in the same folder.
 
@@ -152,18 +148,15 @@ def sweep(
         robot: a robot with CAD, and with equations if an objective requires them; or its name or folder.
         vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
         out: folder for the results; default: ./twin-out/<robot>/sweep-<key>/, with a key for each request.
-        source: name or path by which workers load the robot; default: the given name or path, or the robot's folder.
         objectives: names in `twin.analysis.design.OBJECTIVES`; default: "tolerance" if all factors are distances, else
             "volume" and "conditioning".
         protocol: name of the protocol that sets the trocar positions; default: the robot's default protocol.
         samples: number of designs in a Latin hypercube; not used with `grid`.
         grid: number of levels of each factor; None: Latin hypercube.
         seed: seed of the Latin hypercube.
-        workers: number of processes; default: one for each processor.
-        scheduler: address of a Dask scheduler to use instead of local processes.
-        device: what computes in each process, see `twin.core.compute_device`.
         fresh: whether designs with stored results are evaluated again.
         progress: see `twin.api.Progress`.
+        **processes: `workers`, `scheduler`, `source` and `device`: where designs are evaluated, see `DeviceProcesses`.
 
     Raises:
         TwinError: a factor or an objective does not exist.
@@ -174,8 +167,8 @@ def sweep(
         >>> len(found.designs)
         3
     """
-    if source is None:
-        source = _source(robot)
+    require_keys("sweep", processes, DeviceProcesses)
+    source = processes.get("source") or robot_source(robot)
     if isinstance(vary, str):
         vary = [vary]
     robot = loaded(robot)
@@ -200,7 +193,7 @@ def sweep(
         before = len(store.done)
         missing = [number for number in range(len(designs)) if number not in store.done]
         if missing:
-            computed_by = _judge(work, designs, missing, store, scheduler or HERE, workers, device, progress)
+            computed_by = _judge(work, designs, missing, store, processes, progress)
     judged = np.zeros((len(designs), len(objectives)))
     for number in range(len(designs)):
         judged[number] = [store.done[number][name] for name in objectives]
@@ -208,57 +201,6 @@ def sweep(
     best = design.pareto(judged, directions)
     unchecked = _unchecked(robot, objectives)
     return Sweep(robot.name, work, designs, judged, best, before, unchecked, tuple(sorted(computed_by)), folder)
-
-
-def _source(robot: Robot | str | Path) -> str:
-    """Return the name or path by which other processes load a robot.
-
-    Raises:
-        TwinError: the robot is not as its files describe it, so that other processes would load another one.
-    """
-    if isinstance(robot, Robot):
-        differences = _differences(robot)
-        if differences:
-            raise TwinError(
-                f"{robot.name} differs from its files, by which the designs are computed in other processes, in: "
-                f"{', '.join(differences)}. Write it as a robot folder, or give the robot by its name or path"
-            )
-        if robot.files is None:
-            if robot.source.path is None:
-                return robot.name
-            return str(robot.source.path.resolve())
-        # a folder may have the name of a built-in robot
-        if robot.name in names() and robot.files.cad == assets.files(robot.name).cad:
-            return robot.name
-        return str(robot.files.cad.parent)
-    if Path(robot).exists():
-        return str(Path(robot).resolve())
-    return str(robot)
-
-
-def _differences(robot: Robot) -> list[str]:
-    """Return what makes a robot differ from the one that `twin.load` returns for its name or path alone.
-
-    Masses are not named: no objective depends on them.
-    """
-    found: list[str] = []
-    if robot.changed is not None:
-        found.append("the mechanism")
-    if robot.equations is not None:
-        found.append("the formula")
-    if robot.chosen_variants:
-        found.append("the variants of the equations")
-    if robot.parameters:
-        found.append(f"the parameters {', '.join(robot.parameters)}")
-    if robot.trocars:
-        found.append(f"the trocars {', '.join(robot.trocars)}")
-    if robot.timing is not None:
-        found.append(f"the timing '{robot.timing}'")
-    if robot.inverse_by != "equations":
-        found.append(f"the inverse by {robot.inverse_by}")
-    for option in robot.source.options:
-        found.append(f"the option {option} of twin.load")
-    return found
 
 
 def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:
@@ -273,12 +215,13 @@ def _judge(
     designs: Array,
     missing: list[int],
     store: table.SweepTable,
-    scheduler: str,
-    workers: int | None,
-    device: Choice,
+    processes: DeviceProcesses,
     progress: Progress,
 ) -> set[str]:
     """Evaluate the designs with the numbers `missing`, and store the result of each; return what has computed them."""
+    scheduler = processes.get("scheduler") or HERE
+    workers = processes.get("workers")
+    device = processes.get("device", "cpu")
     tasks = [(work, designs[number].tolist(), device) for number in missing]
     computed_by: set[str] = set()
     # Ctrl-C or SIGTERM stops the sweep; results of evaluated designs are kept.
