@@ -61,7 +61,7 @@ def table(seeds):
 def improved(space, start, goal, samples, seed):
     """Return the length in m of a path improved by up to `samples` samples, and the processor time in s."""
     rounds, began = [], time.process_time()
-    around(space, start, goal, seed=seed, samples=samples, ended=rounds.append)
+    around(space, start, goal, seed=seed, samples=samples, ended=lambda done, tree: rounds.append(done))
     return rounds[-1].best, time.process_time() - began
 
 

@@ -89,8 +89,9 @@ def test_a_path_whose_corners_graze_keeps_most_of_its_shortcuts():
 @pytest.mark.nightly
 def test_rounds_are_told_with_their_costs_and_the_last_one_is_the_path():
     space, first, again = space_of(arm(), post(0.52, 0)), [], []
-    path = around(space, *ENDS, seed=0, samples=700, ended=first.append)
-    assert np.array_equal(path.coefficients, around(space, *ENDS, seed=0, samples=700, ended=again.append).coefficients)
+    path = around(space, *ENDS, seed=0, samples=700, ended=lambda done, tree: first.append(done))
+    repeated = around(space, *ENDS, seed=0, samples=700, ended=lambda done, tree: again.append(done))
+    assert np.array_equal(path.coefficients, repeated.coefficients)
     assert first == again, "samples and costs are the same each time"
     assert [r.samples for r in first] == [60, 200, 400, 700]
     assert first[0].best == first[0].tree == np.inf, "no path through 60 samples"
@@ -105,7 +106,7 @@ def test_rounds_are_told_with_their_costs_and_the_last_one_is_the_path():
         spent = [getattr(r, kind) for r in first]
         assert 0 <= spent[0] <= spent[-1]
         assert spent == sorted(spent)
-    around(space_of(arm()), np.zeros(3), np.ones(3), ended=lambda r: pytest.fail("it searched"))
+    around(space_of(arm()), np.zeros(3), np.ones(3), ended=lambda r, tree: pytest.fail("it searched"))
 
 
 @pytest.mark.slow
@@ -172,7 +173,7 @@ def test_a_search_can_be_cancelled_at_any_moment_and_is_the_same_when_repeated()
 def test_the_tree_of_a_search_begins_at_the_start_and_has_no_circles():
     space, trees = space_of(arm(), post(0.52, 0)), []
     start, goal = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
-    around(space, start, goal, grown=trees.append)
+    around(space, start, goal, ended=lambda done, tree: trees.append(tree))
     tree = trees[-1]
     np.testing.assert_array_equal(tree.q[:2], [start, goal])
     assert tree.parent[1] >= 0, "the last search found a path"
@@ -183,7 +184,6 @@ def test_the_tree_of_a_search_begins_at_the_start_and_has_no_circles():
             steps += 1
             assert steps < len(tree.q)
         assert row == 0
-    around(space_of(arm()), np.zeros(3), np.ones(3), grown=lambda tree: pytest.fail("it searched"))
 
 
 def test_free_agrees_with_the_exact_distance():

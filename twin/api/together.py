@@ -388,7 +388,11 @@ class _Plan:
                 subjects = " and ".join(before)
                 moving = f" while {subjects} {verb}"
             rounds: list[SearchRound] = []
-            options = {"seed": self.seed, "progress": lambda f, t=label: self.progress(t, f), "ended": rounds.append}
+            options = {
+                "seed": self.seed,
+                "progress": lambda f, t=label: self.progress(t, f),
+                "ended": lambda search_round, tree, kept=rounds: kept.append(search_round),
+            }
             try:
                 if path is None:
                     path = around(space, start, goal, **options)

@@ -93,7 +93,7 @@ def free_path(
             cost=cost,
             straight=phase.cost in STRAIGHT,
             samples=phase.samples,
-            ended=rounds.append,
+            ended=lambda search_round, tree: rounds.append(search_round),
         )
     except TwinError as error:
         raise ProtocolError(f"{where} cannot be carried out: {error}") from error

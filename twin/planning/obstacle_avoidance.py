@@ -62,8 +62,7 @@ def around(
     cost: Cost | None = None,
     straight: bool = True,
     samples: int = 0,
-    grown: Callable[[SearchTree], None] = lambda tree: None,
-    ended: Callable[[SearchRound], None] = lambda round: None,
+    ended: Callable[[SearchRound, SearchTree], None] = lambda round, tree: None,
 ) -> ChebyshevPath:
     """Return a smooth collision-free path from start to goal; the same seed gives the same path.
 
@@ -78,10 +77,8 @@ def around(
         cost: what the search minimises; None: the length of the path.
         straight: whether a free straight path is returned without a search; pass False if another path may cost less.
         samples: maximum number of samples in the improvement of the first path found; 0: no improvement.
-        grown: called with the tree of each search, after the search; not called if the straight path is returned
-            without a search.
-        ended: called at the end of each round (a search or an improvement) with its `SearchRound`; not called if the
-            straight path is returned without a search.
+        ended: called at the end of each round (a search or an improvement) with its `SearchRound` and its tree; not
+            called if the straight path is returned without a search.
 
     Raises:
         CancelledError: `cancelled` returned True.
@@ -108,7 +105,6 @@ def around(
     for extension, count in _ROUNDS:
         search = FmtSearch(space, start, goal, _box(space, start, goal, extension, resting), rng, cost)
         found, path = searched(search, count, rng, progress)
-        grown(search.tree)
         if path is not None and not straight and space.free_along(direct):
             path = _cheaper(search.cost, path, FreePath(np.array([start, goal]), direct))
         record(search.tree, search.cost, None if path is None else path.corners)
@@ -178,8 +174,10 @@ def _ending(cancelled: Callable[[], bool]) -> Callable[[], None]:
     return check
 
 
-def _recorder(ended: Callable[[SearchRound], None]) -> Callable[[SearchTree, Cost, Array | None], None]:
-    """Return a function of (tree, cost, corners (k, n) of the best path) that calls `ended` with their `SearchRound`.
+def _recorder(
+    ended: Callable[[SearchRound, SearchTree], None],
+) -> Callable[[SearchTree, Cost, Array | None], None]:
+    """Return a function of (tree, cost, corners (k, n) of the best path) that calls `ended` as `around` says.
 
     The times of all rounds are measured from this call.
     """
@@ -193,7 +191,7 @@ def _recorder(ended: Callable[[SearchRound], None]) -> Callable[[SearchTree, Cos
         processor_s = time.process_time() - processor
         wall_s = time.perf_counter() - wall
         samples = len(tree.q) - 2  # start and goal are no samples
-        ended(SearchRound(samples, cost_of(tree.corners, cost), cost_of(best, cost), processor_s, wall_s))
+        ended(SearchRound(samples, cost_of(tree.corners, cost), cost_of(best, cost), processor_s, wall_s), tree)
 
     return record
 

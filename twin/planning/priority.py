@@ -19,6 +19,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM, ROUNDING
 from twin.model.mechanism import Mechanism
 from twin.planning.costs import Cost, length
+from twin.planning.fmt import SearchTree
 from twin.planning.obstacle_avoidance import around
 from twin.planning.path import Path
 from twin.planning.rounds import SearchRound
@@ -210,7 +211,7 @@ def beside(
     seed: int = 0,
     progress: Callable[[float], None] = lambda fraction: None,
     cancelled: Callable[[], bool] | None = None,
-    ended: Callable[[SearchRound], None] = lambda round: None,
+    ended: Callable[[SearchRound, SearchTree], None] = lambda round, tree: None,
 ) -> Composed:
     """Return a common path of all arms: a new arm moves from start to goal while the earlier arms follow `first`.
 

@@ -200,7 +200,13 @@ def plan(
     arm, trees = _arm_of(job.room), []
     try:
         path = around(
-            arm.space, job.start, job.goal, seed=job.seed, progress=report, cancelled=cancelled, grown=trees.append
+            arm.space,
+            job.start,
+            job.goal,
+            seed=job.seed,
+            progress=report,
+            cancelled=cancelled,
+            ended=lambda search_round, tree: trees.append(tree),
         )
     except NoPathError as error:
         what = "end the planning mode and move the arm" if error.at_start else "move the target"
