@@ -46,6 +46,9 @@ _COMPARED = {
 }
 """LLVM conditions of comparisons; all but "not equal" are false for NaN, as in IEEE 754."""
 
+_LOGICAL = {*_COMPARED, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
+"""Operations on truth values, or with a truth value as result."""
+
 _INTRINSIC = {
     ca.OP_SQRT: "sqrt",
     ca.OP_FABS: "fabs",
@@ -274,21 +277,27 @@ class _Writer:
                     points[result] = (a, b)
             elif op in _INTRINSIC:
                 result = self.intrinsic(_INTRINSIC[op], *operands)
-            elif op in _COMPARED:
-                condition = self.put(f"fcmp {_COMPARED[op]} {V} {a}, {b}")
-                result = self.choose(condition, one, zero)
-            elif op == ca.OP_NOT:
-                result = self.choose(self.true(a), zero, one)
-            elif op == ca.OP_IF_ELSE_ZERO:
-                result = self.choose(self.true(a), b, zero)
-            elif op in (ca.OP_AND, ca.OP_OR):
-                word = "and" if op == ca.OP_AND else "or"
-                condition = self.put(f"{word} {self.B} {self.true(a)}, {self.true(b)}")
-                result = self.choose(condition, one, zero)
+            elif op in _LOGICAL:
+                result = self._logical(op, a, b)
             else:
                 raise ValueError(f"function '{function.name()}': CasADi's operation {op} cannot be compiled")
             names[target] = result
         return results
+
+    def _logical(self, op: int, a: str, b: str) -> str:
+        """Return the LLVM name of the result of one of the operations `_LOGICAL`; of one operand, `b` is `a`."""
+        one = self.constant(1.0)
+        zero = self.constant(0.0)
+        if op == ca.OP_NOT:
+            return self.choose(self.true(a), zero, one)
+        if op == ca.OP_IF_ELSE_ZERO:
+            return self.choose(self.true(a), b, zero)
+        if op in _COMPARED:
+            condition = self.put(f"fcmp {_COMPARED[op]} {self.V} {a}, {b}")
+        else:
+            word = "and" if op == ca.OP_AND else "or"
+            condition = self.put(f"{word} {self.B} {self.true(a)}, {self.true(b)}")
+        return self.choose(condition, one, zero)
 
     def _product(self, a: str, b: str, products: dict[str, tuple[str, str]]) -> str:
         """Return the LLVM name of a product, and note its factors; one that only sums take in is not computed."""
