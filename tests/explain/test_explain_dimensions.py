@@ -22,7 +22,7 @@ from twin.analysis.mutation.cad import drawn_anew
 from twin.cad import frames
 from twin.core.units import MM
 from twin.reference import ReferenceModel
-from twin.validation.explain.explain import explain
+from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.identify import Identified, Moved
 from twin.validation.explain.repair import Found
 from twin.validation.explain.weigh import weigh
@@ -112,7 +112,7 @@ def test_bars_that_are_all_longer_are_a_number_and_no_edit():
         p = 0.3 * MM * along / np.linalg.norm(along)
         faces[bar] = {**own, "ball": _moved(own["ball"], p), "neck": _moved(own["neck"], p)}
     mechanism = drawn_anew(frames.moved(robot.mechanism, robot.cad.description, faces))
-    x = explain("sils", robot.formula, ReferenceModel(mechanism), budget=2.0)
+    x = explain("sils", robot.formula, ReferenceModel(mechanism), options=ExplainOptions(budget=2.0))
     assert (x.lead, x.explained, x.repairs) == ("numbers", True, ())
     (moved,) = x.identified.moved
     assert moved.name == "l_2"

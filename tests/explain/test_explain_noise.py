@@ -23,7 +23,7 @@ from twin.core.units import MM, UM
 from twin.reference import ReferenceModel
 from twin.ui.report.page import render
 from twin.validation.cause import causes
-from twin.validation.explain.explain import explain
+from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.row_deviations import Judge
 
 SEEDS = int(os.environ.get("TWIN_NOISE", "1"))
@@ -35,7 +35,8 @@ ABOVE = 5 * MM
 
 
 def explained(robot, cad, formula=None):
-    return explain(robot.name, formula or robot.formula, ReferenceModel(cad.mechanism), cad=cad, budget=4.0)
+    options = ExplainOptions(budget=4.0)
+    return explain(robot.name, formula or robot.formula, ReferenceModel(cad.mechanism), cad=cad, options=options)
 
 
 def named(name, seed):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from twin.robots import load_formula
-from twin.validation.explain.explain import explain, known
+from twin.validation.explain.explain import ExplainOptions, explain, known
 from twin.validation.explain.repair import Search
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.source import patched
@@ -164,7 +164,7 @@ def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
 def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, truth):
     right = "Z_S2 = Z_E + sqrt(3) / 3 * l_p * s_theta"
     formula = faulty((right, "Z_S2 = Z_E * cos(phi * X_E * 7.3) + psi ** 3 * theta"))
-    x = explain("sils", formula, sils_model, truth=truth, budget=0.5)
+    x = explain("sils", formula, sils_model, truth=truth, options=ExplainOptions(budget=0.5))
     assert (x.verdict, x.explained) == ("disagree", False)
     assert not x.repairs[0].cures
     assert "makes the rows agree" in x.repairs[0].note

@@ -254,7 +254,7 @@ def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
 def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
     from twin.cli.show import plain
     from twin.robots import load_formula, pa10
-    from twin.validation.explain.explain import explain
+    from twin.validation.explain.explain import ExplainOptions, explain
 
     formula, model, _ = setting("pa10")
     result = explain("pa10", formula, model)
@@ -270,7 +270,7 @@ def test_explain_counts_what_was_judged_and_locates_a_wrong_measure(tmp_path):
     path.write_text(
         text.replace("sin(q2), sin(q4), sin(q6), aside /", "sin(q2), cos(q4), sin(q6), aside /"), encoding="utf-8"
     )
-    result = explain("pa10", load_formula(path), model, root=tmp_path)
+    result = explain("pa10", load_formula(path), model, options=ExplainOptions(root=tmp_path))
     assert result.verdict == "disagree"
     assert not result.explained
     assert result.exit_code == 1

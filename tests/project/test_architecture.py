@@ -240,7 +240,6 @@ def test_type_checkers_see_the_names_that_are_loaded_when_first_used(file):
 
 
 LONGEST = {
-    "validation/explain/explain.py:explain": "the order in which causes are tried; each step is a function",
     "validation/console_clauses.py:_roll": "five clauses on the same two hands, each with its sentences",
     "planning/plan.py:assemble": "collects the samples and spans of all phases, and builds one trajectory of them",
     "codegen/emit.py:call": "one case for each CasADi instruction",

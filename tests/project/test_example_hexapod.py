@@ -11,7 +11,7 @@ import pytest
 from twin import api
 from twin.core.errors import ProtocolError
 from twin.core.program_end import ProgramEndError
-from twin.validation.explain.explain import explain, known
+from twin.validation.explain.explain import ExplainOptions, explain, known
 from twin.validation.explain.repair import Search
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.source import patched
@@ -179,7 +179,7 @@ def test_points_that_are_right_are_not_blamed(truths, formula_of):
 def test_a_wrong_number_is_told_from_a_wrong_form(model, truths, formula_of):
     faulty = formula_of(NUMPY.replace('"r_b": mm(95.0', '"r_b": mm(95.1'))
     truth = known(faulty, model)
-    result = explain("hexapod", faulty, model, truth=truth, budget=0.5)
+    result = explain("hexapod", faulty, model, truth=truth, options=ExplainOptions(budget=0.5))
     assert result.identified is not None
     moved = {m.name: m.fitted for m in result.identified.moved}
     assert moved["r_b"] == pytest.approx(95.0, abs=1e-3)

@@ -220,6 +220,7 @@ def explain(
         >>> twin.explain("sils").verdict
         'agree'
     """
+    from twin.validation.explain.explain import ExplainOptions
     from twin.validation.explain.explain import explain as explain_
     from twin.validation.explain.row_deviations import Tolerance
     from twin.validation.rows import Tolerances
@@ -244,12 +245,9 @@ def explain(
         formula,
         robot.reference(),
         variants,
-        tolerance=Tolerance(used.position, used.rotation),
-        progress=progress,
-        budget=seconds,
-        root=Path.cwd(),
+        options=ExplainOptions(Tolerance(used.position, used.rotation), seconds, Path.cwd(), prover),
         cad=cad,
-        prover=prover,
+        progress=progress,
     )
 
 

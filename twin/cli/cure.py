@@ -52,7 +52,7 @@ class Cures:
 
     def _look(self, robot: Robot, report: Report, progress: Progress) -> str:
         from twin.validation.explain.deadline import Deadline
-        from twin.validation.explain.explain import explain
+        from twin.validation.explain.explain import ExplainOptions, explain
         from twin.validation.explain.row_deviations import Tolerance
 
         deadline = Deadline(self.seconds)
@@ -70,10 +70,8 @@ class Cures:
                 robot.reference(),
                 dict(report.variants),
                 parameters=kin.parameters,
-                tolerance=Tolerance(*tolerance(report)),
+                options=ExplainOptions(Tolerance(*tolerance(report)), _SEARCH * self.seconds, Path.cwd()),
                 progress=bounded,
-                budget=_SEARCH * self.seconds,
-                root=Path.cwd(),
             )
         except (_LateError, TwinError):  # the report is valid without an explanation
             return ""

@@ -109,19 +109,34 @@ class _Laps:
         self._began = now
 
 
+@dataclass(frozen=True)
+class ExplainOptions:
+    """How equations are explained.
+
+    Attributes:
+        tolerance: largest deviation that counts as agreement; None for the default.
+        budget: time limit in s of the search for edits, numbers and conventions.
+        root: folder to which file names in messages are relative; None: absolute names.
+        prover: proves the repairs that are found; None: they are not proved.
+    """
+
+    tolerance: Tolerance | None = None
+    budget: float = 8.0
+    root: Path | None = None
+    prover: RepairProver | None = None
+
+
 def explain(
     robot: str,
     formula: Formula,
     model: ReferenceModel,
     variants: Mapping[str, str] | str | None = None,
     parameters: Mapping[str, float] | None = None,
-    tolerance: Tolerance | None = None,
+    *,
+    options: ExplainOptions | None = None,
     truth: Truth | None = None,
-    progress: Progress = lambda label, fraction: None,
-    budget: float = 8.0,
-    root: Path | None = None,
     cad: CadModel | None = None,
-    prover: RepairProver | None = None,
+    progress: Progress = lambda label, fraction: None,
 ) -> Explanation:
     """Explain where and why a formula disagrees with a mechanism, and find edits after which they agree.
 
@@ -131,44 +146,31 @@ def explain(
         model: the independent model of the mechanism.
         variants: the variants to judge, by equation; None: the default variant of each equation.
         parameters: values in SI that replace published ones.
-        tolerance: largest deviation that counts as agreement; None for the default.
+        options: tolerance, time limit, names of files and proofs; None for the defaults.
         truth: the mechanism's values of the symbols; None: they are computed.
-        progress: called with a description of the current step and the fraction done.
-        budget: time limit in s of the search for edits, numbers and conventions.
-        root: folder to which file names in messages are relative; None: absolute names.
         cad: the CAD of the model; joints whose parts do not meet are analysed first. None: not analysed.
-        prover: proves the repairs that are found; None: they are not proved.
+        progress: called with a description of the current step and the fraction done.
 
     Raises:
         TwinError: no row could be judged.
     """
-    task = _Task(formula, variants, parameters, tolerance, progress, root, _Laps())
-    laps = task.laps
-    corrected: Corrected | None = None
+    task = _Task(formula, variants, parameters, options or ExplainOptions(), progress, _Laps())
+    corrected = None
     if cad is not None and cad.noise is None:
         corrected = correct(formula, cad, task.judge_of, lambda f: progress("correct the CAD", f))
-    laps.end("drawing")
-    drawn: Judge | None = None
-    try:
-        truth = truth or known(formula, model, parameters, progress, variants)
-        laps.end("sample")
-        progress("judge rows", 0.0)
-        drawn = task.judge(truth)
-        laps.end("judge")
-    except TwinError:
-        if corrected is None or corrected.judge is None:  # otherwise the corrected CAD is used below
-            raise
+    task.laps.end("drawing")
+    drawn = _judge_of_drawing(task, model, truth, corrected)
     judge = drawn or (corrected.judge if corrected is not None else None)
     assert judge is not None
     skipped = any((s.missing or s.stuck) and s.stage != "helper" for s in judge.steps)
-    made = partial(Explanation, robot, choose(formula, variants), seconds=laps.seconds)
+    made = partial(Explanation, robot, choose(formula, variants), seconds=task.laps.seconds)
     notes = [*_notes(judge), *judge.notes]
     if corrected is not None:
         made = partial(made, drawing=corrected.findings, parts=corrected.parts)
         if corrected.agrees or not judge.failing():
             if not drawn:
                 notes.append("the mechanism of the CAD cannot be moved; the rows were judged against the corrected CAD")
-            rows = tuple(_row(judge, p, [], root) for p in judge.failing())
+            rows = tuple(_row(judge, p, [], task.options.root) for p in judge.failing())
             return _explained_by_cad(made, judge, skipped, rows, notes, "drawing")
         if corrected.judge is not None and corrected.model is not None:
             judge = corrected.judge
@@ -177,7 +179,7 @@ def explain(
     if cad is not None and cad.noise is not None and judge.truth.run is not None:
         made = partial(made, drawing=drawing(cad))
         judge = task.judge(judge.truth, limits(cad.noise, cad, judge, parameters))
-        laps.end("noise")
+        task.laps.end("noise")
         if not judge.failing():
             return _explained_by_cad(made, judge, skipped, (), notes, "noise")
         notes.append("noise of the CAD does not explain every row; the wrong rows differ by more than it can cause")
@@ -185,28 +187,7 @@ def explain(
         judge = _elsewhere(task, model, judge, notes)
     if not judge.failing():
         return _agreement(task, made, judge, skipped, model, notes)
-    progress("invariants", 0.0)
-    violated = (*unvalued(judge), *invariants(judge, model))
-    laps.end("invariants")
-    cures = _cures(judge, model, budget, progress, laps)
-    if prover is not None:
-        progress("prove the repairs", 0.0)
-    judged = proved(judge.formula, cures.found, prover)
-    if prover is not None:
-        laps.end("prove")
-    found = [result.found for result in judged]
-    return made(
-        "unchecked" if skipped else "disagree",
-        explained=cures.lead != "",
-        samples=judge.truth.k,
-        invariants=violated,
-        rows=tuple(_row(judge, p, found, root) for p in judge.failing()),
-        repairs=tuple(_repair(judge, cures.search, result, root) for result in judged),
-        identified=cures.identified,
-        conventions=cures.conventions,
-        notes=(*notes, *cures.notes),
-        lead=cures.lead,
-    )
+    return _disagreement(task, made, judge, skipped, model, notes)
 
 
 @dataclass(frozen=True)
@@ -216,18 +197,41 @@ class _Task:
     formula: Formula
     variants: Mapping[str, str] | str | None
     parameters: Mapping[str, float] | None
-    tolerance: Tolerance | None
+    options: ExplainOptions
     progress: Progress
-    root: Path | None
     laps: _Laps
 
     def judge(self, truth: Truth, limits: Mapping[str, Array] | None = None) -> Judge:
         """Return the judge of the equations at given states; for `limits`, see `Judge`."""
-        return Judge(self.formula, self.variants, truth, self.tolerance, limits)
+        return Judge(self.formula, self.variants, truth, self.options.tolerance, limits)
 
     def judge_of(self, model: ReferenceModel) -> Judge:
         """Return the judge of the equations at sampled states of a model."""
         return self.judge(known(self.formula, model, self.parameters, variants=self.variants))
+
+
+def _judge_of_drawing(
+    task: _Task, model: ReferenceModel, truth: Truth | None, corrected: Corrected | None
+) -> Judge | None:
+    """Return the judge of the equations at states of the mechanism as it is drawn, or at those of `truth`.
+
+    Returns None if no row can be judged with the drawn mechanism, but can with the corrected one.
+
+    Raises:
+        TwinError: no row can be judged.
+    """
+    try:
+        if truth is None:
+            truth = known(task.formula, model, task.parameters, task.progress, task.variants)
+        task.laps.end("sample")
+        task.progress("judge rows", 0.0)
+        judge = task.judge(truth)
+        task.laps.end("judge")
+    except TwinError:
+        if corrected is None or corrected.judge is None:
+            raise
+        return None
+    return judge
 
 
 def _explained_by_cad(
@@ -251,7 +255,7 @@ def _elsewhere(task: _Task, model: ReferenceModel, judge: Judge, notes: list[str
     The states are all over the joint range, or are those of another value of a redundancy angle.
     """
     task.progress("joint range", 0.0)
-    wider = _over_range(task.formula, model, task.variants, task.parameters, task.tolerance)
+    wider = _over_range(task.formula, model, task.variants, task.parameters, task.options.tolerance)
     task.laps.end("range")
     if wider is not None:
         notes.append("the rows agree near the postures; they are wrong in another part of the joint range")
@@ -281,7 +285,7 @@ def _agreement(
         measured = check_margins(judge, model, dict(task.parameters or {}))
     task.laps.end("margins")
     covered = coverage(judge, measured)
-    off = tuple(_margin(judge, m, task.root) for m in measured if m.status == "disagrees")
+    off = tuple(_margin(judge, m, task.options.root) for m in measured if m.status == "disagrees")
     verdict: Verdict = "agree"
     if skipped or not judge.residuals:
         verdict = "unchecked"
@@ -297,6 +301,40 @@ def _agreement(
         notes=(*notes, *left),
         judged=covered.rows - len(covered.unjudged),
         rows_of_formula=covered.rows,
+    )
+
+
+def _disagreement(
+    task: _Task,
+    made: partial[Explanation],
+    judge: Judge,
+    skipped: bool,
+    model: ReferenceModel,
+    notes: Sequence[str],
+) -> Explanation:
+    """Return the result if rows are wrong: with the invariants that they violate, and possible fixes."""
+    options = task.options
+    task.progress("invariants", 0.0)
+    violated = (*unvalued(judge), *invariants(judge, model))
+    task.laps.end("invariants")
+    cures = _cures(judge, model, options.budget, task.progress, task.laps)
+    if options.prover is not None:
+        task.progress("prove the repairs", 0.0)
+    judged = proved(judge.formula, cures.found, options.prover)
+    if options.prover is not None:
+        task.laps.end("prove")
+    found = [result.found for result in judged]
+    return made(
+        "unchecked" if skipped else "disagree",
+        explained=cures.lead != "",
+        samples=judge.truth.k,
+        invariants=violated,
+        rows=tuple(_row(judge, p, found, options.root) for p in judge.failing()),
+        repairs=tuple(_repair(judge, cures.search, result, options.root) for result in judged),
+        identified=cures.identified,
+        conventions=cures.conventions,
+        notes=(*notes, *cures.notes),
+        lead=cures.lead,
     )
 
 
