@@ -3,7 +3,7 @@
     python tests/made/proof_campaign.py KIND COUNT SEED SECONDS FILE ROBOT...
 
 writes a JSON object of each mutant as a line of FILE: of COUNT mutants of each robot, those that are judged within
-SECONDS; mutants that are in FILE already are left out. KIND is slips, rewrites or hidden.
+SECONDS; mutants that are in FILE already are left out. KIND is slips, rewrites, hidden or guards.
 
 A slip that is not refuted, and whose values doubles do not tell from the right ones, is no wrong mutant: it is "alike",
 and not proved.
@@ -27,6 +27,9 @@ from twin.proof.prove import Prover
 
 MANY = 4096
 """Number of states at which a mutant is refuted that was not at the first ones."""
+
+KINDS = ("slips", "rewrites", "hidden", "guards")
+"""Kinds of mutants; the place of a kind is part of the seed of its random numbers."""
 
 WRONG = 1e-9
 """Error in m or rad above which a mutant is wrong: the rounding of doubles is below it."""
@@ -77,11 +80,11 @@ class Judge:
 
     def drawn(self, kind, count, seed):
         """Return some mutants, in random order: (function, what, changed text)."""
-        generator = np.random.default_rng([seed, ("slips", "rewrites", "hidden").index(kind)])
+        generator = np.random.default_rng([seed, KINDS.index(kind)])
         found = []
         for function in mutants.functions(self.formula):
-            if kind == "hidden":
-                made = mutants.hidden(function, generator, self.ranges)
+            if kind in ("hidden", "guards"):
+                made = getattr(mutants, kind)(function, generator, self.ranges)
             else:
                 made = getattr(mutants, kind)(function)
             found += [(function, what, text) for what, text in made]

@@ -1,4 +1,4 @@
-"""Mutants of the equations of a robot for `twin prove`: slips, equivalent rewrites, and errors in a small box."""
+"""Mutants of the equations of a robot for `twin prove`: slips, equivalent rewrites, and hidden errors."""
 
 from __future__ import annotations
 
@@ -95,6 +95,27 @@ def hidden(function, generator, ranges):
         near = f"(abs({name} - {middle!r}) < {width!r})"
         new = f"(({said(node)}) + 0.001 * {near})"
         yield _changed(text, "box", *_place(text, node), new)
+
+
+def guards(function, generator, ranges):
+    """Yield (what, changed text) of guards that refuse a small box, or what is beyond a value of an argument."""
+    text = _text(function)
+    arguments = inspect.signature(function).parameters
+    names = [name for name in ranges if name in arguments]
+    if not names or "if_else" not in function.__globals__:
+        return
+    for node, said in _expressions(text, function):
+        if not isinstance(node, ast.BinOp) or isinstance(node.op, ast.MatMult | ast.Pow):
+            continue
+        name = names[generator.integers(len(names))]
+        _, low, high = ranges[name]
+        value = generator.uniform(low, high)
+        refused = f"{name} > {value!r}"
+        if generator.integers(2):
+            width = (high - low) * 10 ** generator.uniform(-7, -4)
+            refused = f"abs({name} - {value!r}) < {width!r}"
+        new = f"if_else({refused}, float('nan'), {said(node)})"
+        yield _changed(text, "guard", *_place(text, node), new)
 
 
 def _text(function):

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from twin.proof.branches import BranchReport
     from twin.proof.claims import JudgedClaim
     from twin.proof.prove import Proof
+    from twin.proof.refused_states import RefusedStates
 
 STATES = 4096
 """Number of random states at which each claim is judged."""
@@ -90,6 +91,7 @@ class Proved(Result):
             "variants": dict(self.variants),
             "states": proof.states,
             "within_reach": proof.inside,
+            "refused_states": _record_of_refused(proof.refused),
             "conditions": _conditions(proof),
             "arbitrary_parameters": list(proof.drawn),
             "published_angles": list(proof.fixed),
@@ -130,7 +132,7 @@ class Proved(Result):
                 odds = f"1e{math.ceil(claim.log_odds)}"
             shown = "rounding"
             if claim.status == "refuted" or claim.largest >= 1e-9:
-                shown = str(Quantity(claim.largest * 1e3, "mm"))
+                shown = str(Quantity(claim.largest * 1e3, "mm")) if claim.largest else "no value"
             rows.append((claim.name, claim.status, f"{claim.zeros}/{claim.known}", odds, shown))
         yield TextTable(("claim", "verdict", "exact zeros", "odds of chance", "largest"), rows)
         for motion in self.motions:
@@ -142,8 +144,8 @@ class Proved(Result):
         proof = self.proof
         yield f"  {self.summary}"
         text = f"  {100 * proof.inside:.3g} % of the drawn states are within reach and have values"
-        if proof.inside < 1:
-            text += "; that the mechanism cannot assemble at the others is not proved"
+        if proof.inside < 1 or proof.refused is not None:
+            text += f"; {_of_refused(proof.refused)}"
         yield text
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
         report = proof.branches
@@ -306,7 +308,33 @@ def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     if claim.fractions:
         state = ", ".join(f"{name} = {value}" for name, value in claim.fractions.items() if name not in drawn)
         text += f"; it is wrong at these fractions too: {state}"
-    return disagreement("prove.refuted", claim.name, text, Quantity(claim.largest * 1e3, "mm"), when=at)
+    size = Quantity(claim.largest * 1e3, "mm") if claim.largest else None
+    return disagreement("prove.refuted", claim.name, text, size, when=at)
+
+
+def _of_refused(refused: RefusedStates | None) -> str:
+    """Return what the mechanism says of states that the equations refuse."""
+    if refused is None or not refused.compared:
+        return "that the mechanism cannot assemble at the others is not proved"
+    beyond = refused.compared - refused.unknown - refused.reached
+    text = f"of {refused.compared} others that were compared with the mechanism, {beyond} are beyond a limit of a joint"
+    if refused.unknown:
+        text += f", at {refused.unknown} no assembly was found"
+    if refused.reached:
+        text += f", and at {refused.reached} it can be assembled within all limits"
+    return f"{text}: samples, not a proof"
+
+
+def _record_of_refused(refused: RefusedStates | None) -> JsonObject | None:
+    """Return what the mechanism says of states that the equations refuse as plain data."""
+    if refused is None:
+        return None
+    return {
+        "compared": refused.compared,
+        "without_a_known_assembly": refused.unknown,
+        "within_all_limits": refused.reached,
+        "witness": dict(refused.witness),
+    }
 
 
 def _known(report: BranchReport) -> str:

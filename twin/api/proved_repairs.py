@@ -47,6 +47,8 @@ def _verdict(proof: Proof) -> str:
         worst = max(wrong or open_claims, key=lambda claim: claim.largest)
         names = ", ".join(proof.ranges)
         text = f"{1e6 * worst.largest:.3g} um at one of {proof.states} poses within the ranges of {names}; "
+        if wrong and not worst.largest:
+            return f"wrong: it is not so that {worst.sentence}"
         if wrong:
             return f"only close: {text}it is not so that {worst.sentence}"
         # without a root, an exact value that is not zero tells; with one, it may be that of the other sign

@@ -41,6 +41,9 @@ _NEIGHBOURS = 4
 _KEPT = 16
 """Maximum number of states that are kept of those where one condition has another answer."""
 
+_KEPT_REFUSED = 240
+"""The same of those where the other answer leaves no value."""
+
 
 @dataclass(frozen=True)
 class Branch:
@@ -63,6 +66,11 @@ class Branch:
         if answer:
             return margin >= 0 if self.at_zero is True else margin > 0
         return margin <= 0 if self.at_zero is False else margin < 0
+
+    @property
+    def refuses(self) -> bool:
+        """Whether a margin of reach depends on it: where that is no number, the equations say "out of reach"."""
+        return any(effect.startswith("margin ") for effect in self.effects)
 
     def only_affects(self, results: Collection[str]) -> bool:
         """Return whether no result but the given ones depends on it."""
@@ -156,7 +164,9 @@ _LONGEST = 60
 """Maximum length of the text of a condition."""
 
 
-def searched(branches: Branches, chosen: Sequence[int], state: Array, limits: Array) -> list[Array]:
+def searched(
+    branches: Branches, chosen: Sequence[int], state: Array, limits: Array, refused: bool = False
+) -> list[Array]:
     """Return, for each chosen condition, states within reach where it has the answer that it has at no drawn state.
 
     Each search goes along the gradient of the margin, from the states with the smallest ones.
@@ -166,6 +176,7 @@ def searched(branches: Branches, chosen: Sequence[int], state: Array, limits: Ar
         chosen: indices of those with one answer.
         state: drawn states (n, k) within reach.
         limits: lowest and highest values (n, 2) of the state.
+        refused: whether the other answer leaves no value: then the states that are returned have none.
 
     Returns:
         for each chosen condition: states (n, j); j is 0 if none was found.
@@ -177,12 +188,12 @@ def searched(branches: Branches, chosen: Sequence[int], state: Array, limits: Ar
         sizes = np.abs(margins[row])
         nearest = np.argsort(np.where(np.isfinite(sizes), sizes, np.inf))[:_STARTS]
         answer = bool(branches.all[i].has(True, margins[row][nearest[:1]])[0])
-        found.append(_beyond(branches, i, answer, state[:, nearest], limits))
+        found.append(_beyond(branches, i, answer, state[:, nearest], limits, refused))
     return found
 
 
-def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Array) -> Array:
-    """Return states (n, j) where a condition does not have an answer, found from given states."""
+def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Array, refused: bool) -> Array:
+    """Return states (n, j) where a condition does not have an answer, found from given states; see `searched`."""
     branch = branches.all[i]
     margin = branch.margin
     gradient = ca.Function("gradient", [branches.state], [margin, ca.jacobian(margin, branches.state)])
@@ -191,6 +202,7 @@ def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Arra
     x = np.repeat(state, len(_BEYOND), axis=1)
     function = gradient.map(x.shape[1])
     kept: list[Array] = []
+    most = _KEPT_REFUSED if refused else _KEPT
     aim = None
     for _ in range(_STEPS):
         value, jacobian = (matrix.full() for matrix in function(x))
@@ -199,18 +211,20 @@ def _beyond(branches: Branches, i: int, answer: bool, state: Array, limits: Arra
         slope = sign * jacobian[0].reshape(x.shape[1], n).T
         if aim is None:
             aim = np.tile(_BEYOND, starts) * np.abs(value)
-        if passed.any():
+        if refused:
+            kept += list(x[:, passed].T)
+        elif passed.any():
             finite, reach = branches.judged(x)
             candidates = x[:, passed & finite & reach]
             steady = _steady(gradient, branch, not answer, candidates, limits)
             kept += list(candidates[:, steady].T)
-            if len(kept) >= _KEPT:
-                break
+        if len(kept) >= most:
+            break
         size = (slope**2).sum(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = -(value + aim) / size * slope
         x = np.clip(x + np.where(np.isfinite(step), step, 0.0), limits[:, :1], limits[:, 1:])
-    return np.array(kept[:_KEPT]).reshape(-1, n).T
+    return np.array(kept[:most]).reshape(-1, n).T
 
 
 def _steady(gradient: ca.Function, branch: Branch, answer: bool, state: Array, limits: Array) -> Truths:
@@ -481,6 +495,7 @@ class BranchReport:
         silent: texts of those with an answer that few drawn states have, or none, on which nothing depends of which
             anything is claimed; those of them that are not among the unfound are among the drawn or found.
         states: {name: values (j,)} at the states that were found, and at those with rare answers.
+        refused: {name: values (j,)} at states that a search found, where a condition leaves no value.
         without_value: {name: value} at a state within reach where the equations have no value; empty if there is none.
     """
 
@@ -493,6 +508,7 @@ class BranchReport:
     open: tuple[str, ...]
     silent: tuple[str, ...]
     states: Mapping[str, Array]
+    refused: Mapping[str, Array]
     without_value: Mapping[str, float]
 
     @property
@@ -520,10 +536,10 @@ def examined(
     state = state[:, finite & reach]
     empty = {name: np.zeros(0) for name in branches.names}
     if not branches.all or not state.shape[1]:
-        return BranchReport(len(branches.all), 0, 0, 0, 0, 0, (), (), empty, without_value)
+        return BranchReport(len(branches.all), 0, 0, 0, 0, 0, (), (), empty, empty, without_value)
     margins = branches.margins(state).full()
     single: dict[int, bool] = {}
-    undefined = 0
+    undefined: list[int] = []
     rare: list[Array] = []
     silent: list[str] = []
     for i, branch in enumerate(branches.all):
@@ -537,10 +553,12 @@ def examined(
                     silent.append(branches.effect(i))
             continue
         if bool(not true[0]) in branch.undefined:
-            undefined += 1
+            undefined.append(i)
+            if branch.only_affects(unclaimed) and not branch.refuses:
+                silent.append(branches.effect(i))
         else:
             single[i] = bool(true[0])
-    drawn = len(branches.all) - undefined - len(single)
+    drawn = len(branches.all) - len(undefined) - len(single)
     sure: set[int] = set()
     if single:
         sure = bounded(branches, list(single), list(single.values()), limits)
@@ -558,5 +576,10 @@ def examined(
     states = dict(zip(branches.names, columns, strict=True))
     count = len(branches.all)
     number_found = sum(other.shape[1] > 0 for other in found)
-    known = (count, drawn, undefined, len(sure), number_found, unfound)
-    return BranchReport(*known, tuple(texts), tuple(silent), states, without_value)
+    # a condition without another answer within reach may leave no value, in a way that is not seen in the operations
+    lost = undefined + [i for i, other in zip(rest, found, strict=True) if not other.shape[1]]
+    refusing = searched(branches, lost, state, limits, refused=True) if lost else []
+    columns = np.hstack([np.zeros((len(limits), 0)), *refusing])
+    refused = dict(zip(branches.names, columns, strict=True))
+    known = (count, drawn, len(undefined), len(sure), number_found, unfound)
+    return BranchReport(*known, tuple(texts), tuple(silent), states, refused, without_value)

@@ -16,6 +16,9 @@ from twin.proof.random_states import ProofStates, random_states
 from twin.proof.replay import Notes, replay
 from twin.proof.values import Angle, ExactValue, Truths, Value
 
+_REFUSED = 8
+"""Of the states at which a search found that a condition leaves no value, one in so many is judged."""
+
 
 def equal_outputs(
     first: Formula,
@@ -42,7 +45,10 @@ def equal_outputs(
             if report.open:
                 reason = f"a condition has one answer at all drawn states: {report.open[0]}"
                 claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
-            near = {name: report.states[name] for name in states.state}
+            near = {}
+            for name in states.state:
+                # where one of them has no value, the other must have none
+                near[name] = np.concatenate([report.states[name], report.refused[name][::_REFUSED]])
             found = len(next(iter(near.values())))
             if not found:
                 continue

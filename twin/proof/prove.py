@@ -21,6 +21,7 @@ from twin.proof.near_numbers import near_length, near_number
 from twin.proof.precise import certainly_not_zero
 from twin.proof.random_states import ANGULAR, ProofStates, angles, random_states
 from twin.proof.rational_witness import rational_witness
+from twin.proof.refused_states import RefusedStates, refused_states
 
 STATES = 4096
 """Number of random states."""
@@ -77,6 +78,7 @@ class Proof:
         uncovered_values: passive joints, margins, measures and aspects of the equations of whose values nothing is
             claimed, as "margin arm". Of a margin, only the sign counts: it says where the claims are.
         ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
+        refused: what the mechanism says of states that the equations refuse; None if no such state was compared.
     """
 
     claims: tuple[JudgedClaim, ...]
@@ -94,6 +96,7 @@ class Proof:
     uncovered_points: tuple[str, ...]
     uncovered_values: tuple[str, ...]
     ranges: Mapping[str, tuple[bool, float, float]]
+    refused: RefusedStates | None = None
 
     def count(self, status: str) -> int:
         """Return the number of claims with a status."""
@@ -202,6 +205,7 @@ class _Course:
         self.progress("conditions", 0.95)
         unclaimed = [*proof.uncovered_values, *(f"point {name}" for name in proof.uncovered_points)]
         report = examined_conditions(formula, self.variants, proof.drawn, proof.ranges, self.prover.seed, unclaimed)
+        proof = replace(proof, refused=self._refused(proof, report))
         proof = self._with_found_states(proof, report)
         proof = self._judged_near(proof, self._even_states(proof.ranges))
         self.progress("the signs of roots", 0.98)
@@ -291,6 +295,14 @@ class _Course:
             return proof
         self.progress("all of these values", (1 + len(groups)) / (2 + len(groups)))
         return _either(proof, self._attempt(self.general, self.count))
+
+    def _refused(self, proof: Proof, report: BranchReport) -> RefusedStates | None:
+        """Return what the mechanism says of states that the equations refuse; None without any, or if it is unknown."""
+        found = len(next(iter(report.refused.values())))
+        if proof.inside == 1 and not found and not report.without_value:
+            return None
+        prover = self.prover
+        return refused_states(prover.formula, self.variants, prover.robot, proof.ranges, report.refused, prover.seed)
 
     def _with_found_states(self, proof: Proof, report: BranchReport) -> Proof:
         """Return the proof after its claims were judged at states with rare answers of conditions."""
@@ -448,7 +460,10 @@ def _with_branches(proof: Proof, report: BranchReport) -> Proof:
         if len(report.silent) > _OPEN_CONDITIONS:
             reason += f" and {len(report.silent) - _OPEN_CONDITIONS} more, each in the JSON of the result"
         claims.append(unclaimed("results without a claim", sentence, reason))
-    if report.without_value:
+    beyond = proof.refused.claim() if proof.refused is not None else None
+    if beyond is not None:
+        claims.append(beyond)
+    elif report.without_value:
         sentence = "the equations have a value at each pose within reach"
         state = ", ".join(f"{name} = {value:.6g}" for name, value in report.without_value.items())
         reason = f"they have neither a value nor a negative margin at {state}: the mechanism may reach it, or may not"

@@ -100,7 +100,7 @@ def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLink
     values[:, linkage.driven] = driven
     balls = drawn_balls
     if linkage.closes:
-        values, balls = _solved(linkage, values, balls)
+        values, balls = solved(linkage, values, balls)
     to_powers = np.asarray(np.linalg.inv(powers), np.float64)
     values = values.reshape(count, len(places), -1)
     values = _continued(linkage, values)
@@ -131,7 +131,7 @@ def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLink
             box=none,
             closed=np.full(count, free),
         )
-    return _enclosed(linkage, prediction, rotations)
+    return enclosed(linkage, prediction, rotations)
 
 
 def _continued(linkage: Linkage, values: Array) -> Array:
@@ -152,11 +152,25 @@ def _ball(R: Array, to_powers: Array) -> TaylorModel:
     return rotation_of(TaylorModel(c, np.zeros((len(R), 4))))
 
 
-def _solved(linkage: Linkage, values: Array, balls: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
-    """Return coordinates (k, m) and rotations of balls (k, 3, 3) with closed loops, by Newton's method."""
+def solved(
+    linkage: Linkage,
+    values: Array,
+    balls: Mapping[str, Array],
+    iterations: int = _ITERATIONS,
+    longest: float = np.inf,
+) -> tuple[Array, dict[str, Array]]:
+    """Return coordinates (k, m) and rotations of balls (k, 3, 3) with closed loops, by Newton's method.
+
+    Args:
+        linkage: the mechanism.
+        values: coordinates (k, m) to start from; the passive ones are changed in place.
+        balls: rotations {ball joint: (k, 3, 3)} to start from.
+        iterations: largest number of steps.
+        longest: largest change of a coordinate in a step, in m or rad.
+    """
     rotations = dict(balls)
     passive = linkage.passive
-    for _ in range(_ITERATIONS):
+    for _ in range(iterations):
         at = constant(values, 0)
         models = {name: constant(R, 0) for name, R in rotations.items()}
         placed = linkage.place(at, models)
@@ -165,6 +179,7 @@ def _solved(linkage: Linkage, values: Array, balls: Mapping[str, Array]) -> tupl
         if not (np.isfinite(gaps).all() and np.isfinite(jacobian).all()):
             break
         steps = -(np.linalg.pinv(jacobian, rcond=1e-9) @ gaps[..., None])[..., 0]
+        steps = np.clip(steps, -longest, longest)
         turns: dict[str, Array] = {}
         for column, i in enumerate(passive):
             place = linkage.places[i]
@@ -180,7 +195,7 @@ def _solved(linkage: Linkage, values: Array, balls: Mapping[str, Array]) -> tupl
     return values, rotations
 
 
-def _enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, TaylorModel]) -> ClosedLinkage:
+def enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, TaylorModel]) -> ClosedLinkage:
     """Return the mechanism with boxes around the predicted coordinates that contain the motion."""
     passive = linkage.passive
     count = prediction.shape[0]

@@ -1,0 +1,117 @@
+"""States at which equations say that the mechanism is out of reach: whether it can be assembled there.
+
+Equations refuse a state by having no value there, or by a negative margin. That is right only where the mechanism
+cannot be assembled within the limits of all joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.errors import TwinError
+from twin.core.spatial import Array
+from twin.formula.contract import Formula
+from twin.model.mechanism import Mechanism
+from twin.proof import mechanism_reach
+from twin.proof.branches import Branches
+from twin.proof.claims import JudgedClaim, unclaimed
+
+_DRAWN = 2048
+"""Number of states that are drawn evenly within the ranges."""
+
+_COMPARED = 192
+"""Maximum number of them that are compared with the mechanism; the same of those that a search found."""
+
+SENTENCE = "the equations have values wherever the mechanism can be assembled within the limits of all joints"
+
+
+@dataclass(frozen=True)
+class RefusedStates:
+    """What the mechanism says of states that the equations refuse.
+
+    Attributes:
+        compared: number of states that were compared.
+        unknown: number of those at which no assembly was found.
+        reached: number of those at which the mechanism can be assembled within its limits.
+        witness: {name: value} at one of these; empty if there is none.
+        without_value: whether the equations have no value there; otherwise a margin is negative.
+    """
+
+    compared: int
+    unknown: int
+    reached: int
+    witness: Mapping[str, float]
+    without_value: bool
+
+    def claim(self) -> JudgedClaim | None:
+        """Return the claim that is wrong or open; None if the mechanism is at none of these states."""
+        if not self.reached:
+            return None
+        state = ", ".join(f"{name} = {value:.6g}" for name, value in self.witness.items())
+        if self.without_value:
+            found = unclaimed("values", SENTENCE, "")
+            return JudgedClaim(**{**vars(found), "status": "refuted", "witness": dict(self.witness)})
+        reason = f"a margin of the equations is negative at {state}, where it can"
+        return unclaimed("values", SENTENCE, reason)
+
+
+def refused_states(
+    formula: Formula,
+    variants: Mapping[str, str],
+    robot: Mechanism,
+    ranges: Mapping[str, tuple[bool, float, float]],
+    found: Mapping[str, Array],
+    seed: int,
+) -> RefusedStates | None:
+    """Return what the mechanism says of states that the equations refuse; None if it is unknown where it can be.
+
+    Args:
+        formula: the equations.
+        variants: the chosen variant of each equation.
+        robot: the mechanism.
+        ranges: {random number: (whether it is an angle, low, high)}; those of parameters do not count.
+        found: {random number: values (j,)} at states at which a search found that a condition leaves no value.
+        seed: of the random numbers.
+    """
+    conditions = Branches(formula, variants, ())
+    limits = np.array([ranges[name][1:] for name in conditions.names])
+    generator = np.random.default_rng([seed, 3])
+    drawn = generator.uniform(limits[:, :1], limits[:, 1:], (len(limits), _DRAWN))
+    searched = np.array([found[name] for name in conditions.names])
+    chosen = [_refused(conditions, state) for state in (searched, drawn)]
+    state = np.hstack(chosen)
+    if not state.shape[1]:
+        return RefusedStates(0, 0, 0, {}, False)
+    values, _ = conditions.values(state)
+    known = np.isfinite(values.full()).all(axis=0)
+    try:
+        if formula.has("forward"):
+            of_mechanism = mechanism_reach.at_joints(robot, list(conditions.names), state.T)
+        else:
+            T_base_tool = values.full()[:16].T.reshape(-1, 4, 4)
+            of_mechanism = mechanism_reach.at_poses(robot, T_base_tool)
+    except TwinError:
+        return None
+    reached = of_mechanism.within
+    # a state without a value tells more than one with a negative margin
+    best = np.flatnonzero(reached & ~known)
+    without_value = len(best) > 0
+    if not without_value:
+        best = np.flatnonzero(reached)
+    witness: dict[str, float] = {}
+    if len(best):
+        witness = {name: float(x) for name, x in zip(conditions.names, state[:, best[0]], strict=True)}
+    counts = (state.shape[1], int((~of_mechanism.closed).sum()), int(reached.sum()))
+    return RefusedStates(*counts, witness, without_value)
+
+
+def _refused(conditions: Branches, state: Array) -> Array:
+    """Return some of the states (n, k) that are not within reach, or without a value there."""
+    if not state.shape[1]:
+        return state
+    known, within = conditions.judged(state)
+    refused = np.flatnonzero(~(known & within))
+    return state[:, refused[:: 1 + len(refused) // _COMPARED]]
