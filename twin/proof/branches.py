@@ -69,7 +69,7 @@ class Branch:
 
     @property
     def refuses(self) -> bool:
-        """Whether a margin of reach depends on it: where that is no number, the equations say "out of reach"."""
+        """Whether a margin of reach depends on it: where that is not a number, the equations say "out of reach"."""
         return any(effect.startswith("margin ") for effect in self.effects)
 
     def only_affects(self, results: Collection[str]) -> bool:
