@@ -55,6 +55,21 @@ def environment_of(home: Path) -> dict[str, str]:
     return kept | {"HOME": str(home), "PATH": os.pathsep.join(programs), "BROWSER": "true"}
 
 
+CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": [1.0, 0.0, 0.0, 0.0],
+    "position": [1.0, 1.0, 1.0],
+    "fov": 0.8,
+    "near": 0.01,
+    "far": 100.0,
+    "image_height": 600,
+    "image_width": 800,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 0.0, 1.0],
+}
+"""What a browser sends first; the server then takes its drags."""
+
+
 class Newcomer:
     """Who has a clone and its README, and types what it says."""
 
@@ -189,15 +204,17 @@ def drag_the_tool(page: ClientConnection) -> None:
     goal = places["/tool"] + DRAG
     update = {"type": "TransformControlsUpdateMessage", "name": "/tool"}
     place = {"position": goal.tolist(), "wxyz": turns["/tool"].tolist()}
+    page.send(msgspec.msgpack.encode(CAMERA))
     page.send(msgspec.msgpack.encode({"type": "TransformControlsDragStartMessage", "name": "/tool"}))
     page.send(msgspec.msgpack.encode(update | place))
-    moved: dict[str, float] = {}
 
     def has_moved(message: dict[str, Any]) -> bool:
-        if message["type"] != "SetPositionMessage" or message["name"] not in places or message["name"] == "/tool":
+        name = message.get("name", "")
+        is_link = name.count("/") == 2 and name in places  # /robot/link
+        if message["type"] != "SetPositionMessage" or not is_link:
             return False
-        moved[message["name"]] = float(np.linalg.norm(np.array(message["position"]) - places[message["name"]]))
-        return moved[message["name"]] > 0.5 * float(np.linalg.norm(DRAG))
+        distance = float(np.linalg.norm(np.array(message["position"]) - places[name]))
+        return distance > 0.5 * float(np.linalg.norm(DRAG))
 
     until(page, has_moved, "link that follows the tool")
 
@@ -223,7 +240,8 @@ def main() -> int:
             times[name] = time.monotonic() - begin
             print(f"{name}: {times[name]:.0f} s", flush=True)
     total = sum(times.values())
-    print(f"total: {total:.0f} s (limit {LIMIT:.0f} s)")
+    waiting, processors = os.getloadavg()[1], os.cpu_count()
+    print(f"total: {total:.0f} s (limit {LIMIT:.0f} s), with a load of {waiting:.1f} on {processors} processors")
     print(json.dumps({name: round(seconds, 1) for name, seconds in times.items()}))
     return 0 if total < LIMIT else 1
 
