@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from twin.core import findings
 from twin.core import format as fmt
+from twin.core.quantity import Quantity
 from twin.core.units import DEG
 from twin.ui.report import curves
 
@@ -56,6 +58,38 @@ def test_thinned_curves_keep_peaks_gaps_and_ends():
 )
 def test_quantity(value, unit, text):
     assert fmt.quantity(value, unit) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "limit", "text"),
+    [
+        (9e-10, "m", None, "exact"),
+        (9e-10, "m", 1e-9, "exact"),
+        (9e-10, "m", 1e-11, "900 pm"),  # beyond its tolerance, a difference always has its size
+        (-9e-10, "m", 1e-11, "-900 pm"),
+        (1.1e-9, "m", 1e-6, "1.1 nm"),
+        (9e-10, "rad", None, "exact"),
+        (5e-8, "deg", 1.0, "exact"),
+        (6e-8, "deg", 1.0, "6×10⁻⁸°"),
+        (9e-7, "mm", None, "exact"),
+        (1e-12, "kg", None, "1×10⁻¹² kg"),
+        (math.nan, "m", 1.0, "–"),
+        (math.inf, "m", None, "∞"),
+        (None, "m", None, "–"),
+    ],
+)
+def test_a_rounding_error_is_exact_unless_it_is_beyond_its_tolerance(value, unit, limit, text):
+    assert fmt.deviation(value, unit, limit) == text
+
+
+def test_a_finding_says_exact_only_of_a_tolerance_that_is_kept():
+    within = findings.finding("info", "a.b", "x", "distance", Quantity(1e-9, "mm"), 0.1, word="tolerance")
+    beyond = findings.finding("disagreement", "a.b", "x", "distance", Quantity(1e-9, "mm"), 1e-12, word="tolerance")
+    other = findings.finding("info", "a.b", "x", "distance", Quantity(1e-9, "mm"), 0.1)
+    assert within.message == "distance: exact (tolerance 0.1 mm)"
+    assert within.size == 1e-9  # data keep the number
+    assert beyond.message == "distance: 1 pm (tolerance < 1 pm)"
+    assert other.message == "distance: 1 pm (limit 0.1 mm)"
 
 
 def test_other_numbers():

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Literal
 
+from twin.core.format import EXACT, is_exact
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 
@@ -75,7 +76,11 @@ def finding(
         raise ValueError(f"finding {code}: size in {size.unit!r}, limit in {limit.unit!r}; give both in one unit")
     message = what
     if size is not None and word:
-        message += f": {size}"
+        text = str(size)
+        # a tolerance bounds a difference, which can be a rounding error; other words bound values of any meaning
+        if word == "tolerance" and limit is not None and is_exact(size.value, size.unit, limit.value):
+            text = EXACT
+        message += f": {text}"
         if limit is not None:
             message += f" ({word} {limit})"
     unit = ""

@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from twin.core.units import DEG
+from twin.core.units import DEG, MM, UM
 
 NONE = "–"
 """Text for a missing number."""
+
+EXACT = "exact"
+"""Text for a difference that is a rounding error."""
+
+ROUNDING = 1e-9
+"""Differences in m or rad below this value are rounding errors: people read `EXACT`, JSON has the number."""
+
+_SI = {"m": 1.0, "mm": MM, "um": UM, "rad": 1.0, "deg": DEG}
 
 _STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 _SMALLEST_STEP = 1e-12
@@ -38,6 +46,25 @@ def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
     if base == "rad":
         return _angle(value / DEG, per, digits)
     return shown(value, unit, digits or 4)
+
+
+def deviation(value: float | None, unit: str, limit: float | None = None) -> str:
+    """Return a difference that should be 0 as text: `EXACT` if it is a rounding error, else as `quantity` or `shown`.
+
+    `value` and `limit` are in `unit`. Only lengths and angles can be `EXACT`, and only if they do not exceed `limit`.
+    """
+    if is_exact(value, unit, limit):
+        return EXACT
+    if unit in ("m", "rad"):
+        return quantity(value, unit)
+    return shown(value, unit)
+
+
+def is_exact(value: float | None, unit: str, limit: float | None = None) -> bool:
+    """Return whether a difference (`value` in `unit`) is a rounding error: see `deviation`."""
+    if value is None or unit not in _SI or not abs(value) * _SI[unit] < ROUNDING:  # false for NaN
+        return False
+    return limit is None or abs(value) <= limit
 
 
 def shown(value: float | None, unit: str, digits: int = 4) -> str:

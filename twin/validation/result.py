@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Literal
 
 from twin.core.findings import Finding, Kind, by_severity
-from twin.core.format import quantity
+from twin.core.format import deviation, quantity
 from twin.core.json_types import JsonObject
 from twin.core.provenance import AssumedCounts, Parameter, count_assumed
 from twin.core.quantity import si
@@ -360,7 +360,8 @@ def _row(residual: Residual) -> tuple[str, ...]:
     tolerance = ""
     if residual.tolerance is not None:
         tolerance = quantity(residual.tolerance, residual.unit)
-    return quantity(residual.worst, residual.unit), tolerance, residual.name, residual.phase, state(residual)
+    worst = deviation(residual.worst, residual.unit, residual.tolerance)
+    return worst, tolerance, residual.name, residual.phase, state(residual)
 
 
 def state(r: Residual) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from twin.core.findings import Finding
-from twin.core.format import quantity
+from twin.core.format import deviation, quantity
 from twin.core.json_types import JsonMapping
 from twin.core.result import TextTable
 from twin.model.mechanism import Mechanism
@@ -68,7 +68,8 @@ class CheckedPlan(Planned):
             tolerance = ""
             if row.tolerance is not None:
                 tolerance = quantity(row.tolerance, row.unit)
-            cells.append((row.quantity, row.name, quantity(row.worst, row.unit), tolerance, row.phase, state(row)))
+            worst = deviation(row.worst, row.unit, row.tolerance)
+            cells.append((row.quantity, row.name, worst, tolerance, row.phase, state(row)))
         heading = "timing"
         if judges:
             heading = f"by {' and '.join(judges)}"

@@ -173,6 +173,8 @@ def _row_of_file(file: JsonMapping) -> tuple[str, ...]:
 
 def _row(check: Check) -> tuple[str, ...]:
     size = _shown(check.worst, check.unit)
+    if format.is_exact(check.worst, check.unit, check.tolerance):
+        size = format.EXACT
     tolerance = _shown(check.tolerance, check.unit)
     return check.check, check.file, size, tolerance, check.where, check.when, _MARKS[check.verdict]
 

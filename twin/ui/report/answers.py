@@ -62,8 +62,8 @@ def _nearest(report: Report) -> str:
         return ""
     row = max(judged, key=lambda row: row.worst / (row.tolerance or 1.0))
     pair = PAIRS.get(row.pair, (row.pair, row.pair))[0]
-    worst = fmt.quantity(row.worst, row.unit)
-    return f"{pair}: {label(row)} {worst} of {fmt.quantity(row.tolerance, row.unit)} allowed, the largest share"
+    worst = fmt.deviation(row.worst, row.unit, row.tolerance)
+    return f"{pair}: {label(row)} {worst}; {fmt.quantity(row.tolerance, row.unit)} allowed, the largest share"
 
 
 def _which(report: Report, picture: RobotPicture | None) -> str:

@@ -219,7 +219,7 @@ def _worst_figure(name: str, rows: list[Residual]) -> dict[str, str]:
     if not rows:
         return _key_figure(name, fmt.NONE, "not compared")
     row = headline(rows)
-    value = fmt.quantity(row.worst, row.unit)
+    value = fmt.deviation(row.worst, row.unit, row.tolerance)
     if not row.agrees and row.consequence_of:
         return _key_figure(name, value, f"follows from {row.consequence_of}", "near")
     if row.tolerance is None:
@@ -309,7 +309,7 @@ def _rcm_figure(report: Report) -> dict[str, str]:
     for row in rows:
         if not row.agrees:
             state = "bad"
-    return _key_figure("RCM error", fmt.quantity(value, "m"), note, state)
+    return _key_figure("RCM error", fmt.deviation(value, "m", limit), note, state)
 
 
 def _size(row: Residual) -> float:
@@ -445,6 +445,14 @@ def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
     return {"size": round(100 * size / full, 1), "limit": round(100 * limit / full, 1)}
 
 
+def _shown_size(f: Finding) -> str:
+    """Return the size of a finding as text; that of a difference within its tolerance can be a rounding error."""
+    within = f.severity == "info" and f.limit is not None and f.size is not None and 0 <= f.size <= f.limit
+    if within and fmt.is_exact(f.size, f.unit):
+        return fmt.EXACT
+    return fmt.shown(f.size, f.unit)
+
+
 @cache
 def _template() -> Template:
     from twin.ui.report import style
@@ -453,6 +461,7 @@ def _template() -> Template:
         "report.html.j2",
         quantity=fmt.quantity,
         shown=fmt.shown,
+        size=_shown_size,
         seconds=fmt.seconds,
         point=fmt.point,
         count=fmt.count,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.core.format import quantity
+from twin.core.format import deviation
 from twin.ui.report.style import FIT, INK, UNFIT, WIDTH, headline
 from twin.validation.result import Report, Residual
 
@@ -156,7 +156,7 @@ def _draw_cell(ax: Axes, x: int, y: int, row: Residual) -> None:
     strength = 1.0
     if over is not None:
         strength = min(1.0, abs(over) / _DECADES)
-    text = quantity(row.worst, row.unit)
+    text = deviation(row.worst, row.unit, row.tolerance)
     ink = INK
     weight = "normal"
     if not row.agrees:

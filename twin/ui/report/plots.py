@@ -212,7 +212,7 @@ def rcm(report: Report) -> Figure | None:
     k = int(np.nanargmax(y))
     worst = float(y[k])
     color = UNFIT if limit and worst > limit else INK
-    mark(ax, float(t[k]), worst, at(worst, "m", float(t[k])), color)
+    mark(ax, float(t[k]), worst, at(worst, "m", float(t[k]), limit), color)
     ax.set_ylabel("shaft axis to RCM")
     return figure
 
@@ -444,7 +444,7 @@ def _mark_worst(ax: Axes, unit: str, lines: list[_Line], limit: float) -> None:
     value = float(abs(y[k]))
     if value <= 0:
         return
-    text = at(value, unit, t)
+    text = at(value, unit, t, limit)
     if len(lines) > 1:
         text = f"{name}: {text}"
     color = UNFIT if value > limit else FIT

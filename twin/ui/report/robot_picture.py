@@ -18,7 +18,7 @@ from twin.api import Robot
 from twin.core import units
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
-from twin.core.format import quantity, seconds, shown
+from twin.core.format import deviation, seconds, shown
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
@@ -147,7 +147,7 @@ def _moment(report: Report, head: Finding) -> tuple[float, str] | None:
         if worst is None or row.worst / (row.tolerance or 1.0) > worst.worst / (worst.tolerance or 1.0):
             worst = row
     if worst is not None:
-        return worst.t, f"{worst.phase}, t = {seconds(worst.t)}: {quantity(worst.worst, worst.unit)}"
+        return worst.t, f"{worst.phase}, t = {seconds(worst.t)}: {deviation(worst.worst, worst.unit, worst.tolerance)}"
     stated = re.search(r"\bt = ([\d.]+) s", head.when)
     if stated is None:
         return None

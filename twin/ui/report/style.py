@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.core.format import power, quantity, seconds
+from twin.core.format import deviation, power, quantity, seconds
 from twin.core.json_types import JsonObject
 from twin.core.units import DEG
 from twin.validation.result import PhaseSummary, Report
@@ -368,9 +368,9 @@ def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: b
     )
 
 
-def at(value: float, unit: str, t: float) -> str:
-    """Return a text on a value (in `unit`) at time t in s, such as "1.27 mm at 6.214 s"."""
-    return f"{quantity(value, unit)} at {seconds(t)}"
+def at(value: float, unit: str, t: float, limit: float | None) -> str:
+    """Return a text on a difference (in `unit`, as `limit`) at time t in s, such as "1.27 mm at 6.214 s"."""
+    return f"{deviation(value, unit, limit)} at {seconds(t)}"
 
 
 def headline(what: str, report: Report) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from twin.core.format import quantity, seconds
 from twin.core.units import MM
 from twin.planning.group_result import PlannedTogether
 from twin.ui.report.scene_figures import LEAST, RobotPhases, distances
-from twin.ui.report.style import at, mark, styled
+from twin.ui.report.style import mark, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,5 +26,5 @@ def figure(planned: PlannedTogether) -> Figure:
     pairs = {pair: found.distance for pair, found in clearances.by_pair.items()}
     out = distances(title, clearances.t, pairs, planned.required, rows)
     least, t, _ = clearances.least()
-    mark(out.axes[0], t, max(least / MM, LEAST), at(least, "m", t), below=True)
+    mark(out.axes[0], t, max(least / MM, LEAST), f"{quantity(least, 'm')} at {seconds(t)}", below=True)
     return out

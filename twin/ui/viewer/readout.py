@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from twin.core.format import quantity
+from twin.core.format import EXACT, is_exact, quantity
 from twin.core.units import DEG, MM
 from twin.ui.session.readings import LIVE_TOLERANCE, EquationDeviation, JointReading, RobotReading
 
@@ -30,21 +30,17 @@ def length(metres: float) -> str:
     return quantity(metres, "m")
 
 
-_ROUNDING = 1e-9
-"""Differences in m or rad below this value are rounding errors, and are shown as "exact"."""
-
-
 def difference(metres: float) -> str:
     """Return a difference in m, which should be 0, as text: "exact" if it is a rounding error."""
-    if abs(metres) < _ROUNDING:
-        return "exact"
+    if is_exact(metres, "m"):
+        return EXACT
     return length(metres)
 
 
 def amount(residual: EquationDeviation) -> str:
     """Return a residual (a length or an angle) as text with a suitable unit."""
-    if abs(residual.size) < _ROUNDING:
-        return "exact"
+    if is_exact(residual.size, "rad" if residual.is_angle else "m"):
+        return EXACT
     if residual.is_angle:
         return angle(residual.size)
     return length(residual.size)

@@ -270,6 +270,8 @@ class Explanation(Result):
         wrong = []
         for row in self.rows:
             wrong += _row(row, faults.get(f"{row.equation}.{row.symbol}", ()))
+        if wrong and any(not row.why for row in self.rows):
+            wrong.insert(0, Line(f"  {_SIZES.format(self.samples)}", "dim"))
         yield from _section("wrong rows", wrong)
         yield from _section("violated invariants", self.invariants)
         yield from _section("possible fixes", [line for repair in self.repairs for line in _repair(repair)])
@@ -304,6 +306,13 @@ class Explanation(Result):
         return Line(f"  {self.verdict.upper()}: {wrong}, {what}", f"bold {'green' if self.explained else 'red'}")
 
 
+_SIZES = (
+    "sizes: the largest difference of each row alone, at {} poses around the postures; `twin validate` gives the size "
+    "of the fault along a protocol"
+)
+"""Remark on the sizes of wrong rows: they are not those of `validate`, which judges points along a protocol."""
+
+
 def _section(title: str, parts: Sequence[Part]) -> Iterator[Part]:
     """Yield a title and the parts of a section; nothing if it has no parts."""
     if parts:
@@ -325,8 +334,8 @@ def _first_changes(repairs: Sequence[Repair]) -> dict[str, tuple[Change, ...]]:
 def _row(r: Row, faults: Sequence[Change]) -> Iterator[Line]:
     """Yield the lines on a wrong row; `faults` are the changes of its first fix, the line of each is cited first."""
     unit = "°" if r.unit == "deg" else f" {r.unit}"
-    much = "no value" if isnan(r.off) else f"{r.off:.4g}{unit}"
-    share = "at every pose" if r.share == 1 else f"at {100 * r.share:.0f} % of the poses"
+    much = "no value" if isnan(r.off) else f"up to {r.off:.4g}{unit}"
+    share = "wrong at every pose" if r.share == 1 else f"wrong at {100 * r.share:.0f} % of the poses"
     yield Line(f"  {r.equation} ({r.variant}), {r.symbol} = {r.means}: {r.why or f'{much}, {share}'}", "")
     for fault in faults:
         if (fault.file, fault.line) != (r.file, r.line):
