@@ -18,7 +18,7 @@ from twin.core.errors import KinematicsError, TwinError, unknown
 from twin.core.foreign.once import Once
 from twin.core.foreign.text import read_text
 
-_BESIDE = ("dimensions", "inertia", "machine", "exhibit", "scene")
+_BESIDE = ("dimensions", "inertia", "machine", "exhibit", "scene", "scenery")
 """Names, without suffix, of TOML files in a robot's cad/ folder that are not its description."""
 
 NO_EQUATIONS = "FORMULA = None"

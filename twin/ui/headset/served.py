@@ -26,6 +26,7 @@ from twin.ui.access.responses import File
 from twin.ui.headset import files
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.description import assumptions, describe, numbers, pose
+from twin.ui.headset.drawn import drawn_of_robot, drawn_of_scene
 from twin.ui.headset.live import Live
 from twin.ui.headset.twin import Twin
 from twin.ui.session.desk import Desk
@@ -105,6 +106,9 @@ def of_robot(
     own |= files.patient_files(patients)
     scene = _describe(robot.name, about["title"], [{**about, "files": "", "ports": []}], feed)
     scene["model_hash"] = about["model_hash"]
+    drawn = drawn_of_robot(robot)
+    scene |= drawn.entries
+    own |= drawn.files
     own |= files.scene_file(scene)
     live = Live([twin], clock, feed)
     return Served(live, robot.name, about["model_hash"], own, ("robot.glb",))
@@ -235,6 +239,11 @@ def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[JsonObj
         described["props"] = {"name": props.name, "file": _PROPS, "sha256": digest}
         preload.append(_PROPS)
     described["model_hash"] = _hash_of(described)
+    # what is only drawn does not change the hash of the geometry
+    solid = {place.name: loaded.robots[place.name] for place in scene.places if not place.name.endswith(MODEL)}
+    drawn = drawn_of_scene(scene, solid, props)
+    described |= drawn.entries
+    own |= drawn.files
     own |= files.scene_file(described)
     return Served(live, scene.name, described["model_hash"], own, tuple(preload), late)
 

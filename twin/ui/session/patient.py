@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, pi, sin
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -16,30 +13,22 @@ from twin.api import Robot
 from twin.core import assets, spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import MM
 from twin.model.body import Body, Frame, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
-
-_ROUND, _HIGH = 40, 20
-"""Numbers of facets of an ellipsoid: around its axis, and from pole to pole."""
+from twin.ui.session.solids import SolidTable, check_solid, placed, points_of, pose_of
 
 
-class PartTable(Table):
-    """A part of a patient: an ellipsoid, a dome (the upper half of an ellipsoid) or a box.
+class PartTable(SolidTable):
+    """A part of a patient, in the patient's frame.
 
-    `size_mm` is the extent along the axes of the part. If `floor` is true, a box is extended down to the floor, and a
-    dome is placed on the floor. A part with a `port` is omitted if the protocol uses another port.
+    If `floor` is true, a box is extended down to the floor, and a dome is placed on the floor. A part with a `port` is
+    omitted if the protocol uses another port.
     """
 
-    name: Identifier
-    shape: Literal["ellipsoid", "dome", "box"]
-    size_mm: tuple[float, float, float]
-    centre_mm: Vector
-    angles_deg: Vector = (0.0, 0.0, 0.0)
-    color: tuple[float, float, float] | tuple[float, float, float, float]
     floor: bool = False
     port: Identifier | None = None
 
@@ -177,8 +166,11 @@ def read_patient(path: Path) -> PatientFile:
     for k, part in enumerate(table.part):
         if names.count(part.name) > 1:
             raise error_at(path, ("part", k, "name"), f"two parts are named '{part.name}'")
-        if min(part.size_mm) <= 0:
-            raise error_at(path, ("part", k, "size_mm"), f"{list(part.size_mm)} is not above 0")
+        check_solid(path, ("part", k), part)
+        if part.floor and part.shape not in ("box", "dome"):
+            raise error_at(
+                path, ("part", k, "floor"), f"a {part.shape} cannot be on the floor: only a box or a dome can"
+            )
         if part.port is not None and part.port not in table.port:
             raise error_at(path, ("part", k, "port"), unknown("port", part.port, table.port))
     for name, port in table.port.items():
@@ -209,58 +201,21 @@ def _fixed(name: str, meshes: Sequence[Mesh]) -> Mechanism:
 
 def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
     """Return the mesh of a part in the base frame; `floor` is the height in m of the floor in this frame."""
-    half_edges = [0.5 * size * MM for size in part.size_mm]
-    about_z, about_y, about_x = part.angles_deg
-    R_z = spatial.rotation_z(about_z * DEG)
-    R_y = spatial.exp_so3([0, about_y * DEG, 0])
-    R_x = spatial.exp_so3([about_x * DEG, 0, 0])
-    T = T_base_patient @ spatial.pose(R_z @ R_y @ R_x, np.array(part.centre_mm) * MM)
+    if part.shape == "limb":
+        points, triangles = placed(part)
+        T = T_base_patient
+    else:
+        points, triangles = points_of(part)
+        T = T_base_patient @ pose_of(part)
     if part.floor and part.shape == "dome":
         T[2, 3] = floor
     if part.floor and part.shape == "box":
-        top = T[2, 3] + half_edges[2]
+        half = float(points[:, 2].max())
+        top = T[2, 3] + half
         # also a box whose top is below the floor keeps a volume
-        half_edges[2] = max(0.5 * (top - floor), 1 * MM)
-        T[2, 3] = top - half_edges[2]
-    if part.shape == "box":
-        points, triangles = _box()
-    else:
-        points, triangles = _ball(part.shape == "dome")
-    vertices = points * half_edges @ T[:3, :3].T + T[:3, 3]
+        half_above_floor = max(0.5 * (top - floor), 1 * MM)
+        points = points * [1, 1, half_above_floor / half]
+        T[2, 3] = top - half_above_floor
+    vertices = points @ T[:3, :3].T + T[:3, 3]
     r, g, b, a = (*part.color, 1.0)[:4]
     return Mesh(part.name, vertices, triangles, (r, g, b, a))
-
-
-def _ball(half: bool) -> tuple[Array, np.ndarray]:
-    """Return (points (n, 3), triangles (m, 3)) of a ball of radius 1, or of its closed upper half."""
-    rows = _HIGH // 2 if half else _HIGH
-    span = pi / 2 if half else pi
-    points = [(0.0, 0.0, 1.0)]
-    # a half ball has one ring more than a ball of its rows: its edge
-    rings = rows - 1 + half
-    for i in range(1, rings + 1):
-        polar = span * i / rows
-        for k in range(_ROUND):
-            azimuth = 2 * pi * k / _ROUND
-            points.append((sin(polar) * cos(azimuth), sin(polar) * sin(azimuth), cos(polar)))
-    points.append((0.0, 0.0, 0.0 if half else -1.0))
-    pole = len(points) - 1
-    k = np.arange(_ROUND)
-    after = (k + 1) % _ROUND
-    faces = [np.column_stack([0 * k, 1 + k, 1 + after])]
-    for i in range(rings - 1):
-        upper = 1 + i * _ROUND
-        lower = upper + _ROUND
-        faces.append(np.column_stack([upper + k, lower + k, lower + after]))
-        faces.append(np.column_stack([upper + k, lower + after, upper + after]))
-    edge = 1 + (rings - 1) * _ROUND
-    faces.append(np.column_stack([edge + k, 0 * k + pole, edge + after]))
-    return np.array(points), np.concatenate(faces).astype(np.int32)
-
-
-def _box() -> tuple[Array, np.ndarray]:
-    """Return (points (8, 3), triangles (12, 3)) of a cube with edges of length 2."""
-    points = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-    quads = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
-    # two triangles for each quad
-    return points, quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)

@@ -13,7 +13,15 @@
     .twin-gone[hidden] { display: none; }
     .twin-help { position: fixed; z-index: 900; left: 50%; bottom: 14px; transform: translateX(-50%); font: 15px/1.4 system-ui, sans-serif; color: #17212e; background: #ffffffe8; border: 1px solid #b9c4d0; border-radius: 20px; padding: 2px 4px 2px 14px; white-space: nowrap; }
     .twin-help button { font: inherit; font-weight: 650; min-width: 40px; min-height: 40px; border: 0; background: none; cursor: pointer; color: #17212e; }
-    @media (pointer: coarse) { button, input:not([type="checkbox"]), select { min-height: 40px !important; } .mantine-Slider-root, .mantine-Slider-trackContainer { min-height: 40px !important; } }
+    @media (pointer: coarse) {
+      button:not(.twin-cube button), input:not([type="checkbox"]), select, [role="button"], summary { min-height: 40px !important; }
+      button:not(.twin-cube button) { min-width: 40px !important; }
+      .mantine-Slider-root, .mantine-Slider-trackContainer { min-height: 40px !important; }
+      .mantine-Slider-thumb { width: 40px !important; height: 40px !important; border: 0 !important; background: radial-gradient(circle, #1b6ec2 0 9px, transparent 10px) !important; }
+      .mantine-Checkbox-inner, .mantine-Checkbox-inner input { width: 40px !important; height: 40px !important; min-height: 40px; }
+      .mantine-Checkbox-inner { display: grid; place-items: center; }
+      .mantine-Checkbox-inner input { border-width: 9px !important; background-clip: padding-box; border-color: transparent !important; }
+    }
     @media print { .twin-help { display: none; } }`;
   document.head.append(style);
   const head = document.createElement('header');
@@ -35,6 +43,8 @@
     title.textContent = document.title || 'twin';
     for (const button of document.querySelectorAll('button'))
       if (!worded(button)) button.setAttribute('aria-label', /close/i.test(button.className) ? 'Close' : 'Connection and settings');
+    for (const bar of document.querySelectorAll('[role="progressbar"]'))
+      if (!bar.getAttribute('aria-label')) bar.setAttribute('aria-label', 'Progress');
     for (const slider of document.querySelectorAll('[role="slider"]'))
       if (!slider.getAttribute('aria-label') && !slider.getAttribute('aria-labelledby')) slider.setAttribute('aria-label', around(slider));
     for (const input of document.querySelectorAll('input:not([type="hidden"])'))
@@ -113,6 +123,30 @@
     else if (keys.open) keys.close();
     else keys.showModal();
   });
+
+  // -- a phone ----------------------------------------------------------------------------------------
+  // viser's panel covers the lower half of a narrow page: it starts folded, and its heading opens it
+  (function fold(tries = 100) {
+    if (innerWidth > 640) return;
+    const panel = [...document.querySelectorAll('.mantine-Paper-root')].find((o) => getComputedStyle(o).position === 'fixed');
+    const heading = panel?.querySelector('[style*="cursor: pointer"]');
+    if (!heading || panel.offsetHeight < 0.25 * innerHeight) {
+      if (tries > 0) setTimeout(fold, 200, tries - 1); // viser's own script begins later
+      return;
+    }
+    heading.setAttribute('role', 'button');
+    heading.setAttribute('aria-label', 'Show or hide the controls');
+    heading.tabIndex = 0;
+    heading.addEventListener('keydown', (e) => e.key === 'Enter' && heading.click());
+    // the bar with the tools of the view is above the panel, whatever its height
+    new ResizeObserver(() => (help.style.bottom = `${panel.offsetHeight + 8}px`)).observe(panel);
+    heading.click();
+    (function fill(tries = 300) {
+      const tools = window.twinTools;
+      if (tools?.meshes().length) tools.fit(); // the first view is made for a wide page
+      else if (tries > 0) setTimeout(fill, 200, tries - 1);
+    })();
+  })();
 
   // -- the server has gone ------------------------------------------------------------------------------
   const gone = document.createElement('div');

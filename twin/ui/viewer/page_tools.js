@@ -26,6 +26,7 @@
     :root[data-mantine-color-scheme="dark"] .twin-bar button[aria-pressed="true"] { background: #2f74d0; }
     .twin-cube { position: fixed; z-index: 890; width: 96px; height: 96px; pointer-events: none; }
     .twin-cube button { position: absolute; left: 22px; top: 22px; width: 52px; height: 52px; padding: 0; font: 600 12px system-ui, sans-serif; color: #17212e; background: #eef3fae8; border: 1px solid #8898aa; pointer-events: auto; cursor: pointer; transform-origin: 50% 50%; }
+    @media (pointer: coarse) { .twin-cube { width: 132px; height: 132px; } .twin-cube button { left: 28px; top: 28px; width: 76px; height: 76px; } }
     .twin-cube button:hover { background: #cfe0f7; }
     .twin-name { position: fixed; z-index: 890; padding: 2px 8px; border-radius: 8px; background: #17212ee8; color: #fff; font: 14px system-ui, sans-serif; pointer-events: none; }
     .twin-measure { position: fixed; z-index: 880; left: 0; top: 0; width: 100vw; height: 100vh; pointer-events: none; }
@@ -362,7 +363,11 @@
     ['top', [0, 0, 1], [-1, 0, 0]],
     ['below', [0, 0, -1], [1, 0, 0]],
   ];
-  const HALF = 26;
+  // fingers need larger faces: those that are seen too obliquely are hidden
+  const coarse = window.matchMedia('(pointer: coarse)').matches;
+  const HALF = coarse ? 38 : 26;
+  const FLAT = coarse ? 0.54 : 0.05;
+  const BESIDE = coarse ? 140 : 104; // px from the right edge of the picture to the cube
   const faces = FACES.map(([name, n, up]) => {
     const button = make('button', '', cube);
     button.textContent = name;
@@ -395,13 +400,13 @@
     help.classList.toggle('narrow', box.width < 640);
     cube.hidden = box.width < 260;
     // the panel of a drawing is at the right
-    cube.style.left = `${thing === 'drawing' ? box.left + 12 : box.right - 104}px`;
+    cube.style.left = `${thing === 'drawing' ? box.left + 12 : box.right - BESIDE}px`;
     cube.style.top = `${Math.max(box.top, 0) + 10}px`;
     help.style.left = `${box.left + box.width / 2}px`;
     for (const { button, n, up } of faces) {
       const [z, y] = [vector(...n).transformDirection(view), vector(...up).transformDirection(view)];
       const x = vector(...cross(up, n)).transformDirection(view);
-      button.hidden = z.z < 0.05;
+      button.hidden = z.z < FLAT;
       // the page's y points down: rows and columns of y change sign
       const m = [x.x, -x.y, x.z, 0, -y.x, y.y, -y.z, 0, z.x, -z.y, z.z, 0, HALF * z.x, -HALF * z.y, HALF * z.z, 1];
       button.style.transform = `matrix3d(${m.map((v) => v.toFixed(5)).join()})`;

@@ -13,9 +13,11 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
+from twin.ui.session.drawn_parts import drawn_parts
 from twin.ui.session.patient import none_there, patient_of
 from twin.ui.session.trocars import InTrocar, in_trocars, rcm_at
 from twin.ui.viewer import view_export
+from twin.ui.viewer.drawn_nodes import DrawnNodes, add_person
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
 from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
@@ -64,8 +66,45 @@ class Scenery:
         self._cut: tuple[int, float] | None = None
         self._one = threading.Lock()
         self._cut_drawn: tuple | None = None
+        self._drawn: dict[str, DrawnNodes] = {}
+        self._drawn_shown = True
+        self._person: viser.FrameHandle | None = None
+        for a in front.actors:
+            self._draw_parts(a)
 
     # -- the instrument -------------------------------------------------------------------------------
+
+    def _draw_parts(self, a: ShownRobot) -> None:
+        """Draw what is drawn beside the measured bodies of a robot, such as belts and cables, if it has any."""
+        robot = a.desk.robot
+        if robot.files is None:
+            return
+        drawn = drawn_parts(robot.files.description, [body.name for body in a.desk.mechanism.bodies])
+        if drawn is None:
+            return
+        self._drawn[a.name] = DrawnNodes(self.front.server, f"/{a.name}", drawn, a.desk.assembly.link_poses)
+        self._show_drawn()
+
+    def _show_drawn(self) -> None:
+        # a section cuts the measured bodies only
+        for nodes in self._drawn.values():
+            nodes.show(self._drawn_shown and self._cut is None)
+
+    def drawn(self, visible: bool) -> None:
+        """Show or hide what is drawn and not measured."""
+        self._drawn_shown = visible
+        self._show_drawn()
+        if visible and self._drawn:
+            self.front.say(" ".join(dict.fromkeys(nodes.note for nodes in self._drawn.values())))
+
+    def person(self, visible: bool) -> None:
+        """Show or hide an adult beside the robots, for scale."""
+        if visible and self._person is None:
+            left = np.array([-0.79, -0.61, 0.0])
+            foot = self.middle + (0.5 * self.size + 0.3) * left
+            self._person = add_person(self.front.server, np.array([foot[0], foot[1], self._floor]))
+        if self._person is not None:
+            self._person.visible = visible
 
     def trail(self, visible: bool) -> None:
         """Show or hide the tip path of each robot's protocol, and trocars and shafts."""
@@ -86,6 +125,7 @@ class Scenery:
         """Forget path, trocars, shafts, patient and section of a robot; they are removed with its scene nodes."""
         self._trail.pop(robot, None)
         self._patients.pop(robot, None)
+        self._drawn.pop(robot, None)
         self._cut_drawn = None
         for key in list(self._lines):
             if key == robot or key.startswith(f"{robot}/"):
@@ -95,6 +135,9 @@ class Scenery:
     def redraw(self, robot: str) -> None:
         """Show names, frames and joint axes, if they are switched on, at the new scene nodes of a robot."""
         nodes = self.front.nodes[robot]
+        for a in self.front.actors:
+            if a.name == robot:
+                self._draw_parts(a)
         if "labels" in self._extras:
             nodes.labels(True)
         if "frames" in self._extras:
@@ -104,6 +147,9 @@ class Scenery:
 
     def follow(self) -> None:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
+        for a in self.front.actors:
+            if a.name in self._drawn:
+                self._drawn[a.name].follow(a.desk.assembly.link_poses)
         drawn: set[str] = set()
         if self._trail_shown:
             for a in self.front.actors:
@@ -154,6 +200,8 @@ class Scenery:
             boxes = {
                 "floor": (True, lambda v: setattr(self.grid, "visible", v)),
                 "table and patient": (False, self.patient),
+                "drawn parts": (True, self.drawn),
+                "person, for scale": (False, self.person),
                 "link names": (False, self._labels),
                 "link frames": (False, self._frames),
                 "joint axes": (False, self._axes),
@@ -172,7 +220,7 @@ class Scenery:
 
             def cut(_: object) -> None:
                 self._cut = None if axis.value == "none" else (_CUTS.index(axis.value) - 1, part.value / 100)
-                front.ask("cut", lambda: None)
+                front.ask("cut", self._show_drawn)
 
             axis.on_update(cut)
             part.on_update(cut)

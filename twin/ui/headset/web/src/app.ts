@@ -4,6 +4,7 @@ import { Box3, Vector3 } from 'three';
 import { Connection } from './connection';
 import { Console } from './console';
 import type { Sheet, Tab } from './controls';
+import { Drawn } from './drawn';
 import { Fields } from './fields';
 import { type Field, type Frame, parseScene, sameFrame } from './frame';
 import { loadEarly } from './glb';
@@ -42,6 +43,7 @@ export class App {
   readonly fields = new Fields();
   readonly objects = new Objects();
   readonly surroundings: Surroundings;
+  readonly drawn: Drawn;
   readonly grab: Grab;
   readonly place: Place;
   readonly xr: Xr;
@@ -68,6 +70,8 @@ export class App {
   private laid: Frame | null = null;
   /** Whether the surroundings are hidden. */
   hidden = false;
+  /** Whether edges are drawn, and shiny parts reflect a room. */
+  rich = false;
   private refreshed = 0;
   /** Whether a picture was drawn in this display cycle. */
   private ahead = false;
@@ -79,6 +83,7 @@ export class App {
     const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
     this.line = new Connection(`${scheme}://${location.host}/ws`);
     this.surroundings = new Surroundings(this.world);
+    this.drawn = new Drawn(this.world);
     this.world.robotWorld.add(this.fields.group, this.objects.group);
     this.join();
     this.grab = new Grab(this.world, this.members, this.line);
@@ -159,6 +164,7 @@ export class App {
   /** Show or hide the surroundings according to the switches. */
   showAround(): void {
     this.surroundings.show(!this.hidden, this.overlays.shows.labels);
+    this.drawn.show(this.drawn.on, !this.hidden && !this.surroundings.seeThrough);
     this.objects.show(this.overlays.shows.labels);
     this.console?.views.backdrop.forget();
     this.refresh();
@@ -185,6 +191,46 @@ export class App {
     setAccent(look === 'additive');
     document.documentElement.dataset['look'] = look;
     this.console?.views.backdrop.forget();
+    this.refresh();
+  }
+
+  /** Load what is drawn beside the measured bodies, and draw edges and reflections if the graphics are fast. */
+  private async adorn(fast: boolean): Promise<void> {
+    const { scene } = this.model;
+    if (!scene) return;
+    try {
+      await this.drawn.load(scene, this.members, this.surroundings);
+    } catch {
+      this.model.say('The drawn parts, such as belts and drapes, could not be loaded. Reload the page to try again.');
+    }
+    this.showAround();
+    if (fast) this.enrich(true);
+  }
+
+  /** Show or hide a person beside the robots, for scale, and fill the picture again. */
+  async stand(on: boolean): Promise<void> {
+    await this.drawn.stand(this.model.scene?.person, on, this.whole());
+    const box = this.whole();
+    const person = this.drawn.box();
+    if (!person.isEmpty()) box.union(person);
+    this.frameAll(box);
+    this.refresh();
+  }
+
+  /** Return the bounding box of robots and surroundings in the world frame. */
+  private whole(): Box3 {
+    const box = new Box3();
+    for (const member of this.members) box.union(member.box());
+    const around = this.surroundings.box();
+    if (!around.isEmpty()) box.union(around).min.setZ(Math.min(0, box.min.z));
+    return box;
+  }
+
+  /** Draw edges and reflections (true), or none. */
+  enrich(on: boolean): void {
+    this.rich = on;
+    for (const { robot } of this.members) robot?.outlineAll(on);
+    this.world.reflect(on);
     this.refresh();
   }
 
@@ -267,10 +313,7 @@ export class App {
   private adopt(scene: SceneInfo, robots: readonly Robot[]): void {
     const { world, members } = this;
     members.forEach((member, i) => member.adopt(robots[i] as Robot));
-    const box = new Box3();
-    for (const member of members) box.union(member.box());
-    const around = this.surroundings.box();
-    if (!around.isEmpty()) box.union(around).min.setZ(Math.min(0, box.min.z));
+    const box = this.whole();
     world.size = box.getSize(new Vector3()).length() / 1.5;
     if (members.length > 1) for (const { overlays } of members) overlays.setSize(overlays.size, 0.013 * world.size);
     const middle = box.getCenter(new Vector3());
@@ -415,7 +458,11 @@ export class App {
     else world.renderer.render(world.scene, world.camera);
     pace.end();
     this.ahead = true;
-    if (this.loaded && Number.isNaN(this.firstPicture)) this.firstPicture = performance.now();
+    if (this.loaded && Number.isNaN(this.firstPicture)) {
+      this.firstPicture = performance.now();
+      // after the first picture, so that it does not come later; software needs much longer for such pictures
+      window.setTimeout(() => void this.adorn(!pace.software));
+    }
     return true;
   }
 
@@ -445,6 +492,7 @@ export class App {
     }
     const moved = this.members.filter(({ model: m }, i) => m.frame && !sameFrame(m.frame, before[i] ?? null));
     for (const member of moved) member.follow();
+    if (moved.length) this.drawn.update();
     const bent = this.bend();
     if (!moved.length && !bent) return; // an unchanged scene needs no new picture
     this.world.moved = performance.now();

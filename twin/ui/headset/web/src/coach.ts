@@ -38,7 +38,8 @@ export class Coach {
     this.y = at.y;
     this.box.style.left = `${at.x}px`;
     this.box.style.top = `${at.y}px`;
-    this.box.classList.toggle('left', at.x + WIDTH > window.innerWidth);
+        const [free] = this.app.world.free(); // words beside the controls, not over them
+    this.box.classList.toggle('left', at.x + WIDTH > Math.min(free, window.innerWidth));
   }
 
   /** Return the point of the page where a drag begins; null if no hint is needed, or if something covers the point. */

@@ -12,6 +12,8 @@ export interface Text {
 export interface Head {
   kind: 'head';
   text: string;
+  /** Whether the heading is visible; always without it. */
+  shown?: () => boolean;
 }
 
 export interface Button {

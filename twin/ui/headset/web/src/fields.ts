@@ -3,6 +3,7 @@
 import { BufferAttribute, BufferGeometry, Color, DoubleSide, Group, Mesh, MeshStandardMaterial } from 'three';
 import { type Field, sameBytes } from './frame';
 import type { FieldInfo } from './protocol';
+import { layTissue, tissueTexture } from './tissue';
 
 export class Fields {
   /** Group below the world node (z up). */
@@ -22,7 +23,8 @@ export class Fields {
       const [r, g, b] = info.color;
       const material = new MeshStandardMaterial({
         color: new Color().setRGB(r ?? 1, g ?? 1, b ?? 1),
-        roughness: 0.75,
+        map: tissueTexture(),
+        roughness: 0.48, // wet
         side: DoubleSide,
         opacity: info.opacity,
         transparent: info.opacity < 1,
@@ -66,10 +68,12 @@ function bend(geometry: BufferGeometry, { low, step, levels }: Field): void {
     geometry.dispose(); // the size of a GPU buffer cannot change
     geometry.deleteAttribute('normal');
     geometry.setAttribute('position', position);
+    geometry.deleteAttribute('uv');
   }
   for (let k = 0; k < levels.length; k++)
     position.array[k] = (low[k % 3] as number) + (step[k % 3] as number) * (levels[k] as number);
   position.needsUpdate = true;
+  if (!geometry.hasAttribute('uv')) layTissue(geometry);
   geometry.computeVertexNormals();
 }
 

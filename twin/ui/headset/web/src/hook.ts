@@ -62,6 +62,7 @@ export function hook(app: App): void {
       return { view: eye.matrixWorldInverse.toArray(), projection: eye.projectionMatrix.toArray(), width, height };
     },
     paint: (on) => {
+      app.drawn.show(!on, true);
       let first = 0;
       for (const { robot } of app.members) {
         robot?.paint(on, first);

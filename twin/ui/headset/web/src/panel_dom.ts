@@ -70,6 +70,9 @@ export class DomPanel implements Drawer {
       heads.append(head);
       this.heads.set(tab.id, head);
       const body = make('div', 'body');
+      body.tabIndex = 0; // so that keys can scroll a long tab
+      body.setAttribute('role', 'tabpanel');
+      body.setAttribute('aria-label', tab.label);
       body.append(...this.drawAll(tab));
       this.bodies.set(tab.id, body);
       this.side.append(body);
@@ -122,8 +125,11 @@ export class DomPanel implements Drawer {
 
   private draw(c: Control): HTMLElement {
     switch (c.kind) {
-      case 'head':
-        return make('h2', '', c.text);
+      case 'head': {
+        const node = make('h2', '', c.text);
+        this.showIf(node, c.shown);
+        return node;
+      }
       case 'text': {
         const node = make('p', 'text');
         node.dataset['id'] = c.id;
@@ -143,12 +149,7 @@ export class DomPanel implements Drawer {
       case 'row': {
         const node = make('div', 'row');
         node.append(...c.items.map((b) => this.button(b)));
-        const { shown } = c;
-        if (shown)
-          this.on(
-            () => String(shown()),
-            () => (node.hidden = !shown()),
-          );
+        this.showIf(node, c.shown);
         return node;
       }
       case 'choice':
@@ -156,6 +157,15 @@ export class DomPanel implements Drawer {
       case 'slider':
         return this.slider(c);
     }
+  }
+
+  /** Show a node only while `shown` is true; always without it. */
+  private showIf(node: HTMLElement, shown?: () => boolean): void {
+    if (!shown) return;
+    this.on(
+      () => String(shown()),
+      () => (node.hidden = !shown()),
+    );
   }
 
   private button(c: Button): HTMLElement {

@@ -249,6 +249,7 @@ export class XrPanel implements Drawer {
     };
     switch (c.kind) {
       case 'head':
+        if (c.shown?.() === false) return y;
         return pen.text(c.text, x, y + 10, w, 'plain', 30, 1, true) + 6;
       case 'text':
         return c.text() ? pen.text(c.text(), x, y, w, c.tone?.() ?? 'plain', 27, 400) + 12 : y;

@@ -282,6 +282,24 @@ export interface ObjectsInfo {
 }
 
 /** A scene: one or more robots, and the props. */
+/** A cable between two bodies of a robot; lengths in m. */
+export interface CableInfo {
+  robot: string | null;
+  ends: { link: string; at: Numbers }[];
+  length: number;
+  radius: number;
+  color: Numbers;
+}
+
+/** What is drawn and not measured. */
+export interface DrawnInfo {
+  file: string | null;
+  notes: string[];
+  parts: { node: string; robot: string | null; link: string | null; pattern: string }[];
+  cables: CableInfo[];
+  finishes: { body: string; color: Numbers; pattern: string }[];
+}
+
 export interface SceneInfo {
   schema: string;
   version: number;
@@ -296,6 +314,9 @@ export interface SceneInfo {
   console?: ConsoleInfo;
   machines?: MachinesInfo;
   objects?: ObjectsInfo;
+  drawn?: DrawnInfo;
+  /** A person beside the robots, for scale. */
+  person?: { file: string; note: string };
 }
 
 export type Phase = readonly [name: string, start: number, end: number];

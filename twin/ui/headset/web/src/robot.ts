@@ -40,6 +40,9 @@ export interface Link {
   points: Vector3[];
 }
 
+/** Angle in deg between two triangles above which the edge between them is drawn. */
+const CREASE = 35;
+
 export type Mark = 'none' | 'hover' | 'held' | 'refused';
 
 export class Robot {
@@ -50,6 +53,8 @@ export class Robot {
   private marked: [string, Mark] = ['', 'none'];
   private bright = false;
   private veiled = false;
+  private readonly edges: LineSegments[] = [];
+  private edged = false;
 
   private constructor(scene: Group) {
     this.root = scene.children.length === 1 && scene.children[0] ? scene.children[0] : scene;
@@ -149,6 +154,7 @@ export class Robot {
   /** Show the whole robot as a ghost, or solid again. */
   veil(on: boolean): void {
     this.veiled = on;
+    for (const lines of this.edges) lines.visible = this.edged && !on;
     for (const link of this.links.values()) {
       this.tint(link);
       for (const { mesh, material, opacity } of link.skins) {
@@ -160,6 +166,20 @@ export class Robot {
         mesh.castShadow = !material.transparent;
       }
     }
+  }
+
+  /** Draw the edges of all links (true) or none; they are computed when they are first drawn. */
+  outlineAll(on: boolean): void {
+    if (on && !this.edges.length)
+      for (const { node, skins } of this.links.values()) {
+        const solid = skins.filter(({ material }) => !material.transparent);
+        if (!solid.length) continue;
+        const lines = edgesOf(node, solid, new LineBasicMaterial({ color: 0x141a21, transparent: true, opacity: 0.42 }));
+        this.edges.push(lines);
+        node.add(lines);
+      }
+    this.edged = on;
+    for (const lines of this.edges) lines.visible = on && !this.veiled;
   }
 
   /** Paint each link in a flat colour by its number from `first` on (for pixel tests), or restore it. */
@@ -227,7 +247,9 @@ function dress(name: string, node: Object3D): Link {
     const mesh = o as Mesh;
     const old = mesh.material as MeshStandardMaterial;
     const material = old.clone(); // links may share a material, but are coloured separately
-    material.metalness = Math.min(material.metalness, 0.15); // without an environment map, metal is black
+    material.userData = { ...material.userData, metalness: material.metalness };
+    material.metalness = Math.min(material.metalness, 0.15); // without a room that it reflects, metal is black
+    material.userData['dullness'] = material.metalness;
     material.roughness = Math.max(0.42, Math.min(material.roughness, 0.6));
     material.depthWrite = !material.transparent;
     mesh.material = material;
@@ -243,20 +265,28 @@ function dress(name: string, node: Object3D): Link {
   return { name, node, skins, points };
 }
 
-function outlineOf(link: Link): LineSegments {
-  const group = new LineSegments(undefined, new LineBasicMaterial({ color: RED, depthTest: false, toneMapped: false }));
-  const inverse = new Matrix4().copy(link.node.matrixWorld).invert();
+/** Return the lines of the sharp edges of a link's meshes, in the frame of its node. */
+function edgesOf(node: Object3D, skins: readonly Skin[], material: LineBasicMaterial): LineSegments {
+  node.updateWorldMatrix(true, true);
+  const inverse = new Matrix4().copy(node.matrixWorld).invert();
   const all: number[] = [];
   const p = new Vector3();
-  for (const { mesh } of link.skins) {
+  for (const { mesh } of skins) {
     const T = new Matrix4().multiplyMatrices(inverse, mesh.matrixWorld);
-    const edges = new EdgesGeometry(mesh.geometry, 35).getAttribute('position');
+    const edges = new EdgesGeometry(mesh.geometry, CREASE).getAttribute('position');
     for (let i = 0; i < edges.count; i++) all.push(...p.fromBufferAttribute(edges, i).applyMatrix4(T).toArray());
   }
-  group.geometry.setAttribute('position', new Float32BufferAttribute(all, 3));
-  group.renderOrder = 5;
-  group.userData['twinLink'] = link.name;
-  return group;
+  const lines = new LineSegments(undefined, material);
+  lines.geometry.setAttribute('position', new Float32BufferAttribute(all, 3));
+  return lines;
+}
+
+function outlineOf(link: Link): LineSegments {
+  const material = new LineBasicMaterial({ color: RED, depthTest: false, toneMapped: false });
+  const lines = edgesOf(link.node, link.skins, material);
+  lines.renderOrder = 5;
+  lines.userData['twinLink'] = link.name;
+  return lines;
 }
 
 /** Return position and rotation of a pose of seven numbers. */

@@ -198,7 +198,12 @@ function tools(app: App, console: Console): Control[] {
 function taskControls(app: App): Control[] {
   const buttons = taskButtons(app);
   if (!buttons.length) return [];
-  return [{ kind: 'head', text: 'Tasks' }, ...buttons.map((button): Control => ({ kind: 'row', items: [button] }))];
+  // on a screen, the list below the title has the tasks while there is none; a headset does not show this list
+  const shown = () => app.xr.presenting || app.console?.info.choice?.present !== null;
+  return [
+    { kind: 'head', text: 'Tasks', shown },
+    ...buttons.map((button): Control => ({ kind: 'row', items: [button], shown })),
+  ];
 }
 
 /** Return a text on a simulation that is slower than real time; otherwise "". */

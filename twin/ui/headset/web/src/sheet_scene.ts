@@ -39,6 +39,23 @@ export function scene(app: App): Tab {
   const rows: Button[][] = [[show('path', 'Tool path'), show('rcm', 'RCM and shaft')], []];
   if (m.info?.has_workspace) rows[1]?.push(show('workspace', 'Workspace'));
   if (m.info?.scenery) rows[1]?.push(show('scenery', 'Table and patient'));
+  const drawn: Button[] = [];
+  if (m.scene?.person)
+    drawn.push({
+      kind: 'button',
+      id: 'person',
+      label: () => 'Person, for scale',
+      hint: 'Show an adult of 1.75 m beside the robot',
+      on: () => app.drawn.personal,
+      press: () => void app.stand(!app.drawn.personal),
+    });
+  if (m.scene?.drawn)
+    drawn.push(
+      toggle('drawn', 'Drawn parts', 'Show what is drawn and not measured, such as belts, cables and drapes', () => app.drawn.on, () => {
+        app.drawn.on = !app.drawn.on;
+      }),
+    );
+  rows.push(drawn);
   const around = m.scene?.props;
   const marks = m.scene?.cameras.length || m.robots.some((r) => r.info?.ports.length);
   if (around)
@@ -58,6 +75,14 @@ export function scene(app: App): Tab {
     show('labels', 'Labels'),
     {
       kind: 'button',
+      id: 'rich',
+      label: () => 'Edges and reflections',
+      hint: 'Draw edges, and a room that shiny parts reflect; on at first if the device has a graphics processor',
+      on: () => app.rich,
+      press: () => app.enrich(!app.rich),
+    },
+    {
+      kind: 'button',
       id: 'look',
       label: () => 'Bright, for additive displays',
       hint: 'Brighter colours without a background, for glasses that add light to the room',
@@ -69,6 +94,7 @@ export function scene(app: App): Tab {
     { kind: 'head', text: 'Show' },
     ...rows.filter((r) => r.length).map((items): Control => ({ kind: 'row', items })),
   ];
+  controls.push({ kind: 'text', id: 'drawn-notes', tone: () => 'faint', text: () => app.drawn.notes });
   controls.push({ kind: 'text', id: 'patient', tone: () => 'faint', text: () => app.overlays.sceneryText(m.robot) });
   controls.push({ kind: 'text', id: 'cloud', tone: () => 'faint', text: () => app.cloudText() });
   if (m.info?.variants.length)

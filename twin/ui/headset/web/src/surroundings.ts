@@ -13,6 +13,7 @@ import {
   type Object3D,
   TorusGeometry,
 } from 'three';
+import { toCreasedNormals } from 'three/addons/utils/BufferGeometryUtils.js';
 import { loadGlb } from './glb';
 import { Label } from './label';
 import type { Member } from './member';
@@ -20,8 +21,10 @@ import { accentuate, flat, ORANGE } from './ink';
 import { partsOf } from './overlays';
 import type { CameraInfo, SceneInfo } from './protocol';
 import { poseOf } from './robot';
+import { layTissue, tissueTexture } from './tissue';
 import type { World } from './world';
 
+const ROUND = (50 * Math.PI) / 180; // angle between triangles below which a surface of the surroundings is round
 const THROUGH = 0.25; // opacity of transparent surroundings
 const SIGHT = 0.12; // length in m of the pyramid of a camera's field of view
 
@@ -49,6 +52,8 @@ export class Surroundings {
       if (!(o instanceof Mesh)) return;
       const mesh = o as Mesh<BufferGeometry, MeshStandardMaterial>;
       mesh.material = mesh.material.clone(); // parts may share a material
+      // the triangles of surroundings are large: without this, a dome has facets
+      mesh.geometry = toCreasedNormals(mesh.geometry, ROUND);
       this.opacities.set(mesh, mesh.material.opacity);
     });
   }
@@ -118,6 +123,23 @@ export class Surroundings {
   brighten(on: boolean): void {
     for (const { material } of this.opacities.keys())
       material.emissive = on ? material.color.clone().multiplyScalar(0.18) : new Color(0);
+    this.world.touch();
+  }
+
+  /** Give a body of the props another colour (linear), and the pattern of tissue if wanted. */
+  finish(body: string, color: readonly number[], tissue: boolean): void {
+    const part = this.props.children.find((o) => o.name === body);
+    const [r, g, b] = color;
+    part?.traverse((o) => {
+      if (!(o instanceof Mesh)) return;
+      const mesh = o as Mesh<BufferGeometry, MeshStandardMaterial>;
+      mesh.material.color.setRGB(r ?? 1, g ?? 1, b ?? 1);
+      if (!tissue) return;
+      layTissue(mesh.geometry);
+      mesh.material.map = tissueTexture();
+      mesh.material.roughness = 0.5;
+      mesh.material.needsUpdate = true;
+    });
     this.world.touch();
   }
 

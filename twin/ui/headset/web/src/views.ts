@@ -279,7 +279,7 @@ export class Views {
     if (small === 'scope' || due) {
       if (due) pace.except();
       this.drawn = now;
-      this.draw(small);
+      this.drawLit(small);
       const { left, top, width, height } = this.box(small);
       const scale = renderer.getPixelRatio();
       const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
@@ -287,7 +287,7 @@ export class Views {
       const whole = this.small.getContext('2d');
       whole?.drawImage(renderer.domElement, left * scale, top * scale, w, h, 0, 0, w, h);
     } else this.app.later(pace.slow ? PAUSE : REST);
-    this.draw(this.large);
+    this.drawLit(this.large);
     this.halves.refresh();
   }
 
@@ -295,7 +295,10 @@ export class Views {
   drawEyes(width: number, height: number): Record<Eye, WebGLRenderTarget> {
     this.aim(width / height);
     const pictures = { left: this.eyes.picture('left', width, height), right: this.eyes.picture('right', width, height) };
-    for (const eye of EYES) this.drawInto(pictures[eye], this.eyes[eye], true);
+    const { reflections } = this.app.world;
+    reflections.inside(() => {
+      for (const eye of EYES) this.drawInto(pictures[eye], this.eyes[eye], true);
+    });
     return pictures;
   }
 
@@ -328,6 +331,12 @@ export class Views {
     scene.background = background;
     placement.visible = shown;
     for (const thing of hidden) thing.visible = true;
+  }
+
+  /** Draw a view by its own light. */
+  private drawLit(view: View): void {
+    if (view === 'scope') this.app.world.reflections.inside(() => this.draw(view));
+    else this.draw(view);
   }
 
   private draw(view: View): void {
@@ -375,7 +384,7 @@ export class Views {
 
   /** Return the parts of the scene that never move. */
   private still(): (Mesh | LineSegments)[] {
-    return [...this.app.world.ground, ...this.app.surroundings.parts];
+    return [...this.app.world.ground, ...this.app.surroundings.parts, ...this.app.drawn.still];
   }
 
   /** Return the visible displays that are only for the room's view. */

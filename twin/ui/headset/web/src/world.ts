@@ -26,10 +26,19 @@ import {
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { Pace } from './pace';
+import { Reflections } from './reflections';
 
 export type Look = 'normal' | 'additive';
 
-const SKY = 0xe9eef5;
+/** Colours of background, floor and lines of the grid (every fifth, others) by the theme of the page. */
+const THEMES = {
+  light: { sky: 0xe9eef5, disc: 0xf4f7fa, strong: 0xb9c4d1, faint: 0xd7dee7, shadow: 0.2 },
+  dark: { sky: 0x161c23, disc: 0x1f2831, strong: 0x465464, faint: 0x303b47, shadow: 0.5 },
+} as const;
+
+type Theme = keyof typeof THEMES;
+
+const HALF = 30; // half width of the grid in lines
 
 /** Layer of the room's lamps: they light only the pictures of cameras on this layer. */
 export const ROOM_LIGHT = 3;
@@ -53,7 +62,7 @@ export class World {
   moved = -Infinity;
   look: Look = 'normal';
   /** Background colour, except in AR. */
-  readonly sky = new Color(SKY);
+  readonly sky = new Color();
   /** Whether a new picture is needed. */
   dirty = true;
   /** Size of the robot's bounding box in m. */
@@ -66,8 +75,11 @@ export class World {
   private readonly hemisphere = new HemisphereLight(0xffffff, 0xc9c4bc, 1.15);
   private readonly ambient = new AmbientLight(0xffffff, 0.15);
   private readonly shadow = new Mesh(new CircleGeometry(6, 48), new ShadowMaterial({ opacity: 0.2 }));
-  private readonly grid: LineSegments;
-  private readonly disc: Mesh;
+  private readonly grid = gridOf();
+  private readonly disc = new Mesh(new CircleGeometry(4, 64), new MeshBasicMaterial({ toneMapped: false }));
+  private readonly darkness = window.matchMedia('(prefers-color-scheme: dark)');
+  readonly reflections: Reflections;
+  private seeThrough = false;
 
   constructor(canvas: HTMLCanvasElement) {
     const processor = accelerated();
@@ -94,8 +106,6 @@ export class World {
     this.shadow.rotation.x = -Math.PI / 2;
     this.shadow.receiveShadow = true;
     this.shadow.position.y = 0.0005;
-    this.grid = gridOf();
-    this.disc = new Mesh(new CircleGeometry(4, 64), new MeshBasicMaterial({ color: 0xf4f7fa, toneMapped: false }));
     this.disc.rotation.x = -Math.PI / 2;
     this.disc.position.y = -0.002;
     this.floor.add(this.disc, this.grid, this.shadow);
@@ -105,7 +115,9 @@ export class World {
       this.moved = performance.now();
       this.dirty = true;
     });
+    this.reflections = new Reflections(this.renderer, this.scene, this.hemisphere);
     this.setLook('normal', false);
+    this.darkness.addEventListener('change', () => this.setLook(this.look, this.seeThrough));
     window.addEventListener('resize', () => this.resize());
     this.resize();
   }
@@ -202,11 +214,27 @@ export class World {
     this.renderer.shadowMap.needsUpdate = true;
   }
 
+  /** Whether the page, and with it the background of the picture, is dark. */
+  private get theme(): Theme {
+    return this.darkness.matches ? 'dark' : 'light';
+  }
+
+  /** Light the robots by a room that shiny parts reflect (true), or by lamps alone. */
+  reflect(on: boolean): void {
+    this.reflections.show(on);
+    this.touch();
+  }
+
   setLook(look: Look, seeThrough: boolean): void {
     this.look = look;
+    this.seeThrough = seeThrough;
     const additive = look === 'additive';
+    const colors = THEMES[this.theme];
     // Black is transparent on an additive display; on a screen, a dark background previews such a display.
-    this.sky.set(additive ? 0x000000 : SKY);
+    this.sky.set(additive ? 0x000000 : colors.sky);
+    (this.disc.material as MeshBasicMaterial).color.set(colors.disc);
+    (this.shadow.material as ShadowMaterial).opacity = colors.shadow;
+    tintGrid(this.grid.geometry, this.theme);
     this.scene.background = seeThrough ? null : this.sky;
     this.ambient.intensity = additive ? 0.5 : 0.15;
     this.sun.castShadow = !additive;
@@ -230,31 +258,40 @@ function accelerated(): boolean {
   return !/swiftshader|llvmpipe|softpipe|basic render/i.test(name);
 }
 
-/** Return a grid of lines 10 cm apart; every fifth line is stronger, and all fade towards the rim. */
+/** Return a grid of lines 10 cm apart, without colours. */
 function gridOf(): LineSegments {
   const positions: number[] = [];
-  const colors: number[] = [];
-  const half = 30;
-  const near = [new Color(0xb9c4d1), new Color(0xd7dee7)] as const;
-  const rim = new Color(SKY);
-  const add = (x: number, z: number, strong: boolean) => {
-    positions.push(0.1 * x, 0, 0.1 * z);
-    const fade = Math.min(1, Math.hypot(x, z) / half) ** 1.5;
-    const c = near[strong ? 0 : 1].clone().lerp(rim, fade);
-    colors.push(c.r, c.g, c.b);
-  };
-  for (let i = -half; i <= half; i++)
-    for (let k = -half; k < half; k++) {
-      if (Math.hypot(i, k + 0.5) > half) continue;
-      const strong = i % 5 === 0;
-      (add(i, k, strong), add(i, k + 1, strong));
-      (add(k, i, strong), add(k + 1, i, strong));
+  const add = (x: number, z: number) => positions.push(0.1 * x, 0, 0.1 * z);
+  for (let i = -HALF; i <= HALF; i++)
+    for (let k = -HALF; k < HALF; k++) {
+      if (Math.hypot(i, k + 0.5) > HALF) continue;
+      (add(i, k), add(i, k + 1));
+      (add(k, i), add(k + 1, i));
     }
   const geometry = new BufferGeometry();
   geometry.setAttribute('position', new Float32BufferAttribute(positions, 3));
-  geometry.setAttribute('color', new Float32BufferAttribute(colors, 3));
+  geometry.setAttribute('color', new Float32BufferAttribute(positions.length, 3));
   const material = new LineBasicMaterial({ vertexColors: true, toneMapped: false });
   return new LineSegments(geometry, material);
+}
+
+/** Colour the lines of a grid: every fifth is stronger, and all fade to the background towards the rim. */
+function tintGrid(grid: BufferGeometry, theme: Theme): void {
+  const colors = THEMES[theme];
+  const [strong, faint, rim] = [new Color(colors.strong), new Color(colors.faint), new Color(colors.sky)];
+  const at = grid.getAttribute('position');
+  const tints = grid.getAttribute('color');
+  const tint = new Color();
+  for (let i = 0; i < at.count; i++) {
+    const [x, z] = [Math.round(10 * at.getX(i)), Math.round(10 * at.getZ(i))];
+    // both ends of a line from one crossing to the next have the coordinate that the line keeps
+    const other = i % 2 ? i - 1 : i + 1;
+    const kept = Math.round(10 * at.getX(other)) === x ? x : z;
+    const fade = Math.min(1, Math.hypot(x, z) / HALF) ** 1.5;
+    tint.copy(kept % 5 === 0 ? strong : faint).lerp(rim, fade);
+    tints.setXYZ(i, tint.r, tint.g, tint.b);
+  }
+  tints.needsUpdate = true;
 }
 
 /** Remove an object, and release its memory on the GPU. */

@@ -1,0 +1,295 @@
+"""Simple solids of which surroundings are drawn: ellipsoids, domes, boxes, cylinders, limbs, beds and drapes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from math import cos, pi, sin
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.core.units import DEG, MM
+from twin.schema import Identifier, Keys, Table, Vector, error_at
+
+Points = tuple[Array, np.ndarray]
+"""Points (n, 3), and triangles (m, 3) that are counter-clockwise seen from outside."""
+
+_ROUND, _HIGH = 40, 20
+"""Numbers of facets of an ellipsoid: around its axis, and from pole to pole."""
+
+_ALONG, _AROUND, _CAP = 6, 16, 4
+"""Facets of a limb: from one of its points to the next, around it, and of each of its round ends."""
+
+_SHEET = 48
+"""Facets of a bed or a drape along each side."""
+
+
+class SolidTable(Table):
+    """A solid, in a frame that its user names.
+
+    Shapes: `ellipsoid`, `dome` (the upper half of an ellipsoid), `box`, `cylinder` (about its z axis), `bed` (a rough
+    ground that ends at its rim), `drape` (a cloth over something round, hanging down at both sides; open below) and
+    `limb` (a round body along points).
+
+    Attributes:
+        size_mm: extent along the axes of the solid; not of a limb.
+        centre_mm: centre of the solid, or of the lower side of a bed or a drape; not of a limb.
+        angles_deg: angles about z, y and x.
+        line_mm: points of a limb.
+        width_mm: thickness of a limb at each of its points.
+        color: linear RGB or RGBA, 0..1.
+    """
+
+    name: Identifier
+    shape: Literal["ellipsoid", "dome", "box", "cylinder", "limb", "bed", "drape"]
+    size_mm: tuple[float, float, float] | None = None
+    centre_mm: Vector | None = None
+    angles_deg: Vector = (0.0, 0.0, 0.0)
+    line_mm: list[Vector] | None = None
+    width_mm: list[float] | None = None
+    color: tuple[float, float, float] | tuple[float, float, float, float]
+
+
+def check_solid(path: Path, keys: Keys, solid: SolidTable) -> None:
+    """Raise an error if a solid lacks what its shape requires, or has what its shape does not use.
+
+    Raises:
+        DescriptionError: with file, line, key and the allowed values.
+    """
+    if solid.shape == "limb":
+        line = solid.line_mm or []
+        widths = solid.width_mm or []
+        if solid.size_mm is not None or solid.centre_mm is not None or any(solid.angles_deg):
+            raise error_at(
+                path, (*keys, "shape"), "a limb has line_mm and width_mm: remove the other lengths and angles"
+            )
+        if len(line) < 2 or len(widths) != len(line):
+            text = "a limb needs line_mm with two points or more, and as many numbers in width_mm: "
+            text += f"it has {len(line)} points and {len(widths)} numbers"
+            raise error_at(path, (*keys, "shape"), text)
+        if min(widths) <= 0:
+            raise error_at(path, (*keys, "width_mm"), f"{widths} is not above 0")
+        for a, b in itertools.pairwise(line):
+            if a == b:
+                raise error_at(path, (*keys, "line_mm"), f"two points in sequence are equal: {list(a)}")
+        return
+    if solid.line_mm is not None or solid.width_mm is not None:
+        raise error_at(
+            path, (*keys, "shape"), f"a {solid.shape} has no line_mm and no width_mm: these belong to a limb"
+        )
+    if solid.size_mm is None or solid.centre_mm is None:
+        raise error_at(path, (*keys, "shape"), f"a {solid.shape} needs size_mm and centre_mm")
+    if min(solid.size_mm) <= 0:
+        raise error_at(path, (*keys, "size_mm"), f"{list(solid.size_mm)} is not above 0")
+
+
+def pose_of(solid: SolidTable) -> Array:
+    """Return the pose (4, 4) of a solid in its frame, in m; of a limb, the identity."""
+    if solid.centre_mm is None:
+        return np.eye(4)
+    about_z, about_y, about_x = solid.angles_deg
+    R_z = spatial.rotation_z(about_z * DEG)
+    R_y = spatial.exp_so3([0, about_y * DEG, 0])
+    R_x = spatial.exp_so3([about_x * DEG, 0, 0])
+    return spatial.pose(R_z @ R_y @ R_x, np.array(solid.centre_mm) * MM)
+
+
+def points_of(solid: SolidTable) -> Points:
+    """Return points in m and triangles of a solid that is not a limb, in its own frame at its centre."""
+    half_edges = np.array(solid.size_mm) * 0.5 * MM
+    if solid.shape in ("bed", "drape"):
+        return _bed(2 * half_edges) if solid.shape == "bed" else _drape(2 * half_edges)
+    if solid.shape == "box":
+        return box(2 * half_edges)
+    if solid.shape == "cylinder":
+        points, triangles = _cylinder()
+    else:
+        points, triangles = _ball(solid.shape == "dome")
+    return points * half_edges, triangles
+
+
+def placed(solid: SolidTable) -> Points:
+    """Return points in m and triangles of a solid, in the frame of its table."""
+    if solid.shape == "limb":
+        return limb(np.array(solid.line_mm) * MM, np.array(solid.width_mm) * MM)
+    points, triangles = points_of(solid)
+    T = pose_of(solid)
+    return points @ T[:3, :3].T + T[:3, 3], triangles
+
+
+def box(size: Array) -> Points:
+    """Return points and triangles of a box of a size (3,) in m about the origin."""
+    points, triangles = _box()
+    return points * 0.5 * size, triangles
+
+
+def rod(ends: Array, diameter: float) -> Points:
+    """Return points and triangles of a cylinder between two points (2, 3), in m."""
+    axis = ends[1] - ends[0]
+    length = float(np.linalg.norm(axis))
+    points, triangles = _cylinder()
+    R = spatial.frame_from_axes(axis, spatial.unit_across(axis))
+    sized = points * [0.5 * diameter, 0.5 * diameter, 0.5 * length]
+    return sized @ R.T + ends.mean(axis=0), triangles
+
+
+def limb(line: Array, widths: Array) -> Points:
+    """Return points and triangles of a round body along points (k, 3), with a diameter for each; the ends are round."""
+    centres, radii = _smooth(line, 0.5 * widths)
+    directions = np.gradient(centres, axis=0)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    rings = []
+    across = spatial.unit_across(directions[0])
+    for k, (centre, radius, axis) in enumerate(zip(centres, radii, directions, strict=True)):
+        # the ring keeps its angle about the axis from point to point
+        across = across - axis * (axis @ across)
+        across /= np.linalg.norm(across)
+        other = np.cross(axis, across)
+        if k == 0:
+            rings += _cap(centre, radius, -axis, across, other)[::-1]
+        rings.append(_ring(centre, radius, across, other))
+        if k == len(centres) - 1:
+            rings += _cap(centre, radius, axis, across, other)
+    return _skin(rings)
+
+
+def _smooth(line: Array, radii: Array) -> tuple[Array, Array]:
+    """Return points and radii of a smooth curve through the given points (a spline of Catmull and Rom)."""
+    rows = np.column_stack([line, radii])
+    ends = np.vstack([2 * rows[0] - rows[1], rows, 2 * rows[-1] - rows[-2]])
+    out = []
+    for a, b, c, d in zip(ends, ends[1:], ends[2:], ends[3:], strict=False):
+        for t in np.arange(_ALONG) / _ALONG:
+            cubic = -a + 3 * b - 3 * c + d
+            square = 2 * a - 5 * b + 4 * c - d
+            out.append(0.5 * (2 * b + (c - a) * t + square * t**2 + cubic * t**3))
+    out.append(rows[-1])
+    curve = np.array(out)
+    return curve[:, :3], np.maximum(curve[:, 3], 0.2 * radii.min())
+
+
+def _ring(centre: Array, radius: float, across: Array, other: Array) -> Array:
+    angles = 2 * pi * np.arange(_AROUND) / _AROUND
+    return centre + radius * (np.outer(np.cos(angles), across) + np.outer(np.sin(angles), other))
+
+
+def _cap(centre: Array, radius: float, axis: Array, across: Array, other: Array) -> list[Array]:
+    """Return the rings of a half ball, from its edge to its pole."""
+    rings = []
+    for k in range(1, _CAP + 1):
+        angle = 0.5 * pi * k / _CAP
+        # the last ring is almost a point: its triangles keep an area
+        rings.append(_ring(centre + radius * sin(angle) * axis, radius * max(cos(angle), 0.02), across, other))
+    return rings
+
+
+def _skin(rings: Sequence[Array]) -> Points:
+    """Return the surface through rings of equal numbers of points, closed at both ends."""
+    n = len(rings[0])
+    points = np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]])
+    k = np.arange(n)
+    after = (k + 1) % n
+    faces = []
+    for i in range(len(rings) - 1):
+        lower = i * n
+        upper = lower + n
+        faces.append(np.column_stack([lower + k, lower + after, upper + after]))
+        faces.append(np.column_stack([lower + k, upper + after, upper + k]))
+    first = len(rings) * n
+    last = (len(rings) - 1) * n
+    faces.append(np.column_stack([0 * k + first, after, k]))
+    faces.append(np.column_stack([0 * k + first + 1, last + k, last + after]))
+    return points, np.concatenate(faces).astype(np.int32)
+
+
+def _sheet(points: Array) -> Points:
+    """Return a surface through points (rows, columns, 3); seen from above, rows go to +y and columns to +x."""
+    rows, columns, _ = points.shape
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a = number[:-1, :-1].ravel()
+    b = number[:-1, 1:].ravel()
+    c = number[1:, 1:].ravel()
+    d = number[1:, :-1].ravel()
+    triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return points.reshape(-1, 3), triangles.astype(np.int32)
+
+
+def _bed(size: Array) -> Points:
+    """Return a rough ground of a size (3,) in m: lobes of fat, and a rim that falls to the lower side."""
+    side = np.linspace(-1, 1, _SHEET + 1)
+    u, v = np.meshgrid(side, side)
+    x = 0.5 * size[0] * u
+    y = 0.5 * size[1] * v
+    lobes = 0.35 * np.sin(x / 0.011 + 1.3 * np.sin(y / 0.017)) + 0.3 * np.sin(y / 0.009 + 1.1 * np.sin(x / 0.015))
+    rim = np.clip(4 * (1 - np.maximum(np.abs(u), np.abs(v))), 0, 1)
+    z = size[2] * rim * (0.65 + 0.5 * lobes)
+    return _sheet(np.stack([x, y, z], axis=-1))
+
+
+def _drape(size: Array) -> Points:
+    """Return a cloth of a size (3,) in m over something round: an arch, with folds where it hangs down."""
+    width, length, height = size
+    # the cross section: a quarter of its facets for each side that hangs down, the others for the arch
+    hanging = _SHEET // 4
+    angles = np.linspace(pi, 0, _SHEET + 1 - 2 * hanging)
+    arch_x = 0.5 * width * np.sign(np.cos(angles)) * np.abs(np.cos(angles)) ** 0.7
+    arch_z = 0.45 * height + 0.55 * height * np.sin(angles) ** 0.8
+    down = np.linspace(0, 0.45 * height, hanging + 1)[:-1]
+    x = np.concatenate([np.full(hanging, -0.5 * width), arch_x, np.full(hanging, 0.5 * width)])
+    z = np.concatenate([down, arch_z, down[::-1]])
+    along = np.linspace(-1, 1, _SHEET + 1)
+    # it falls to the ground at both ends
+    rise = (1 - np.abs(along) ** 10) ** 0.5
+    depth = np.clip(1 - z / (0.45 * height), 0, 1)
+    folds = np.sin(0.5 * length * along / 0.019) + 0.5 * np.sin(0.5 * length * along / 0.008 + 1.0)
+    x_all = x[None, :] + 0.008 * np.sign(x)[None, :] * folds[:, None] * depth[None, :]
+    y_all = np.broadcast_to(0.5 * length * along[:, None], x_all.shape)
+    z_all = z[None, :] * rise[:, None]
+    return _sheet(np.stack([x_all, y_all, z_all], axis=-1))
+
+
+def _ball(half: bool) -> Points:
+    """Return a ball of radius 1, or its closed upper half."""
+    rows = _HIGH // 2 if half else _HIGH
+    span = pi / 2 if half else pi
+    points = [(0.0, 0.0, 1.0)]
+    # a half ball has one ring more than a ball of its rows: its edge
+    rings = rows - 1 + half
+    for i in range(1, rings + 1):
+        polar = span * i / rows
+        for k in range(_ROUND):
+            azimuth = 2 * pi * k / _ROUND
+            points.append((sin(polar) * cos(azimuth), sin(polar) * sin(azimuth), cos(polar)))
+    points.append((0.0, 0.0, 0.0 if half else -1.0))
+    pole = len(points) - 1
+    k = np.arange(_ROUND)
+    after = (k + 1) % _ROUND
+    faces = [np.column_stack([0 * k, 1 + k, 1 + after])]
+    for i in range(rings - 1):
+        upper = 1 + i * _ROUND
+        lower = upper + _ROUND
+        faces.append(np.column_stack([upper + k, lower + k, lower + after]))
+        faces.append(np.column_stack([upper + k, lower + after, upper + after]))
+    edge = 1 + (rings - 1) * _ROUND
+    faces.append(np.column_stack([edge + k, 0 * k + pole, edge + after]))
+    return np.array(points), np.concatenate(faces).astype(np.int32)
+
+
+def _cylinder() -> Points:
+    """Return a cylinder of radius 1 from z = -1 to z = 1."""
+    angles = 2 * pi * np.arange(_ROUND) / _ROUND
+    circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(_ROUND)])
+    up = np.array([0.0, 0.0, 1.0])
+    return _skin([circle - up, circle + up])
+
+
+def _box() -> Points:
+    """Return a cube with edges of length 2."""
+    points = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    quads = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
+    # two triangles for each quad
+    return points, quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
