@@ -10,8 +10,8 @@ from twin.exchange.audit.poses import Array
 
 Rgba = tuple[float, float, float, float]
 
-SAME = 0.02
-"""Maximum difference between components of equal linear colours, due to rounding of display values to eight bits."""
+SAME = 0.0045
+"""Maximum difference between components of equal colours, either linear or as display values: a step of eight bits."""
 
 
 class Palette:
@@ -26,6 +26,10 @@ class Palette:
         color = (round(r, 4), round(g, 4), round(b, 4), round(a, 4))
         areas = self._areas.setdefault(link, {})
         areas[color] = areas.get(color, 0.0) + area
+
+    def add_finish(self, link: str, metallic: float, roughness: float, area: float) -> None:
+        """Add a surface with a finish from 0 to 1, as if it were a colour: both are compared in the same way."""
+        self.add(link, (metallic, roughness, 0.0, 1.0), area)
 
     def shares(self) -> dict[str, dict[Rgba, float]]:
         """Return {link: {colour: fraction (0..1) of the link's area}}; links without area are omitted."""
@@ -43,6 +47,12 @@ def linear(shown: Array) -> Array:
     dark = c / 12.92
     bright = ((np.maximum(c, 0.0) + 0.055) / 1.055) ** 2.4
     return np.where(c <= 0.04045, dark, bright)
+
+
+def display(linear: Array) -> Array:
+    """Return display values (sRGB) (..., 3) of linear components."""
+    c = np.maximum(np.asarray(linear, float), 0.0)
+    return np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
 
 
 def surface_area(vertices: Array, triangles: Array) -> float:
@@ -63,13 +73,22 @@ def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
     matched = 0.0
     for color, share in one.items():
         for near in sorted(left, key=lambda c: _difference(c, color)):
-            if _difference(near, color) > SAME or share <= 0:
+            if not _same(near, color) or share <= 0:
                 break
             common = min(share, left[near])
             left[near] -= common
             share -= common
             matched += common
     return 1.0 - matched
+
+
+def _same(one: Rgba, other: Rgba) -> bool:
+    """Return whether two linear colours are equal, if one of them is rounded to eight bits, in either form."""
+    if _difference(one, other) <= SAME:
+        return True
+    shown = (*display(np.array(one[:3])).tolist(), one[3])
+    other_shown = (*display(np.array(other[:3])).tolist(), other[3])
+    return _difference(shown, other_shown) <= SAME
 
 
 def _difference(one: Rgba, other: Rgba) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.compared_quantities import QUANTITIES, WORDS, Compared, difference_text
+from twin.exchange.audit.compared_quantities import NOTHING, QUANTITIES, WORDS, Compared, difference_text
 from twin.exchange.audit.mechanism_data import TOOL, WORLD, FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.poses import Array
@@ -47,6 +47,7 @@ class View:
         physics: mechanism data of the file.
         shapes: {link: shape of its meshes}.
         colors: {link: {colour (linear rgba): fraction of the link's area}}.
+        finishes: the same for metallic and roughness, see `Content`.
         said: {(subject, quantity): value in the file}, with keys such as ("joint 'j1'", "limits").
     """
 
@@ -56,6 +57,7 @@ class View:
     physics: FilePhysics
     shapes: Mapping[str, LinkShape] = field(default_factory=dict)
     colors: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
+    finishes: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
     said: dict[tuple[str, str], Any] = field(default_factory=dict)
 
     @property
@@ -88,7 +90,15 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
     for content in contents:
         if content.physics is not None or content.shapes:
             physics = content.physics or FilePhysics()
-            view = View(content.file, content.format, content.ledger, physics, content.shapes, content.colors)
+            view = View(
+                content.file,
+                content.format,
+                content.ledger,
+                physics,
+                content.shapes,
+                content.colors,
+                content.finishes,
+            )
             views.append(view)
     if truth is not None:
         views.append(View(MECHANISM, "truth", None, truth))
@@ -113,7 +123,8 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
             q = QUANTITIES[name]
             check = f"{WORDS.get(name, name)} against {others}"
             finite = min(difference, 1e300)  # JSON has no infinity
-            view.ledger.row(check, finite, q.unit_of_difference, q.tolerance, where=subject, against=others)
+            fits = True if q.severity == "warning" else None  # a warning is no disagreement
+            view.ledger.row(check, finite, q.unit_of_difference, q.tolerance, where=subject, fits=fits, against=others)
 
 
 def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
@@ -129,15 +140,35 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
     for view in views:
         movable |= view.physics.trocars
     for view in views:
-        _state(view, canonical, known, movable)
+        _state(view, canonical, known, movable, views)
         if view.holds(Holds.JOINT_TREE) and _is_for_one_motion(view, views):
             _forget_held_places(view)
+    _state_absent_declarations(views)
     keys = _keys(views)
     for view in views:
         listed = _listed_kinds(view.physics)
         for subject, name in keys:
             if name == "existence" and subject.startswith(listed):
                 view.said.setdefault((subject, name), False)
+
+
+_FURTHER = {"further declarations": "further", "declarations of contact or look": "contact"}
+"""Quantities of what formats declare beside all others, with the attributes of `FilePhysics`."""
+
+
+def _state_absent_declarations(views: Sequence[View]) -> None:
+    """State further declarations as text; files that could hold some and do not state "nothing"."""
+    for quantity, attribute in _FURTHER.items():
+        subjects: set[str] = set()
+        for view in views:
+            subjects |= set(getattr(view.physics, attribute) or ())
+        for view in views:
+            declared = getattr(view.physics, attribute)
+            if declared is None:
+                continue
+            for subject in sorted(subjects):
+                fields = [f"{name} {value}" for name, value in declared.get(subject, {}).items()]
+                view.say(subject, {quantity: ", ".join(fields) or NOTHING})
 
 
 def _keys(views: Sequence[View]) -> list[tuple[str, str]]:
@@ -352,7 +383,9 @@ def _parts(joint: FileJoint, name: str) -> bool:
     return all(part == name or part.startswith(f"{name}_") for part in joint.names)
 
 
-def _state(view: View, canonical: Mapping[str, FileJoint], known: set[str], movable: set[str]) -> None:
+def _state(
+    view: View, canonical: Mapping[str, FileJoint], known: set[str], movable: set[str], views: Sequence[View]
+) -> None:
     physics = view.physics
     still = physics.still(known)
     _state_links(view, known, still)
@@ -367,6 +400,12 @@ def _state(view: View, canonical: Mapping[str, FileJoint], known: set[str], mova
             view.say(f"frame '{name}'", {"existence": True, "link": frame.link, "frame pose": frame.T})
     for name, point in physics.points.items():
         view.say(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
+    if physics.robot and not _is_for_one_motion(view, views):
+        view.say("the robot", {"robot": physics.robot})
+    for name, coordinates in (physics.postures or {}).items():
+        view.say(f"posture '{name}'", {"coordinates": coordinates})
+    if physics.postures is not None and physics.tool:
+        view.say("the robot", {"name of the tool": physics.tool})
     world = {
         "gravity": physics.gravity,
         "medium": physics.medium,
@@ -499,6 +538,9 @@ def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> N
     for link, shares in view.colors.items():
         if link in known:
             view.say(f"link '{link}'", {"colours": shares})
+    for link, shares in view.finishes.items():
+        if link in known:
+            view.say(f"link '{link}'", {"finish": shares})
     for link, share in (physics.floats or {}).items():
         if link in known:
             view.say(f"link '{link}'", {"weightless": share})
@@ -544,10 +586,11 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
     if joint.kind in _SINGLE:
         drive = joint.drive
         if joint.tied:  # a tie is between points, and has no coordinate of its own
-            drive = replace(drive, limits=None, soft=None, passive=None)
+            drive = replace(drive, limits=None, soft=None, passive=None, control=None)
         values = {
             "limits": drive.limits,
             "soft limits": drive.soft,
+            "range of control": drive.control,
             "driven": drive.driven,
             "reduction": _reduction(view.physics, joint),
             "passive": drive.passive,
@@ -557,6 +600,8 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
             "damping": drive.damping,
             "largest effort": drive.effort,
             "largest speed": drive.speed,
+            "largest acceleration": drive.acceleration,
+            "largest jerk": drive.jerk,
         }
         view.say(subject, values)
 
@@ -612,9 +657,16 @@ def _compare_values(
     """
     q = QUANTITIES[name]
     key = (subject, name)
-    right = max(_groups(key, q, views), key=_weight)
+    groups = _groups(key, q, views)
+    right = max(groups, key=_weight)
+    if q.usual is not None:
+        for group in groups:
+            if group[0].said[key] == q.usual:
+                right = group
     reference = right[0]
     expected = any(view.expected for view in views)
+    if q.by_majority and not expected and len(_families(right)) < 2:
+        return
     for view in views:
         if view.ledger is not None and expected:
             view.ledger.placed |= name in _GEOMETRY
@@ -626,8 +678,7 @@ def _compare_values(
             continue
         others = _listed(right)
         text = difference_text(subject, name, q, view.said[key], reference.said[key], others)
-        families = {agreeing.family for agreeing in right}
-        if len(families) == 1 and not reference.expected:
+        if len(_families(right)) == 1 and not reference.expected:
             text += " One of the two statements is wrong."
         advice = "find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism"
         if reference.expected:
@@ -636,7 +687,7 @@ def _compare_values(
         if np.isfinite(difference):
             value = difference
         size = Measured(value, q.tolerance, q.unit_of_difference)
-        view.ledger.wrong(f"physics.{name.replace(' ', '_')}", text, subject, suggestion=advice, size=size)
+        view.ledger.add(f"physics.{name.replace(' ', '_')}", q.severity, text, subject, suggestion=advice, size=size)
 
 
 def _groups(key: tuple[str, str], q: Compared, views: Sequence[View]) -> list[list[View]]:
@@ -652,6 +703,11 @@ def _groups(key: tuple[str, str], q: Compared, views: Sequence[View]) -> list[li
     return groups
 
 
+def _families(views: Sequence[View]) -> set[str]:
+    """Return the independent sources among files."""
+    return {view.family for view in views}
+
+
 def _trust(view: View) -> int:
     if view.expected:
         return 0
@@ -660,7 +716,7 @@ def _trust(view: View) -> int:
 
 def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
     """Return what decides which group is right: the mechanism, the number of sources, the trust in its first file."""
-    families = {view.family for view in group}
+    families = _families(group)
     return "truth" in families, len(families), -min(map(_trust, group))
 
 

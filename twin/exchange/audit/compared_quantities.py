@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
+from twin.core.findings import Severity
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import apart
 from twin.exchange.audit.poses import Array
@@ -37,8 +39,20 @@ def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
     return float(np.linalg.norm(difference)) / size
 
 
+def _coordinates(a: Mapping[str, float], b: Mapping[str, float]) -> float:
+    """Return the largest difference of two mappings {joint: coordinate}; infinite if they have other joints."""
+    if a.keys() != b.keys():
+        return np.inf
+    return max((abs(a[joint] - b[joint]) for joint in a), default=0.0)
+
+
 def _word(a: Any, b: Any) -> float:
     return 0.0 if a == b else 1.0
+
+
+def _name(a: str, b: str) -> float:
+    """Return 0 if two names are equal in letters and digits: formats allow different other characters."""
+    return 0.0 if re.sub(r"\W", "_", a) == re.sub(r"\W", "_", b) else 1.0
 
 
 def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
@@ -124,6 +138,10 @@ ALIKE = 3e-6
 """Distance in m below which two points count as equal, despite rounding to 0.001 mm and to single precision."""
 
 
+NOTHING = "nothing"
+"""Text of further declarations where a file has none."""
+
+
 @dataclass(frozen=True)
 class Compared:
     """One compared quantity.
@@ -133,12 +151,18 @@ class Compared:
         tolerance: maximum difference between equal values.
         unit: unit of the values, and of the difference if `relative` is False.
         relative: whether `apart` returns a relative difference; messages then show the ratio.
+        severity: severity of a difference: a "warning" where the motion stays the same, or authors may choose.
+        usual: the right value if any source states it, whatever the others state; None if there is no such value.
+        by_majority: whether a difference is reported only if the mechanism, or two sources, state the other value.
     """
 
     apart: Callable[[Any, Any], float]
     tolerance: float
     unit: str = ""
     relative: bool = False
+    severity: Severity = "disagreement"
+    by_majority: bool = False
+    usual: str | None = None
 
     @property
     def unit_of_difference(self) -> str:
@@ -169,6 +193,8 @@ QUANTITIES: Mapping[str, Compared] = {
     "damping": Compared(_number, 1e-5, "N s/m or N m s/rad", True),
     "largest effort": Compared(_number, 1e-5, "N or N m", True),
     "largest speed": Compared(_number, 1e-5, "m/s or rad/s", True),
+    "largest acceleration": Compared(_number, 1e-5, "m/s2 or rad/s2", True),
+    "largest jerk": Compared(_number, 1e-5, "m/s3 or rad/s3", True),
     "frame pose": Compared(_place, 2e-6, "m"),
     "point": Compared(_distance, 2e-6, "m"),
     "link": Compared(_word, 0.0),
@@ -176,6 +202,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "surface": Compared(_surface, ALIKE, "m"),
     "closed": Compared(_word, 0.0),
     "colours": Compared(apart, 0.02),
+    "finish": Compared(apart, 0.02, severity="warning"),
     "gravity": Compared(_distance, 1e-3, "m/s2"),
     "medium": Compared(_passive, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
     "collisions of its own links": Compared(_word, 0.0),
@@ -189,6 +216,12 @@ QUANTITIES: Mapping[str, Compared] = {
     "weightless": Compared(_distance, 1e-9),
     "reduction": Compared(_number, 1e-6, "", True),
     "row": Compared(_row, 1e-6, "", True),
+    "robot": Compared(_name, 0.0, severity="warning", by_majority=True),
+    "name of the tool": Compared(_word, 0.0),
+    "coordinates": Compared(_coordinates, 1e-5, "m or rad", severity="warning"),
+    "range of control": Compared(_ends, 1e-5, "m or rad", severity="warning"),
+    "further declarations": Compared(_word, 0.0, usual=NOTHING),
+    "declarations of contact or look": Compared(_word, 0.0, severity="warning", usual=NOTHING),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
 """Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""
@@ -221,6 +254,8 @@ def difference_text(subject: str, name: str, q: Compared, own: Any, right: Any, 
         return f"{subject}: a point of its mesh is {quantity(difference, 'm')} from the mesh of {others}."
     if name == "colours":
         return f"{subject}: {100 * difference:.3g} % of its surface has a different colour in {others}."
+    if name == "finish":
+        return f"{subject}: {100 * difference:.3g} % of its surface has another metallic or roughness in {others}."
     if name == "inertia":
         return f"{subject}: inertia differs from {others} by {100 * difference:.3g} %."
     if name == "axis":
@@ -244,6 +279,10 @@ WORDS = {
     "link": "link of the frame",
     "largest effort": "maximum effort",
     "largest speed": "maximum speed",
+    "largest acceleration": "maximum acceleration",
+    "largest jerk": "maximum jerk",
+    "robot": "name of the robot",
+    "finish": "metallic and roughness",
     "held": "bodies fixed to the world",
     "shown": "presence of a mesh",
     "weighed": "presence of a mass",

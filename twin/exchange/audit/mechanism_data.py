@@ -91,6 +91,10 @@ class FileDrive:
         cone: half angles in rad of the cone of a ball joint, about the two directions across its axis; infinite without
             a cone.
         soft: range (lower, upper) in m or rad in which a safety controller keeps the joint; the limits without one.
+        acceleration: maximum acceleration in m/s2 or rad/s2.
+        jerk: maximum jerk in m/s3 or rad/s3.
+        control: range (lower, upper) in m or rad of the positions that a control can ask for; the limits where a format
+            does not restrict it.
     """
 
     limits: tuple[float, float] | None = None
@@ -104,6 +108,9 @@ class FileDrive:
     breaks: float | None = None
     cone: tuple[float, float] | None = None
     soft: tuple[float, float] | None = None
+    control: tuple[float, float] | None = None
+    acceleration: float | None = None
+    jerk: float | None = None
 
 
 EMPTY = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -278,6 +285,11 @@ class FilePhysics:
         all_motors: whether `motors` contains all motors with transmissions.
         floats: {link: share of its weight that is compensated}, 0 without compensation; None if not stated.
         opening: length in m (angle in rad) by which the loops open if gravity pulls at them; None if not stated.
+        robot: name of the robot; "" if not stated.
+        postures: {name: {driven joint: coordinate in m or rad}}; None if not stated.
+        further: {object: {field: value as text}} of what a file declares of the motion beside all of the above, with
+            another value than where nothing is written; {} without such declarations, None if not known.
+        contact: the same for contacts and look.
         complete: whether `joints` contains all joints, each with its links; without this, a missing joint is not found.
     """
 
@@ -302,6 +314,10 @@ class FilePhysics:
     reductions: Mapping[str, float] | None = None
     floats: Mapping[str, float] | None = None
     opening: float | None = None
+    robot: str = ""
+    postures: Mapping[str, Mapping[str, float]] | None = None
+    further: Mapping[str, Mapping[str, str]] | None = None
+    contact: Mapping[str, Mapping[str, str]] | None = None
     complete: bool = False
 
     def still(self, known: Collection[str]) -> frozenset[str] | None:

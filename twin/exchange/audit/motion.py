@@ -106,6 +106,7 @@ class Content:
             marks no links.
         shapes: {link: shape of its meshes}.
         colors: {link: {colour (linear rgba): fraction of the link's area}}.
+        finishes: the same for (metallic, roughness, 0, 1); empty if the format has none.
         physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash of the source mechanism, as stated in the file; "" if not stated.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
@@ -120,6 +121,7 @@ class Content:
     declared: tuple[str, ...] | None = None
     shapes: dict[str, LinkShape] = field(default_factory=dict)
     colors: dict[str, dict[Rgba, float]] = field(default_factory=dict)
+    finishes: dict[str, dict[Rgba, float]] = field(default_factory=dict)
     physics: FilePhysics | None = None
     model_hash: str = ""
     facts: JsonObject = field(default_factory=dict)

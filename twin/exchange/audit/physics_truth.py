@@ -63,6 +63,9 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         motors=motors,
         all_motors=True,
         opening=0.0,
+        robot=mechanism.name,
+        postures=mechanism.postures,
+        further={},
         floats=dict.fromkeys(links, 0.0),
         complete=True,
     )
@@ -135,4 +138,7 @@ def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, FileMotor]) -> 
         "force",
         np.inf,
         soft=joint.soft_limits or joint.limits or (-np.inf, np.inf),
+        control=joint.limits or (-np.inf, np.inf),
+        acceleration=joint.max_acceleration,
+        jerk=joint.max_jerk,
     )

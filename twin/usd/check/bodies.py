@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
@@ -117,7 +118,7 @@ def _has_mass(prim: Usd.Prim) -> bool:
     if not prim.HasAPI(UsdPhysics.MassAPI):
         return False
     mass = UsdPhysics.MassAPI(prim)
-    return bool(mass.GetMassAttr().Get() or mass.GetDensityAttr().Get() > 0)
+    return bool(mass.GetMassAttr().Get() or (mass.GetDensityAttr().Get() or 0.0) > 0)
 
 
 def _check_mass(
@@ -127,8 +128,9 @@ def _check_mass(
     mass = 0.0
     density = 0.0
     if prim.HasAPI(UsdPhysics.MassAPI):
-        mass = float(api.GetMassAttr().Get()) * scene.kilograms
-        density = float(api.GetDensityAttr().Get())
+        # A blocked attribute has no value, as if it were not authored.
+        mass = float(api.GetMassAttr().Get() or 0.0) * scene.kilograms
+        density = float(api.GetDensityAttr().Get() or 0.0)
     if mass < 0:
         yield _MASS(path, f"body {path} has a negative mass", Quantity(mass, "kg"), 0.0)
         return
@@ -137,7 +139,7 @@ def _check_mass(
         return
     # Meshes that do not show the whole body cannot show that its mass is wrong.
     whole = shows_all(scene, prim)
-    center = np.array(api.GetCenterOfMassAttr().Get(), float) * scene.meters
+    center = _numbers(api.GetCenterOfMassAttr().Get(), -np.inf) * scene.meters
     if box is not None and np.all(np.isfinite(center)):
         low, high = box
         outside = np.maximum(np.maximum(low - center, center - high), 0)
@@ -146,9 +148,16 @@ def _check_mass(
             kind = _COM if whole else _COM_NOTE
             text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
             yield kind(path, text, mm(gap), mm(COM_MARGIN))
-    moments = np.array(api.GetDiagonalInertiaAttr().Get(), float) * scene.kilograms * scene.meters**2
+    moments = _numbers(api.GetDiagonalInertiaAttr().Get(), 0.0) * scene.kilograms * scene.meters**2
     if np.any(moments):
         yield from _check_inertia(path, mass, moments, box, whole)
+
+
+def _numbers(stated: Any, fallback: float) -> Array:
+    """Return three numbers, or a fallback of the schema three times if an attribute is blocked."""
+    if stated is None:
+        return np.full(3, fallback)
+    return np.array(stated, float)
 
 
 def _missing_mass(scene: RawStage, path: str, weighed: bool) -> Finding:

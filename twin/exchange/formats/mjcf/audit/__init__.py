@@ -16,12 +16,14 @@ from twin.exchange.audit.chain import ChainStep, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.context import Context, played
 from twin.exchange.audit.mechanism_data import WORLD
-from twin.exchange.audit.meshes import joined
-from twin.exchange.audit.motion import Content, FileClip, LinkShape
+from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
+from twin.exchange.formats.mjcf.audit.claims import Balance, check_claims
+from twin.exchange.formats.mjcf.audit.further import further
 from twin.exchange.formats.mjcf.audit.physics import BALL, FREE, HINGE, SLIDE, compiled_physics
-from twin.exchange.formats.urdf.audit import assumed_masses, named_mesh, numbers, parse_xml, partly_shown, placed_shape
+from twin.exchange.formats.mjcf.audit.shapes import link_shapes
+from twin.exchange.formats.urdf.audit import assumed_masses, parse_xml, partly_shown
 
 LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at the joint values of a track, in m or (rotation of a weld) in rad."""
@@ -42,8 +44,9 @@ class Mjcf:
         if root.tag != "mujoco":
             raise ReadError(f"the root element is <{root.tag}>, expected <mujoco>")
         self.content = Content(ledger, "mjcf")
-        self.content.shapes = _shapes(root, path, ledger)
         try:
+            spec = mujoco.MjSpec.from_file(str(path))
+            self.content.shapes = link_shapes(spec, path, ledger)
             self.model = mujoco.MjModel.from_xml_path(str(path))
         except (ValueError, mujoco.FatalError) as error:
             raise ReadError(f"MuJoCo rejects the file: {str(error).strip()[:200]}") from error
@@ -62,10 +65,16 @@ class Mjcf:
             "handedness": "right (MuJoCo)",
         }
         self.content.physics = compiled_physics(m, self.bodies)
+        self.content.physics.further, self.content.physics.contact = further(spec)
+        self.content.physics.robot = _robot_name(spec)
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly = partly_shown(path) | _partly_read(m)
-        self.content.colors = _colors(m)
+        self.content.colors, self.content.finishes = _colors(m)
         _check_model(m, self.data, ledger)
+        # Assumed masses are held by nothing: the controls are those of the robot, which has no such masses.
+        weighed = not self.content.physics.assumed
+        check_claims(path.read_text("utf-8", errors="replace"), m, _at_keyframe(m, self.data), weighed, ledger)
+        mujoco.mj_resetData(m, self.data)
 
     def _pose(self, body: int) -> Array:
         q = self.data.xquat[body]
@@ -241,6 +250,37 @@ def _opening(m: mujoco.MjModel, equality: str, gap: float) -> str:
     return f"{gap:.4g} m or rad"
 
 
+def _robot_name(spec: mujoco.MjSpec) -> str:
+    """Return the name of the model; "" if the file states none, for which MuJoCo has a name of its own."""
+    name = str(spec.modelname)
+    return "" if name == mujoco.MjSpec().modelname else name
+
+
+def _at_keyframe(m: mujoco.MjModel, d: mujoco.MjData) -> Balance | None:
+    """Set the state to the first keyframe; return the forces there; None without a keyframe."""
+    if not m.nkey:
+        return None
+    mujoco.mj_resetDataKeyframe(m, d, 0)
+    mujoco.mj_fwdPosition(m, d)
+    mujoco.mj_fwdVelocity(m, d)
+    mujoco.mj_fwdActuation(m, d)
+    columns, loops, gravity = _statics(m, d)
+    forces = d.actuator_force.copy()
+    servo = m.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    pulled, *_ = np.linalg.lstsq(np.hstack([columns * servo, loops]), gravity, rcond=None)
+    holding = pulled[: m.nu] * servo
+    remaining = _unbalanced(gravity - columns @ forces, loops)
+    least = _unbalanced(gravity - columns @ holding, loops)
+    weight = float(np.abs(gravity).max(initial=0.0))
+    return Balance(forces, holding, remaining, least, weight)
+
+
+def _unbalanced(efforts: Array, loops: Array) -> float:
+    """Return the largest of the efforts (nv,) in N or N m that the loops (nv, k) cannot carry."""
+    carried, *_ = np.linalg.lstsq(loops, efforts, rcond=None)
+    return float(np.abs(efforts - loops @ carried).max(initial=0.0))
+
+
 def _holds(root: ET.Element) -> bool:
     """Return whether the world is the base of the robot: True if a joint connects a top-level body to the world."""
     return any(world.find("body/joint") is not None for world in root.iter("worldbody"))
@@ -259,9 +299,15 @@ def _partly_read(m: mujoco.MjModel) -> frozenset[str]:
     return frozenset(out)
 
 
-def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
-    """Return {body: {colour: fraction of area}}. A mesh that is used for both display and collision counts once."""
+def _colors(m: mujoco.MjModel) -> tuple[dict[str, dict[Rgba, float]], dict[str, dict[Rgba, float]]]:
+    """Return {body: {colour: fraction of area}}, and the same for finishes (metallic, roughness, 0, 1).
+
+    A mesh that is used for both display and collision counts once. Materials without a finish have none.
+    """
     out = Palette()
+    finishes = Palette()
+    # MuJoCo has -1 for what a material does not state; a file in which none states it has no finishes.
+    finished = bool(np.any(m.mat_metallic >= 0) or np.any(m.mat_roughness >= 0))
     seen = set()
     for g in range(m.ngeom):
         mesh = int(m.geom_dataid[g])
@@ -274,80 +320,15 @@ def _colors(m: mujoco.MjModel) -> dict[str, dict[Rgba, float]]:
         vertices = m.mesh_vert[vertex : vertex + m.mesh_vertnum[mesh]].astype(float)
         area = surface_area(vertices, m.mesh_face[face : face + m.mesh_facenum[mesh]])
         rgba = m.geom_rgba[g]
-        if m.geom_matid[g] >= 0:  # the colour of a material hides that of the shape
-            rgba = m.mat_rgba[m.geom_matid[g]]
+        material = int(m.geom_matid[g])
+        if material >= 0:  # the colour of a material hides that of the shape
+            rgba = m.mat_rgba[material]
+            metallic, roughness = float(m.mat_metallic[material]), float(m.mat_roughness[material])
+            if finished:
+                finishes.add_finish(m.body(key[0]).name, metallic, roughness, area)
         red, green, blue = linear(rgba[:3]).tolist()
         out.add(m.body(key[0]).name, (red, green, blue, float(rgba[3])), area)
-    return out.shares()
-
-
-def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> dict[str, LinkShape]:
-    compiler = root.find("compiler")
-    folder = ""
-    if compiler is not None:
-        folder = compiler.get("meshdir", compiler.get("assetdir", ""))
-    assets: dict[str | None, tuple[str, Array, Array]] = {}
-    unread: set[str] = set()
-    for mesh in root.findall("asset/mesh"):
-        file = mesh.get("file", "")
-        name = mesh.get("name") or Path(file).stem
-        if folder:
-            file = f"{folder}/{file}"
-        scale = numbers(mesh.get("scale"), 3, (1, 1, 1))
-        assets[name] = (file, scale, _reference(mesh, name, scale))
-    checked: dict[str, tuple[Array, Array] | None] = {}
-    shapes: dict[str, LinkShape] = {}
-    for body in (*root.iter("worldbody"), *root.iter("body")):
-        parts: list[LinkShape] = []
-        seen = set()
-        for geom in body.findall("geom"):
-            place = (geom.get("mesh"), geom.get("pos"), geom.get("quat"))
-            if place in seen:  # the same mesh is used for display and collision
-                continue
-            seen.add(place)
-            if geom.get("mesh") not in assets:
-                continue
-            if not _ROTATIONS.isdisjoint(geom.keys()):
-                unread.add(str(geom.get("mesh")))
-                continue
-            file, scale, reference = assets[geom.get("mesh")]
-            solid = named_mesh(path, file, scale, checked, ledger, "mjcf")
-            if solid is None:
-                continue
-            q_wxyz = numbers(geom.get("quat"), 4, (1, 0, 0, 0))
-            T = poses.pose(poses.rotation(q_wxyz[[1, 2, 3, 0]]), numbers(geom.get("pos"), 3, (0, 0, 0)))
-            part = placed_shape(solid, T @ reference, "mjcf")
-            if part is not None:
-                parts.append(part)
-        shape = joined(parts)
-        name = "world" if body.tag == "worldbody" else body.get("name", "")
-        if shape is not None and name:
-            shapes[name] = shape
-    for name in sorted(unread):
-        text = f"shape '{name}' is not read: its rotation is not given by quat."
-        ledger.add("mjcf.shape", "warning", text, name)
-    return shapes
-
-
-def _reference(mesh: ET.Element, name: str, scale: Array) -> Array:
-    """Return the affine map (4, 4) of scaled points of a mesh file to those that MuJoCo shows.
-
-    MuJoCo subtracts `refpos` from the points of the file, turns them by the inverse of `refquat`, and scales them then.
-    """
-    T = poses.pose(None, -scale * numbers(mesh.get("refpos"), 3, (0, 0, 0)))
-    if "refquat" not in mesh.attrib:
-        return T
-    q_wxyz = numbers(mesh.get("refquat"), 4, (1, 0, 0, 0))
-    if not scale.all() or not q_wxyz.any():
-        raise ReadError(f"mesh '{name}' has a scale or a refquat of 0")
-    R = poses.rotation(q_wxyz[[1, 2, 3, 0]])
-    turned = np.eye(4)
-    turned[:3, :3] = np.diag(scale) @ R.T @ np.diag(1 / scale)
-    return turned @ T
-
-
-_ROTATIONS = {"euler", "axisangle", "xyaxes", "zaxis"}
-"""Attributes for a rotation that twin does not write, and that depend on other attributes; such shapes are reported."""
+    return out.shares(), finishes.shares()
 
 
 def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
@@ -367,6 +348,8 @@ def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
             ledger.wrong("mjcf.actuator", text, name, suggestion=advice)
     for a in range(m.nu):
         _check_servo(m, a, ledger)
+    _check_names(m, ledger)
+    _check_colliders(m, ledger)
     _check_softness(m, ledger)
     _check_soft_limits(m, ledger)
     for k in range(m.nkey):
@@ -422,6 +405,48 @@ def _stretch(m: mujoco.MjModel, a: int) -> tuple[Array, float, str] | None:
     if moves == int(mujoco.mjtTrn.mjTRN_JOINT) and m.jnt_limited[i] and m.jnt_type[i] in (HINGE, SLIDE):
         return m.jnt_range[i], float(m.qpos0[m.jnt_qposadr[i]]), "joint"
     return None
+
+
+def _check_names(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report hinges and slides without a name if most others of the file have one: values are assigned by name."""
+    single = [j for j in range(m.njnt) if m.jnt_type[j] in (HINGE, SLIDE)]
+    unnamed = [j for j in single if not m.joint(j).name]
+    if 2 * len(unnamed) >= len(single):
+        return
+    for j in unnamed:
+        body = m.body(int(m.jnt_bodyid[j])).name
+        text = f"the joint of body '{body}' has no name; {len(single) - len(unnamed)} others of the file have one."
+        ledger.add("mjcf.unnamed", "warning", text, body, suggestion="name the joint as in the other files")
+
+
+def _check_colliders(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report meshes that a body has twice, and meshes that collide in another way than most others in the file."""
+    forms: dict[int, tuple[int, int]] = {}
+    seen: set[tuple[bytes, ...]] = set()
+    for g in range(m.ngeom):
+        if m.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH:
+            continue
+        forms[g] = (int(m.geom_contype[g]), int(m.geom_conaffinity[g]))
+        fields = (m.geom_bodyid, m.geom_dataid, m.geom_pos, m.geom_quat, m.geom_contype, m.geom_conaffinity)
+        place = tuple(field[g].tobytes() for field in (*fields, m.geom_group, m.geom_matid))
+        if place in seen:
+            name, mesh = m.body(int(m.geom_bodyid[g])).name, m.mesh(int(m.geom_dataid[g])).name
+            text = f"body '{name}' has the shape of mesh '{mesh}' twice at the same place."
+            ledger.add("mjcf.repeated", "warning", text, name, suggestion="keep one of them")
+        seen.add(place)
+    if len(forms) < 3:  # two that differ say nothing about which of them is meant
+        return
+    common, count = Counter(forms.values()).most_common(1)[0]
+    if count < 0.7 * len(forms):
+        return
+    for g, form in forms.items():
+        if form != common:
+            name, mesh = m.body(int(m.geom_bodyid[g])).name, m.mesh(int(m.geom_dataid[g])).name
+            text = (
+                f"body '{name}': the shape of mesh '{mesh}' has contype {form[0]} and conaffinity {form[1]}, "
+                f"{count} others have {common[0]} and {common[1]}: it collides with other things."
+            )
+            ledger.add("mjcf.collider", "warning", text, name, suggestion="give all shapes the same bits")
 
 
 def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:
@@ -519,6 +544,13 @@ def _holding(m: mujoco.MjModel, d: mujoco.MjData) -> Array:
     The forces of the actuators and of the equality constraints balance gravity, in the least-squares sense. Loops hold
     what they can: the efforts are the smallest ones.
     """
+    columns, loops, gravity = _statics(m, d)
+    forces, *_ = np.linalg.lstsq(np.hstack([columns, loops]), gravity, rcond=None)
+    return forces[: m.nu]
+
+
+def _statics(m: mujoco.MjModel, d: mujoco.MjData) -> tuple[Array, Array, Array]:
+    """Return what acts at rest: efforts (nv, nu) by actuator, those (nv, k) by loop constraint, and weight (nv,)."""
     columns = np.zeros((m.nv, m.nu))
     for a in range(m.nu):
         for k in range(int(d.moment_rownnz[a])):
@@ -532,9 +564,7 @@ def _holding(m: mujoco.MjModel, d: mujoco.MjData) -> Array:
         force[k] = 1.0
         mujoco.mj_mulJacTVec(m, d, row, force)
         loops[:, i] = row
-    gravity = d.qfrc_bias - d.qfrc_passive
-    forces, *_ = np.linalg.lstsq(np.hstack([columns, loops]), gravity, rcond=None)
-    return forces[: m.nu]
+    return columns, loops, d.qfrc_bias - d.qfrc_passive
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content:

@@ -300,9 +300,35 @@ def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
         effort = None
         if m.actuator_forcelimited[a]:
             effort = float(np.abs(m.actuator_forcerange[a]).max() * abs(gear))
-        drive = FileDrive(limits, True, stiffness, damping, effort)
+        drive = FileDrive(limits, True, stiffness, damping, effort, control=_control(m, a, j, limits))
         out.append(replace(drive, passive=passive, law=_law(m, a), breaks=np.inf))
     return out
+
+
+def _control(m: mujoco.MjModel, a: int, j: int, limits: tuple[float, float]) -> tuple[float, float] | None:
+    """Return the range of coordinates that a position servo can be asked for; None for other actuators.
+
+    A control is the coordinate, or its displacement from `ref`; the nearer one to the limits of the joint is meant. A
+    range beyond the limits is judged with the file's own limits, so it is cut here.
+    """
+    gear = float(m.actuator_gear[a, 0])
+    stiffness = -float(m.actuator_biasprm[a, 1])
+    if int(m.actuator_biastype[a]) != int(mujoco.mjtBias.mjBIAS_AFFINE) or stiffness <= 0 or not gear:
+        return None
+    low, high = limits
+    if not m.actuator_ctrllimited[a]:
+        return limits
+    lowest, highest = sorted(float(control) / gear for control in m.actuator_ctrlrange[a])
+    nearest: tuple[float, float] = limits
+    least = np.inf
+    for start in (0.0, float(m.qpos0[m.jnt_qposadr[j]])):
+        reached = (max(low, lowest + start), min(high, highest + start))
+        lost = max(reached[0] - low, high - reached[1])
+        if np.isnan(lost):  # no limits on either side
+            lost = 0.0
+        if lost < least:
+            nearest, least = reached, lost
+    return nearest
 
 
 def _ties(m: mujoco.MjModel, names: list[str]) -> list[FileJoint]:

@@ -30,6 +30,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, FileClosures, check_gap, read_closures
 from twin.exchange.formats.urdf.audit.collisions import check_collisions
+from twin.exchange.formats.urdf.audit.elements import check_elements
 from twin.exchange.xacro import SUFFIX, Expanded, expand, is_xacro
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
@@ -95,6 +96,7 @@ class Urdf:
         twice = {joint for joint in joint_names if joint_names.count(joint) > 1}
         if twice:
             ledger.wrong("urdf.duplicate_name", f"two joints are named '{min(twice)}'.", min(twice))
+        check_elements(root, ledger)
         self.links = links
         self.above: dict[str, UrdfJoint] = {}
         for element in root.findall("joint"):
@@ -119,6 +121,7 @@ class Urdf:
         beside = path.with_suffix(".yaml")
         self.closures = self._read_closures(beside, joints, moving)
         self.content.physics = self._physics(masses, moving)
+        self.content.physics.robot = root.get("name", "")
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
@@ -159,6 +162,9 @@ class Urdf:
         physics = _tree_physics(bodies, masses, self.above.values(), moving)
         physics.shown = {link: self._shown[link] for link in bodies}
         physics.joints += self.closures.joints()
+        home = {joint: q for joint, q in self.closures.home.items() if joint in self.closures.driven}
+        if home:
+            physics.postures = {"home": home}
         if self.closures.couplings is not None:
             couplings: dict[str, tuple[Mapping[str, float], float]] = {}
             for joint in self.above.values():
@@ -367,8 +373,8 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     effort = _bound(limit, "effort")
     speed = _bound(limit, "velocity")
     limits = None
-    stated = () if limit is None else limit.attrib
-    if limit is not None and kind != "continuous" and ("lower" in stated or "upper" in stated):
+    if limit is not None and kind in ("revolute", "prismatic"):
+        # Readers such as urdfdom take 0 for a limit that is not stated.
         limits = (float(limit.get("lower", "0")), float(limit.get("upper", "0")))
         if not limits[0] <= limits[1]:
             text = f"joint '{name}': lower limit {limits[0]:g} is above upper limit {limits[1]:g}."
@@ -594,7 +600,9 @@ def _tree_physics(
             effort = _known_bound(j.effort)
             speed = _known_bound(j.speed)
             passive = (0.0, j.damping, j.friction, 0.0)
-            drive = FileDrive((low, high), driven, None, None, effort, speed, passive, soft=j.soft)
+            limits = (low, high)
+            control = limits if driven else None
+            drive = FileDrive(limits, driven, None, None, effort, speed, passive, soft=j.soft, control=control)
         out.joints.append(FileJoint((j.name,), j.parent, j.child, T, motions, drive))
     return out
 
@@ -633,7 +641,12 @@ def _reductions(root: ET.Element, moving: Collection[str]) -> dict[str, float] |
 
 
 def _reduction(transmission: ET.Element) -> list[float]:
-    return [float(numbers(element.text, 1, ())[0]) for element in transmission.iter("mechanicalReduction")]
+    reductions = []
+    for element in transmission.iter("mechanicalReduction"):
+        text = (element.text or "").strip()
+        if text:  # an empty one is reported by `check_elements`
+            reductions.append(float(numbers(text, 1, ())[0]))
+    return reductions
 
 
 def _motors(root: ET.Element) -> dict[str, FileMotor]:

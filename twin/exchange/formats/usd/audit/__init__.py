@@ -28,6 +28,7 @@ from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
+from twin.exchange.formats.usd.audit.declared import check_declared, default_prim_fault, missing_physics
 from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets
 from twin.exchange.formats.usd.audit.header import trouble
 from twin.exchange.formats.usd.audit.joint_gaps import joint_gaps, joint_values
@@ -44,6 +45,9 @@ def read_usd(path: Path, ledger: Ledger) -> Content:
         ReadError: the file is not a stage, or a layer is missing.
     """
     stage = _open(path)
+    fault = default_prim_fault(stage)
+    if fault:
+        ledger.wrong("usd.default_prim", fault, "defaultPrim", suggestion="name a prim that is shown")
     with _evaluating():
         return _read(stage, path, ledger)
 
@@ -77,18 +81,23 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         _check_stray(prims, body_paths, ledger)
         _check_colliders(prims, ledger)
         shown_paths = {prim.GetPath() for prim in shown.values()}
-        content.shapes, content.colors = _shapes(prims, shown_paths, world, ledger)
+        content.shapes, content.colors, content.finishes = _shapes(prims, shown_paths, world, ledger)
         content.physics = stage_physics(stage, bodies, world.meters, world.up)
         hidden: dict[str, bool] = {}
         for name, prim in shown.items():
             if name not in content.shapes and not _has_shape(prim, shown_paths):
                 hidden[name] = False
         content.physics.shown = hidden
+        if content.physics.all_motors:
+            check_declared(stage, content.physics, codes, ledger)
         _check_cones(stage, content.physics, ledger)
         _check_couplings(stage, content.physics, ledger)
         check_drive_targets(stage, content.rest, content.physics, world.meters, ledger, moving=len(codes) > 0)
     else:
-        content.shapes, content.colors = _shapes(prims, None, world, ledger)
+        content.shapes, content.colors, content.finishes = _shapes(prims, None, world, ledger)
+        missing = missing_physics(stage)
+        if missing:
+            ledger.wrong("usd.layer", missing, "subLayers", suggestion="add the layer with the physics")
     content.extra["assumed"] = _assumed(stage)
     _check_gaps(stage, world, bodies, codes, ledger)
     return content
@@ -232,7 +241,7 @@ def _assumed(stage: Usd.Stage) -> dict[str, str]:
 
 def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None:
     """Compare the cones of ball joints with the parameters "<joint> cone" that the stage itself lists."""
-    parameters = stage.GetDefaultPrim().GetCustomDataByKey("twin:parameters") or {}
+    parameters = _custom_data(stage, "twin:parameters")
     for joint in physics.joints:
         name = " ".join(joint.names)
         listed = parameters.get(f"{name} cone")
@@ -246,10 +255,18 @@ def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None
             ledger.wrong("usd.cone", text, name, suggestion="export the stage again")
 
 
+def _custom_data(stage: Usd.Stage, key: str) -> JsonObject:
+    """Return an entry of the customData of the default prim; {} without one."""
+    root = stage.GetDefaultPrim()
+    if not root:
+        return {}
+    return root.GetCustomDataByKey(key) or {}
+
+
 def _check_couplings(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None:
     """Compare the couplings that the stage lists for twin with those that it states for physics engines."""
     listed: dict[str, tuple[dict[str, float], float]] = {}
-    for name, coupling in (stage.GetDefaultPrim().GetCustomDataByKey("twin:couplings") or {}).items():
+    for name, coupling in _custom_data(stage, "twin:couplings").items():
         listed[name] = (dict(coupling["ratios"]), float(coupling["total"]))
     stated = physics.couplings or {}
     if len(listed) != len(stated):  # engines cannot hold every coupling
@@ -334,12 +351,14 @@ def _has_material(prim: Usd.Prim) -> bool:
 
 def _shapes(
     prims: list[Usd.Prim], links: Set[Sdf.Path] | None, world: StageWorld, ledger: Ledger
-) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
-    """Check all normals; return ({link: shape in the link's frame}, {link: {colour: fraction of area}}).
+) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]], dict[str, dict[Rgba, float]]]:
+    """Check all normals; return ({link: shape in the link's frame}, {link: {colour: fraction of area}}, finishes).
 
+    Finishes are as colours, (metallic, roughness, 0, 1).
     `links` are the paths of the links; None: the stage has no links, and the parent of each mesh takes their place.
     """
     palette = Palette()
+    finishes = Palette()
     parts: dict[str, list[LinkShape]] = {}
     for prim in prims:
         if not prim.IsA(UsdGeom.Mesh) or not _is_for_display(prim):
@@ -371,12 +390,15 @@ def _shapes(
         rgba = _mesh_color(prim)
         if rgba is not None:
             palette.add(owner.GetName(), rgba, shape.area)
+        finish = _mesh_finish(prim)
+        if finish is not None:
+            finishes.add_finish(owner.GetName(), *finish, shape.area)
     shapes = {}
     for link, meshes in parts.items():
         shape = joined(meshes)
         if shape is not None:
             shapes[link] = shape
-    return shapes, palette.shares()
+    return shapes, palette.shares(), finishes.shares()
 
 
 def _owner(mesh: Usd.Prim, links: Set[Sdf.Path] | None) -> Usd.Prim | None:
@@ -416,6 +438,26 @@ def _mesh_color(prim: Usd.Prim) -> Rgba | None:
     if displayed is None or len(displayed) != 1:
         return None
     return _rgba(displayed[0], 1.0)
+
+
+def _mesh_finish(prim: Usd.Prim) -> tuple[float, float] | None:
+    """Return (metallic, roughness) of a mesh with one preview surface; None without one, or with a texture."""
+    if UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Mesh(prim)):
+        return None
+    material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+    if not material:
+        return None
+    shader, *_ = material.ComputeSurfaceSource()
+    if not shader or shader.GetPrim().GetAttribute("info:id").Get() != "UsdPreviewSurface":
+        return None
+    values = []
+    for name, fallback in (("metallic", 0.0), ("roughness", 0.5)):  # those of the specification
+        shader_input = shader.GetInput(name)
+        if shader_input and shader_input.HasConnectedSource():
+            return None
+        value = shader_input.Get() if shader_input else None
+        values.append(fallback if value is None else float(value))
+    return values[0], values[1]
 
 
 def _constant(shader: UsdShade.Shader, name: str) -> Any:

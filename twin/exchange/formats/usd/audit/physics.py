@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
@@ -19,6 +20,7 @@ from twin.exchange.audit.mechanism_data import (
     along,
 )
 from twin.exchange.audit.poses import Array
+from twin.exchange.formats.usd.audit.declared import further_declarations, is_ours
 from twin.exchange.formats.usd.audit.joint_gaps import AXES, SIX, is_locked, is_stated, joint_ends
 
 
@@ -38,8 +40,11 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     robot = stage.GetDefaultPrim()
     if robot:
         out.motors = _motors(robot)
-        out.all_motors = bool(robot.GetAttribute("twin:base"))
+        out.all_motors = is_ours(stage)
         if out.all_motors:
+            out.robot = robot.GetName()
+            out.further, out.contact = further_declarations(stage)
+            out.postures = _postures(robot)
             out.marks = frozenset({"frame", "point"})
         _add_tool(out, robot)
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
@@ -60,11 +65,16 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             held.add(name)
     out.floats = floats
     links = set(names.values())
+    behind: set[str] = set()  # joints behind transmissions, whose motors have the efforts
+    for motor in (out.motors or {}).values():
+        behind |= set(motor.row or ())
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and is_stated(prim):
             joint = _joint(prim, names, meters, kilograms)
             if joint is None:
                 continue
+            if out.all_motors:
+                joint = replace(joint, drive=_unlimited(joint.drive, prim.GetName() not in behind))
             parent_moves = joint.parent in links
             child_moves = joint.child in links
             if joint.kind == "fixed" and parent_moves != child_moves:
@@ -80,6 +90,14 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             if kind in ("frame", "point"):
                 _add_mark(out, prim, kind, paths, cache, meters)
     return out
+
+
+def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
+    """Return {posture: {joint: coordinate in m or rad}} that the prim of the robot states."""
+    postures = {}
+    for name, coordinates in (robot.GetCustomDataByKey("twin:postures") or {}).items():
+        postures[name] = {joint: float(q) for joint, q in coordinates.items()}
+    return postures
 
 
 def _add_tool(physics: FilePhysics, robot: Usd.Prim) -> None:
@@ -272,13 +290,35 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
     speed = _scaled(prim.GetAttribute("physxJoint:maxJointVelocity").Get(), unit, 1.0)
     marked = prim.GetAttribute("twin:active").Get()
     active = driven if marked is None else bool(marked)
-    breaks = float(UsdPhysics.Joint(prim).GetBreakForceAttr().Get())
+    break_force = UsdPhysics.Joint(prim).GetBreakForceAttr().Get()
+    breaks = np.inf if break_force is None else float(break_force)
     limits = (lower, upper)
     own_soft = prim.GetAttribute("twin:softLimits").Get()  # in m or rad
     soft = None if marked is None else limits  # stages of others do not state soft limits
     if own_soft is not None:
         soft = float(own_soft[0]), float(own_soft[1])
-    return FileDrive(limits, active, stiffness, damping, effort, speed, law=law, breaks=breaks, soft=soft)
+    control = limits if active else None
+    return FileDrive(
+        *(limits, active, stiffness, damping, effort, speed),
+        law=law,
+        breaks=breaks,
+        soft=soft,
+        control=control,
+        acceleration=_scaled(prim.GetAttribute("twin:maxAcceleration").Get(), 1.0, 1.0),
+        jerk=_scaled(prim.GetAttribute("twin:maxJerk").Get(), 1.0, 1.0),
+    )
+
+
+def _unlimited(drive: FileDrive, own: bool) -> FileDrive:
+    """Return a drive of a stage of this project: a speed that it does not state has no limit, nor has an effort.
+
+    `own`: whether the drive is at the joint itself; motors behind a transmission have efforts of their own.
+    """
+    if not drive.driven:
+        return drive
+    speed = np.inf if drive.speed is None else drive.speed
+    effort = np.inf if own and drive.effort is None else drive.effort
+    return replace(drive, speed=speed, effort=effort)
 
 
 def _scaled(value: float | None, unit: float, per: float) -> float | None:

@@ -1,0 +1,232 @@
+"""Whether a change of a file has an effect on the robot, as a reader sees it that shares nothing with the audit.
+
+MuJoCo compiles an MJCF and Pinocchio reads a URDF; what they do not read (transmissions, safety controllers, names) has
+an effect unless it is in the short lists here, each with its reason.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+UNUSED = {
+    "stat": "statistics of the picture",
+    "vis": "settings of the picture",
+    "signature": "a hash of the file",
+    "buffer": "size",
+    "names": "compared by the other arrays' order, and by name below",
+    "narena": "size of memory",
+    "nbuffer": "size of memory",
+    "name_": "addresses of names, which are compared as a list",
+    "nnames": "size of memory",
+    "npaths": "size of memory",
+    "paths": "paths of files; the meshes themselves are compared",
+    "geom_fluid": "fluid forces; exports have no medium",
+    "body_sameframe": "a shortcut of the computation, which follows from the poses",
+    "geom_sameframe": "a shortcut",
+    "site_sameframe": "a shortcut",
+    "site_size": "size of a mark in the picture",
+    "bvh": "bounding volumes, which follow from the meshes",
+    "oct": "bounding volumes, which follow from the meshes",
+}
+"""Fields of a compiled model, by the beginning of their names, that do not change what the robot does or looks like."""
+
+ROUNDING = 1e-9
+
+
+class RefusedError(Exception):
+    """The reader refuses the file."""
+
+
+def mjcf_model(file: Path) -> dict[str, Any]:
+    """Return what MuJoCo compiles of a file, by field."""
+    import mujoco
+
+    try:
+        m = mujoco.MjModel.from_xml_path(str(file))
+    except (ValueError, mujoco.FatalError) as error:
+        raise RefusedError(str(error)) from error
+    read: dict[str, Any] = {}
+    for name in dir(m):
+        if name.startswith("_") or name.startswith(tuple(UNUSED)):
+            continue
+        value = getattr(m, name)
+        if callable(value):
+            continue
+        if isinstance(value, np.ndarray | int | float):
+            read[name] = np.array(value)
+    for name in dir(m.opt):
+        value = getattr(m.opt, name)
+        if not name.startswith("_") and isinstance(value, np.ndarray | int | float):
+            read[f"opt.{name}"] = np.array(value)
+    # Without the name of the model itself, which is the first one.
+    read["names"] = bytes(m.names).split(b"\0")[1:]
+    return read
+
+
+def urdf_model(file: Path) -> dict[str, Any]:
+    """Return what Pinocchio reads of a URDF: joints, inertias, limits, shapes."""
+    import pinocchio
+
+    try:
+        m = pinocchio.buildModelFromUrdf(str(file))
+        shapes = [
+            pinocchio.buildGeomFromUrdf(m, str(file), kind, package_dirs=[str(file.parent)])
+            for kind in (pinocchio.GeometryType.VISUAL, pinocchio.GeometryType.COLLISION)
+        ]
+    except (ValueError, RuntimeError) as error:
+        raise RefusedError(str(error)) from error
+    read: dict[str, Any] = {"names": list(m.names), "joints": [str(j.shortname()) for j in m.joints]}
+    for name in ("lowerPositionLimit", "upperPositionLimit", "damping", "friction"):
+        read[name] = np.array(getattr(m, name))
+    read["effort"] = np.array(m.upperEffortLimit if hasattr(m, "upperEffortLimit") else m.effortLimit)
+    read["speed"] = np.array(m.upperVelocityLimit if hasattr(m, "upperVelocityLimit") else m.velocityLimit)
+    read["parents"] = np.array(list(m.parents))
+    read["placements"] = np.array([p.homogeneous for p in m.jointPlacements])
+    read["inertias"] = np.array([i.matrix() for i in m.inertias])
+    read["axes"] = [re.sub(r"-?0\.?0*(?=[ \n])", "0", str(j)) for j in m.joints]
+    # An order of siblings is none of the robot.
+    read["frames"] = {f.name: (f.parentJoint, f.placement.homogeneous) for f in m.frames}
+    for k, model in enumerate(shapes):
+        kind = ("visual", "collision")[k]
+        for g in model.geometryObjects:
+            entry = [g.parentJoint, g.placement.homogeneous, np.array(g.meshScale), Path(g.meshPath).name]
+            entry.append(np.array(g.meshColor))
+            read[f"{kind} {g.name}"] = entry
+    return read
+
+
+READERS = {".xml": mjcf_model, ".urdf": urdf_model}
+
+
+def same(a: Any, b: Any) -> bool:
+    """Return whether two values read are equal within rounding."""
+    if isinstance(a, dict):
+        return isinstance(b, dict) and a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
+    if isinstance(a, list | tuple):
+        return isinstance(b, list | tuple) and len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        if not (isinstance(a, np.ndarray) and isinstance(b, np.ndarray)):
+            return False
+        if a.shape != b.shape:
+            return False
+        if a.dtype.kind in "fc":
+            size = max(1e-12, float(np.abs(a[np.isfinite(a)]).max(initial=0.0)))
+            return bool(np.allclose(a, b, rtol=ROUNDING, atol=1e-3 * ROUNDING * size, equal_nan=True))
+        return bool(np.array_equal(a, b))
+    return bool(a == b)
+
+
+def differing(a: dict[str, Any], b: dict[str, Any]) -> list[str]:
+    """Return the fields in which two models differ."""
+    return sorted(key for key in {*a, *b} if key not in a or key not in b or not same(a[key], b[key]))
+
+
+NO_ORDER = "after the next"
+"""Change of the order of children: objects have names. Of an MJCF, the order of joints and bodies is that of `qpos`."""
+
+URDF_UNREAD = ("transmission", "safety_controller", "calibration", "robot@name", "mimic", "ros2_control")
+"""Fields of a URDF that Pinocchio does not read, and that have an effect on the robot."""
+
+NO_EFFECT = (
+    (r"worldbody/(inertial.*|.*@mass.*)", r"^(base|frame|world)$", "the base is fixed: its mass moves nothing"),
+    (r".*over2 \(apiSchemas\): without PhysicsMassAPI", r"/(base|frame|world)$", "the base is fixed"),
+    (r"worldbody/site@quat.*", r"point_", "a point has no directions"),
+    (r"worldbody/joint@pos\[2\]: small", r"", "the axis is along z: the anchor may be anywhere on it"),
+    (r"link/inertial.*", r"_[ab]$", "the end of a loop has 1 mg"),
+    (r"transmission@name: unknown", r"", "nothing refers to a transmission by name"),
+    (r"transmission/actuator/hardwareInterface: removed", r"", "ros_control reads that of the joint, since Indigo"),
+    (r"transmission/actuator/mechanicalReduction: removed", r"", "without one it is 1, as it was here"),
+    (r"transmission/actuator@name: unknown", r"", "an actuator may have any name; a file of one says nothing else"),
+    (r"keyframe(/key)?: removed", r"", "a simulation then starts at `ref`, the same pose"),
+    (r".*PhysicsFixedJoint: (renamed|below a sibling)", r"root_joint", "the joint of the base has a name only here"),
+    (r".*PhysicsFixedJoint\..*(blocked|body0: without targets)", r"root_joint", "the base is at the origin"),
+    (r".*Scope: (renamed|without a type|below a sibling)", r"", "a scope only groups"),
+    (r".*principalAxes\[0\]: exchanged with the next", r"", "half a turn about an axis of the tensor"),
+    (r".*parameters/.*/(note|index).*", r"", "notes and their order are for people"),
+    (r".*twin:(source|mating).*", r"", "sources are for people"),
+)
+"""Changes without effect that a reader cannot tell: pattern of the kind, pattern of the place, reason."""
+
+
+def effect(before: dict[str, Any], file: Path, kind: str, place: str) -> str:
+    """Return "none", "refused", or the fields of the model that differ from those `before` the change."""
+    try:
+        after = READERS[file.suffix](file)
+    except RefusedError:
+        return "refused"
+    except Exception as error:  # a reader that raises anything else refuses too, in its way
+        return f"refused ({type(error).__name__})"
+    fields = differing(before, after)
+    if NO_ORDER in kind and not re.search(r"joint:|body|worldbody:", kind):
+        return "none"
+    for pattern, there, _ in NO_EFFECT:
+        if re.fullmatch(pattern, kind) and re.search(there, place):
+            return "none"
+    if file.suffix == ".urdf" and any(word in kind for word in URDF_UNREAD) and NO_ORDER not in kind:
+        fields.append("(not read by Pinocchio)")
+    return ", ".join(fields[:6]) or "none"
+
+
+USD_COMMENTS = ("documentation", "comment", "twin:mating", "twin:whole", "displayName", "customLayerData")
+"""Parts of keys of a stage that are for people."""
+
+
+def stage_model(file: Path) -> dict[str, Any]:
+    """Return what OpenUSD resolves of a stage: prims, values at rest and at the first and last sample, world poses."""
+    from pxr import Tf, Usd, UsdGeom, UsdShade
+
+    try:
+        stage = Usd.Stage.Open(str(file))
+        if not stage or stage.GetCompositionErrors():
+            raise RefusedError(str(stage and stage.GetCompositionErrors()))
+        read: dict[str, Any] = {}
+        read["rate"] = stage.GetTimeCodesPerSecond()  # falls back to the frames per second
+        for key in ("upAxis", "metersPerUnit", "kilogramsPerUnit", "defaultPrim"):
+            read[key] = stage.GetMetadata(key)
+        read["range"] = np.array([stage.GetStartTimeCode(), stage.GetEndTimeCode()])
+        read["frames"] = stage.GetFramesPerSecond()
+        cache = UsdGeom.XformCache()
+        for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+            path = str(prim.GetPath())
+            schemas = sorted(map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()))
+            read[path] = [str(prim.GetTypeName()), schemas, prim.IsInstance()]
+            read[f"{path} data"] = str(prim.GetCustomData())
+            if prim.IsA(UsdGeom.Imageable):
+                shown = UsdGeom.Imageable(prim)
+                read[f"{path} look"] = [shown.ComputeVisibility(), shown.ComputePurpose()]
+                read[f"{path} pose"] = np.array(cache.GetLocalToWorldTransform(prim))
+                material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+                read[f"{path} material"] = str(material.GetPath()) if material else ""
+            for attribute in prim.GetAttributes():
+                key = f"{path}.{attribute.GetName()}"
+                read[key] = resolved(attribute.Get())
+                read[f"{key} interpolation"] = str(attribute.GetMetadata("interpolation"))
+                for time in attribute.GetTimeSamples():
+                    read[f"{key} {time}"] = resolved(attribute.Get(time))
+            for relationship in prim.GetRelationships():
+                read[f"{path}.{relationship.GetName()}"] = [str(t) for t in relationship.GetForwardedTargets()]
+    except (Tf.ErrorException, RuntimeError) as error:
+        raise RefusedError(str(error)) from error
+    return {key: value for key, value in read.items() if not any(word in key for word in USD_COMMENTS)}
+
+
+def resolved(value: Any) -> Any:
+    """Return a value of a stage as numbers if it has some; the sign of a quaternion is none of a rotation."""
+    from pxr import Gf
+
+    if isinstance(value, Gf.Quatf | Gf.Quatd | Gf.Quath):
+        numbers = np.array([value.GetReal(), *value.GetImaginary()], float)
+        return numbers if numbers[int(np.argmax(np.abs(numbers)))] > 0 else -numbers
+    if value is None or isinstance(value, bool | str):
+        return value
+    try:
+        return np.array(value, float)
+    except (TypeError, ValueError):
+        return str(value)
+
+
+READERS[".usda"] = stage_model

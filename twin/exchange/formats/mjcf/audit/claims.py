@@ -1,0 +1,112 @@
+"""Check what the comments of an MJCF claim: the stepping at which its loops were tested, and the controls that hold it.
+
+A file of others makes no such claims; a program that saves the file again drops its comments, and its author may then
+choose another stepping.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, Measured
+
+_STEPPING = re.compile(r"<!--[^>]*At this time step, with this integrator")
+_HOLDING = re.compile(r"<!--[^>]*Zero holds the robot at home")
+
+_TESTED = {"timestep": 0.001, "iterations": 100, "tolerance": 1e-12}
+"""Options at which the loops were tested to stay closed (tests/exchange/test_exporting_engines.py)."""
+
+_INTEGRATOR = "discrete"
+
+_BALANCED = 1e-5
+"""Part of the weight's largest effort that may remain unbalanced at a keyframe: numbers have 12 digits."""
+
+_ROUNDED = 1e-6
+"""Effort in N or N m that counts as none."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """The forces at a keyframe at rest.
+
+    Attributes:
+        forces: forces (nu,) of the actuators in N or N m.
+        holding: the smallest ones (nu,) of position servos that hold the robot, with closed loops.
+        remaining: largest effort of a coordinate in N or N m that `forces` and loops leave unbalanced.
+        least: the same for `holding`.
+        weight: largest effort of a coordinate in N or N m due to the weight.
+    """
+
+    forces: Array
+    holding: Array
+    remaining: float
+    least: float
+    weight: float
+
+
+def check_claims(text: str, m: mujoco.MjModel, balance: Balance | None, weighed: bool, ledger: Ledger) -> None:
+    """Report claims in the comments of a file that its model does not keep.
+
+    Args:
+        text: the file.
+        m: the compiled model.
+        balance: the forces at the keyframe; None without one.
+        weighed: whether all masses are those of the robot, none of them assumed.
+        ledger: receives the findings.
+    """
+    if _STEPPING.search(text):
+        _check_stepping(m, ledger)
+    if _HOLDING.search(text):
+        if balance is None:
+            advice = "write the keyframe again, or remove the comment"
+            message = "a comment states that a control of 0 holds the robot at home, but the file has no keyframe."
+            ledger.add("mjcf.claim", "warning", message, "keyframe", suggestion=advice)
+        elif weighed:
+            _check_holding(m, balance, ledger)
+
+
+def _check_stepping(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report options that are not those at which the file says that its loops were tested."""
+    own = {name: getattr(m.opt, name) for name in _TESTED}
+    for name, tested in _TESTED.items():
+        if abs(own[name] - tested) > 1e-9 * tested:
+            _stepping(name, f"{own[name]:g}", f"{tested:g}", ledger)
+    known = mujoco.mjtIntegrator(m.opt.integrator).name.removeprefix("mjINT_").lower()
+    if known != _INTEGRATOR:
+        _stepping("integrator", known, _INTEGRATOR, ledger)
+
+
+def _stepping(name: str, own: str, tested: str, ledger: Ledger) -> None:
+    text = (
+        f"option {name} is {own}; a comment of the file states that its loops stay closed at this time step, with this "
+        f"integrator, which was tested with {name} {tested}."
+    )
+    ledger.wrong("mjcf.claim", text, "option", suggestion=f"write {name} {tested}, or remove the comment")
+
+
+def _check_holding(m: mujoco.MjModel, balance: Balance, ledger: Ledger) -> None:
+    """Report the actuator that is farthest from holding the robot at its keyframe, though the file says so.
+
+    An actuator at its limit is no fault of its control: it is reported by itself. Where even the right forces do not
+    hold the robot, as motors without gains would have to pull, nothing can be said.
+    """
+    limited = m.actuator_forcelimited.astype(bool)
+    bounds = np.abs(m.actuator_forcerange).max(axis=1, initial=0.0)
+    if np.any(limited & (np.abs(balance.forces) >= bounds)) or not m.nu:
+        return
+    limit = _BALANCED * balance.weight + _ROUNDED
+    if balance.least > limit or balance.remaining <= limit:
+        return
+    a = int(np.argmax(np.abs(balance.forces - balance.holding)))
+    name = m.actuator(a).name
+    text = (
+        f"the actuators do not hold the robot at its keyframe, though a comment of the file states that a control of 0 "
+        f"does: '{name}' pulls by {balance.forces[a]:.6g} N or N m, {balance.holding[a]:.6g} hold it."
+    )
+    size = Measured(float(balance.forces[a]), float(balance.holding[a]))
+    ledger.wrong("mjcf.claim", text, name, size=size, suggestion="correct biasprm, ctrl or qpos")

@@ -1,0 +1,195 @@
+"""Read what an MJCF declares beside the quantities that all formats share: fields with other values than MuJoCo's own.
+
+Each field of each joint, shape, actuator, tendon, constraint, body, mesh, material and option is compared with the
+value that it has where nothing is written, after default classes. So a field that no other comparison reads is found
+by its name, also one that later versions of MuJoCo add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+_SAME = 1e-12
+"""Relative difference of equal numbers."""
+
+_INTERNAL = frozenset(
+    {"alt", "classname", "compiler", "frame", "id", "info", "name", "parent", "plugin", "signature", "userdata"}
+)
+"""Fields that are no declarations of the robot."""
+
+_MOTION: Mapping[str, frozenset[str]] = {
+    "joints": frozenset(
+        {"armature", "axis", "damping", "frictionloss", "group", "limited", "margin", "pos", "range", "ref"}
+        | {"stiffness", "type", "align", "solref_limit", "solimp_limit"}
+    ),
+    "actuators": frozenset(
+        {"biasprm", "biastype", "ctrllimited", "ctrlrange", "dynprm", "dyntype", "forcelimited", "forcerange"}
+        | {"gainprm", "gear", "group", "target", "trntype", "type", "ctrlspec", "lengthrange"}
+    ),
+    "tendons": frozenset(
+        {"armature", "limited", "range", "group", "width", "rgba", "material", "springlength", "path", "type"}
+    ),
+    "equalities": frozenset({"active", "data", "name1", "name2", "objtype", "solimp", "solref", "type"}),
+    "bodies": frozenset(
+        {"childclass", "explicitinertial", "frames", "fullinertia", "gravcomp", "ialt", "inertia", "ipos", "iquat"}
+        | {"mass", "pos", "quat", "bodies", "geoms", "joints", "sites", "cameras", "lights"}
+    ),
+}
+"""Fields, by list of objects, that other comparisons read, or that have no effect; all others act on the motion."""
+
+_CONTACT: Mapping[str, frozenset[str]] = {
+    "geoms": frozenset(
+        {"mass", "density", "fromto", "group", "meshname", "hfieldname", "material", "pos", "quat", "rgba", "size"}
+        | {"type", "typeinertia", "contype", "conaffinity", "fitscale", "fluid_coefs", "fluid_ellipsoid"}
+    ),
+    "meshes": frozenset(
+        {"content_type", "file", "inertia", "material", "refpos", "refquat", "scale", "uservert", "usernormal"}
+        | {"userface", "usertexcoord", "userfacenormal", "userfacetexcoord", "usertexcoordface", "needsdf"}
+    ),
+    "materials": frozenset({"rgba", "metallic", "roughness", "textures"}),
+}
+"""The same for what acts on contacts and on the look."""
+
+_OPTIONS = frozenset(
+    {"gravity", "density", "viscosity", "disableflags", "timestep", "integrator", "iterations", "tolerance"}
+)
+"""Options that other comparisons read, or that a comment of the file states (`claims`)."""
+
+_ACCURACY = frozenset(
+    {"ls_iterations", "ls_tolerance", "ccd_iterations", "ccd_tolerance", "jacobian", "sdf_initpoints", "sdf_iterations"}
+    | {"noslip_iterations", "noslip_tolerance", "sleep_tolerance", "solver", "magnetic", "wind"}
+)
+"""Options of how exactly the solver works, and of what needs sensors or a medium: the motion is nearly the same."""
+
+_COMPARED_FLAGS = (
+    int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    | int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    | int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+)
+"""Flags that disable what is compared as a whole: then it is missing."""
+
+_DEFAULTS = {
+    "joints": "joint",
+    "actuators": "actuator",
+    "tendons": "tendon",
+    "equalities": "equality",
+    "geoms": "geom",
+    "meshes": "mesh",
+    "materials": "material",
+}
+
+_COUNTED = {"motion": ("flexes", "skins", "plugins"), "contact": ("excludes", "pairs")}
+"""Objects that an export has none of."""
+
+Declared = dict[str, dict[str, str]]
+"""{object, such as "joint 'q1'": {field: value as text}}."""
+
+
+def further(spec: mujoco.MjSpec) -> tuple[Declared, Declared]:
+    """Return the further declarations of an MJCF: (those that act on the motion, those on contacts and look)."""
+    motion = _of_objects(spec, _MOTION)
+    contact = _of_objects(spec, _CONTACT)
+    options = _fields(spec.option, mujoco.MjSpec().option, _OPTIONS | _ACCURACY)
+    flags = _names_of(mujoco.mjtDisableBit, spec.option.disableflags & ~_COMPARED_FLAGS)
+    if flags:
+        options["disabled"] = ", ".join(flags)
+    if options:
+        motion["the option"] = options
+    accuracy = _fields(spec.option, mujoco.MjSpec().option, _OPTIONS)
+    accuracy = {key: text for key, text in accuracy.items() if key in _ACCURACY}
+    if accuracy:
+        contact["the option"] = accuracy
+    for kind, out in (("motion", motion), ("contact", contact)):
+        for name in _COUNTED[kind]:
+            count = len(getattr(spec, name))
+            if count:
+                out.setdefault("the file", {})[name] = str(count)
+    moving = [key.name for key in spec.keys if np.any(np.nan_to_num(key.qvel))]
+    if moving:
+        motion["the keyframes"] = {"qvel": ", ".join(moving)}
+    return motion, contact
+
+
+def _of_objects(spec: mujoco.MjSpec, known: Mapping[str, frozenset[str]]) -> Declared:
+    out: Declared = {}
+    for name, compared in known.items():
+        fallback = _fallback(name)
+        for number, item in enumerate(getattr(spec, name)):
+            fields = _fields(item, fallback, compared)
+            fields |= _further_numbers(name, item)
+            if fields:
+                label = item.name or f"{number + 1} of {len(getattr(spec, name))}"
+                out[f"{_DEFAULTS.get(name, 'body')} '{label}'"] = fields
+    return out
+
+
+def _fallback(name: str) -> Any:
+    """Return an object of a list with the values that MuJoCo gives it."""
+    spec = mujoco.MjSpec()
+    if name == "bodies":
+        return spec.worldbody.add_body()
+    return getattr(spec.default, _DEFAULTS[name])
+
+
+def _further_numbers(name: str, item: Any) -> dict[str, str]:
+    """Return fields of which only the first numbers are compared elsewhere."""
+    fields: dict[str, str] = {}
+    if name == "actuators":
+        for key, first in (("gear", 1), ("gainprm", 1), ("biasprm", 3), ("dynprm", 1)):
+            numbers = np.asarray(getattr(item, key), float)[first:]
+            if np.any(np.nan_to_num(numbers)):
+                fields[f"{key}[{first}:]"] = _text(numbers)
+    return fields
+
+
+def _fields(item: Any, fallback: Any, compared: Iterable[str]) -> dict[str, str]:
+    """Return {field: text} of the fields of an object that differ from those of another, without those `compared`."""
+    fields: dict[str, str] = {}
+    for key in _stated(item):
+        if key in compared:
+            continue
+        value = getattr(item, key)
+        expected = getattr(fallback, key)
+        if not _equal(value, expected):
+            fields[key] = _text(value)
+    return fields
+
+
+def _stated(item: Any) -> Iterator[str]:
+    for key in dir(item):
+        if key.startswith(("_", "first_", "next_", "add_", "set_", "find_", "to_")) or key in _INTERNAL:
+            continue
+        if not callable(getattr(item, key)):
+            yield key
+
+
+def _equal(a: Any, b: Any) -> bool:
+    if isinstance(a, str) or isinstance(b, str):
+        return str(a) == str(b)
+    try:
+        one = np.asarray(a, float)
+        other = np.asarray(b, float)
+    except (TypeError, ValueError):
+        return True  # objects, which are no values
+    return one.shape == other.shape and bool(np.allclose(one, other, rtol=_SAME, atol=0.0, equal_nan=True))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    numbers = np.atleast_1d(np.asarray(value, float))
+    return " ".join(f"{number:g}" for number in numbers)
+
+
+def _names_of(flags: Any, bits: int) -> list[str]:
+    """Return the names of the bits that are set, such as "constraint"."""
+    names = []
+    for name, flag in flags.__members__.items():
+        if name.startswith("mjDSBL_") and bits & int(flag):
+            names.append(name.removeprefix("mjDSBL_").lower())
+    return names

@@ -1,0 +1,303 @@
+"""Check the elements of a URDF: required attributes, elements that may be there once, names, transmissions.
+
+Parsers such as urdfdom reject an element without a required attribute, or take the first of two; which parser does
+what differs, so that such a file is a different robot for each.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from xml.etree import ElementTree as ET
+
+from twin.exchange.audit.report import Ledger
+
+_ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "parent": ("link",),
+    "child": ("link",),
+    "mass": ("value",),
+    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+    "mesh": ("filename",),
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "limit": ("effort", "velocity"),
+    "axis": ("xyz",),
+    "mimic": ("joint",),
+    "safety_controller": ("k_velocity",),
+    "color": ("rgba",),
+    "material": ("name",),
+}
+"""Required attributes of elements."""
+
+_OPTIONAL: Mapping[str, tuple[str, ...]] = {
+    "link": ("type",),
+    "origin": ("xyz", "rpy"),
+    "mesh": ("scale",),
+    "limit": ("lower", "upper"),
+    "mimic": ("multiplier", "offset"),
+    "dynamics": ("damping", "friction"),
+    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position"),
+    "calibration": ("rising", "falling"),
+    "visual": ("name",),
+    "collision": ("name",),
+}
+"""Further attributes of elements."""
+
+_CHILDREN: Mapping[str, tuple[str, ...]] = {
+    "link": ("inertial",),
+    "inertial": ("origin", "mass", "inertia"),
+    "visual": ("origin", "geometry", "material"),
+    "collision": ("origin", "geometry"),
+    "geometry": ("mesh", "box", "sphere", "cylinder"),
+    "joint": (
+        *("parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"),
+    ),
+}
+"""Elements that may be in an element once."""
+
+_NEEDED: Mapping[str, tuple[str, ...]] = {
+    "inertial": ("mass", "inertia"),
+    "visual": ("geometry",),
+    "collision": ("geometry",),
+    "joint": ("parent", "child"),
+}
+"""Elements that must be in an element."""
+
+_MANY: Mapping[str, tuple[str, ...]] = {"link": ("visual", "collision")}
+"""Elements that may be in an element several times."""
+
+_LIMITED = ("revolute", "prismatic")
+"""Types of joints that need a limit."""
+
+_TYPES = ("SimpleTransmission", "DifferentialTransmission", "FourBarLinkageTransmission")
+"""Transmissions of the package transmission_interface."""
+
+_INTERFACES = (
+    *("PositionJointInterface", "VelocityJointInterface", "EffortJointInterface", "PosVelJointInterface"),
+    *("PosVelAccJointInterface", "JointStateInterface", "ActuatorStateInterface", "JointCommandInterface"),
+    *("PositionActuatorInterface", "VelocityActuatorInterface", "EffortActuatorInterface"),
+)
+"""Interfaces of the package hardware_interface."""
+
+_NEAR = 0.75
+"""Similarity (0..1) from which an unknown name is a known one with a mistake in it."""
+
+
+def check_elements(root: ET.Element, ledger: Ledger) -> None:
+    """Report elements of a URDF that parsers reject or read in different ways."""
+    for element in root:
+        if element.tag in ("link", "joint", "material"):
+            _check(element, str(element.get("name") or ""), ledger)
+    _check_tag(root, ("link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor"), "", ledger)
+    colored = [m for m in root.findall("material") if m.find("color") is not None or m.find("texture") is not None]
+    for name in _repeated(str(m.get("name")) for m in colored):
+        text = f"two materials are named '{name}': readers such as urdfdom reject the second one."
+        ledger.wrong("urdf.duplicate_name", text, name, suggestion="define each material once")
+    _check_materials(root, ledger)
+    _check_masses(root, ledger)
+    _check_repeated_shapes(root, ledger)
+    _check_transmissions(root, ledger)
+
+
+def _check(element: ET.Element, owner: str, ledger: Ledger) -> None:
+    """Report what an element of the link, joint or material `owner` lacks or has twice, and what is in it."""
+    tag = str(element.tag)
+    place = f"<{tag}>" if tag in ("link", "joint") else f"<{tag}> of '{owner}'"
+    for key in _ATTRIBUTES.get(tag, ()):
+        if key not in element.attrib:
+            text = f"{place} has no attribute '{key}': readers such as urdfdom reject it."
+            ledger.wrong("urdf.attribute", text, owner, suggestion=f"write {key}")
+    known = (*_ATTRIBUTES.get(tag, ()), *_OPTIONAL.get(tag, ()))
+    for key in element.attrib:
+        meant = _meant(key, known)
+        if meant and meant not in element.attrib:
+            text = f"{place} has the attribute '{key}', which no reader knows; '{meant}' is missing."
+            ledger.add("urdf.attribute", "warning", text, owner, suggestion=f"write {meant}")
+    for child in _CHILDREN.get(tag, ()):
+        count = len(element.findall(child))
+        if count > 1:
+            text = f"{place} has {count} elements <{child}>, expected one: readers take the first, or the last."
+            ledger.wrong("urdf.repeated", text, owner, suggestion="keep one of them")
+    for child in _NEEDED.get(tag, ()):
+        if element.find(child) is None:
+            text = f"{place} has no <{child}>: readers such as urdfdom reject it."
+            ledger.wrong("urdf.element", text, owner, suggestion=f"write <{child}>")
+    if tag == "joint" and element.get("type") in _LIMITED and element.find("limit") is None:
+        text = f"joint '{owner}' is {element.get('type')}, but has no <limit>: readers such as urdfdom reject it."
+        ledger.wrong("urdf.element", text, owner, suggestion="write its limits")
+    if tag == "geometry" and not any(element.find(shape) is not None for shape in _CHILDREN[tag]):
+        text = f"<geometry> of '{owner}' has no shape: readers such as urdfdom reject it."
+        ledger.wrong("urdf.element", text, owner, suggestion="write a shape")
+    _check_tag(element, (*_CHILDREN.get(tag, ()), *_MANY.get(tag, ())), owner, ledger)
+    for child in element:
+        if child.tag in _CHILDREN or child.tag in _ATTRIBUTES or child.tag in _OPTIONAL:
+            _check(child, owner, ledger)
+
+
+def _check_tag(element: ET.Element, known: Iterable[str], owner: str, ledger: Ledger) -> None:
+    """Report children whose name is nearly a known one: readers skip them."""
+    for child in element:
+        meant = _meant(str(child.tag), tuple(known))
+        if meant:
+            text = f"<{child.tag}> in <{element.tag}> is an element that no reader knows; <{meant}> may be meant."
+            where = owner or str(child.get("name") or "")
+            ledger.add("urdf.element", "warning", text, where, suggestion=f"write <{meant}>")
+
+
+def _meant(word: str, known: tuple[str, ...]) -> str:
+    """Return the known word that an unknown one resembles; "" without one."""
+    if word in known or not known:
+        return ""
+    near = difflib.get_close_matches(word, known, 1, _NEAR)
+    return near[0] if near else ""
+
+
+def _repeated(names: Iterable[str]) -> list[str]:
+    return [name for name, count in Counter(names).items() if count > 1]
+
+
+def _check_materials(root: ET.Element, ledger: Ledger) -> None:
+    """Report visual meshes without a material if most others have one."""
+    bare = []
+    count = 0
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            count += 1
+            if visual.find("material") is None:
+                bare.append((str(link.get("name")), str(visual.get("name") or "")))
+    if 2 * len(bare) >= count:
+        return
+    for link, name in bare:
+        text = f"link '{link}': the shape '{name}' has no material, but {count - len(bare)} others have one."
+        ledger.add("urdf.no_material", "warning", text, link, suggestion="give the shape its material")
+
+
+def _check_masses(root: ET.Element, ledger: Ledger) -> None:
+    """Report links without mass that a joint moves, if all others that joints move have one."""
+    moved = set()
+    for joint in root.findall("joint"):
+        child = joint.find("child")
+        if child is not None and joint.get("type") not in ("fixed", None):
+            moved.add(str(child.get("link")))
+    links = [link for link in root.findall("link") if link.get("name") in moved]
+    bare = [str(link.get("name")) for link in links if link.find("inertial") is None]
+    if not bare or 4 * len(bare) > len(links):
+        return
+    others = len(links) - len(bare)
+    for name in bare:
+        text = (
+            f"link '{name}' has no <inertial>, but a joint moves it; {others} other moving links have one. Simulators "
+            "such as Gazebo leave out a link without mass, with its joint."
+        )
+        ledger.add("urdf.massless", "warning", text, name, suggestion="write its mass")
+
+
+def _check_repeated_shapes(root: ET.Element, ledger: Ledger) -> None:
+    """Report shapes that a link has twice, at the same place."""
+    for link in root.findall("link"):
+        for tag in ("visual", "collision"):
+            shapes = [ET.tostring(shape, encoding="unicode").strip() for shape in link.findall(tag)]
+            for shape in _repeated(shapes):
+                name = str(ET.fromstring(shape).get("name") or tag)
+                owner = str(link.get("name"))
+                text = f"link '{owner}' has the {tag} shape '{name}' {shapes.count(shape)} times."
+                ledger.add("urdf.repeated", "warning", text, owner, suggestion="keep one of them")
+
+
+def _check_transmissions(root: ET.Element, ledger: Ledger) -> None:
+    """Report transmissions that ros_control rejects, or that are built in another way than most of a file."""
+    transmissions = root.findall("transmission")
+    for name in _repeated(str(t.get("name")) for t in transmissions):
+        text = f"two transmissions are named '{name}'."
+        ledger.wrong("urdf.duplicate_name", text, name, suggestion="give each transmission its own name")
+    for t in transmissions:
+        name = _transmission_name(t)
+        if not t.get("name"):
+            text = f"the transmission of {name} has no name: ros_control rejects it."
+            ledger.wrong("urdf.transmission", text, name, suggestion="name the transmission")
+        for fault in _faults(t):
+            text = f"transmission '{name}' {fault}: ros_control rejects it."
+            ledger.wrong("urdf.transmission", text, name, suggestion="write it as the others are")
+    simple = [t for t in transmissions if len(t.findall("joint")) == len(t.findall("actuator")) == 1]
+    if len(simple) < 3:  # two that differ say nothing about which of them is meant
+        return
+    forms = [_form(t) for t in simple]
+    common, count = Counter(forms).most_common(1)[0]
+    if count < 0.7 * len(forms):
+        return
+    for t, form in zip(simple, forms, strict=True):
+        if form != common:
+            apart = ", ".join(sorted({*form} ^ {*common}))
+            name = _transmission_name(t)
+            text = f"transmission '{name}' is built in another way than {count} others: {apart}."
+            ledger.add("urdf.transmission", "warning", text, name, suggestion="write it as the others are")
+
+
+def _transmission_name(transmission: ET.Element) -> str:
+    joints = [str(joint.get("name")) for joint in transmission.findall("joint")]
+    return str(transmission.get("name") or ", ".join(joints))
+
+
+def _faults(transmission: ET.Element) -> Iterator[str]:
+    """Yield what is wrong in a transmission, for a sentence that begins with its name."""
+    types = transmission.findall("type")
+    kind = "" if not types else (types[0].text or "").strip()
+    if len(types) > 1:
+        yield f"has {len(types)} types"
+    package, _, plain = kind.rpartition("/")
+    if not kind and transmission.get("type") is None:
+        yield "has no type"
+    elif package in ("", "transmission_interface") and kind and plain not in _TYPES:
+        yield f"has the type '{kind}', which does not exist"
+    for tag in ("joint", "actuator"):
+        parts = transmission.findall(tag)
+        names = [str(part.get("name") or "") for part in parts]
+        if not all(names):
+            yield f"has {'an' if tag == 'actuator' else 'a'} {tag} without a name"
+        for name in _repeated(names):
+            yield f"has the {tag} '{name}' {names.count(name)} times"
+        if not parts and (tag == "joint" or plain == "SimpleTransmission"):
+            yield f"has no {tag}"
+        for part in parts:
+            yield from _faults_of_part(part)
+            # Since ROS Indigo, the interface is that of the joint; earlier files have neither.
+            if tag == "joint" and part.find("hardwareInterface") is None and _interfaces(transmission, "actuator"):
+                yield f"has no hardwareInterface of joint '{part.get('name')}', but one of its actuator"
+
+
+def _interfaces(transmission: ET.Element, tag: str) -> list[ET.Element]:
+    return transmission.findall(f"{tag}/hardwareInterface")
+
+
+def _faults_of_part(part: ET.Element) -> Iterator[str]:
+    """Yield what is wrong in a joint or actuator of a transmission."""
+    interfaces = [(e.text or "").strip() for e in part.findall("hardwareInterface")]
+    for interface in interfaces:
+        package, _, plain = interface.rpartition("/")
+        if not plain:
+            yield f"has an empty hardwareInterface of {part.tag} '{part.get('name')}'"
+        elif package in ("", "hardware_interface") and plain not in _INTERFACES:
+            yield f"has the hardwareInterface '{interface}', which does not exist"
+    for interface in _repeated(interfaces):
+        yield f"has the hardwareInterface '{interface}' twice"
+    reductions = part.findall("mechanicalReduction")
+    if len(reductions) > 1:
+        yield f"has {len(reductions)} elements mechanicalReduction of {part.tag} '{part.get('name')}'"
+    for reduction in reductions:
+        if not (reduction.text or "").strip():
+            yield f"has an empty mechanicalReduction of {part.tag} '{part.get('name')}'"
+
+
+def _form(transmission: ET.Element) -> tuple[str, ...]:
+    """Return how a transmission is built: its elements with their words, without names and numbers."""
+    parts = []
+    for element in transmission.iter():
+        word = ""
+        if element.tag in ("type", "hardwareInterface"):
+            word = f" {(element.text or '').strip()}"
+        parts.append(f"<{element.tag}>{word}")
+    return tuple(parts)

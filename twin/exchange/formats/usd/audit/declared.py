@@ -1,0 +1,404 @@
+"""Check what a stage of this project declares beside mechanism and shapes: it must agree with the rest of the stage.
+
+Other stages are only checked for what their own schemas say: they may declare anything.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
+
+from twin.core.provenance import EARLIER
+from twin.core.units import SI
+from twin.exchange.audit.mechanism_data import FileDrive, FilePhysics
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, Measured
+
+_PROVENANCE = ("PUBLISHED", "CITED", "DERIVED", "ASSUMED", *EARLIER)
+
+_ROUNDED = 1e-3
+"""Relative difference of a number and the one shown for it, which is rounded for people."""
+
+_TESTED: Mapping[str, Any] = {
+    "mjc:option:integrator": "discrete",
+    "physxScene:enableExternalForcesEveryIteration": True,
+    "physxScene:solverType": "TGS",
+    "physxScene:timeStepsPerSecond": 1000,
+    "physxArticulation:solverPositionIterationCount": 128,
+}
+"""Settings of engines at which the stages were tested (tests/witness/test_physx.py)."""
+
+_READ = re.compile(
+    r"drive:(angular|linear):physics:(damping|maxForce|stiffness|targetPosition|targetVelocity|type)"
+    r"|extent|face.*|points|normals|orientation|doubleSided|subdivisionScheme|holeIndices|primvars:.*|purpose|visibility"
+    r"|info:id|inputs:(diffuseColor|metallic|opacity|roughness)|outputs:.*|xformOp.*|twin:.*|newton:.*:position"
+    r"|newton:selfCollisionEnabled|physics:(approximation|axis|breakForce|centerOfMass|collisionEnabled|coneAngle.Limit)"
+    r"|physics:(diagonalInertia|excludeFromArticulation|gravity.*|jointEnabled|kinematicEnabled|localPos.|localRot.)"
+    r"|physics:(lowerLimit|upperLimit|mass|principalAxes|rigidBodyEnabled)"
+    r"|physxArticulation:(enabledSelfCollisions|solverPositionIterationCount)|physxJoint:maxJointVelocity"
+    r"|physxMimicJoint:.*|physxRigidBody:disableGravity|physxTendon:.*|state:.*|limit:.*:physics:(low|high)"
+    r"|mjc:option:integrator|physxScene:(enableExternalForcesEveryIteration|solverType|timeStepsPerSecond)"
+    r"|familyName|elementType|indices"
+)
+"""Attributes that other checks and comparisons read."""
+
+_LOOK = (UsdGeom.Gprim, UsdGeom.Subset, UsdShade.Material, UsdShade.Shader)
+"""Prims whose further declarations act on contacts or on the look."""
+
+
+def is_ours(stage: Usd.Stage) -> bool:
+    """Return whether a stage is one of this project, by one of the several marks that it has."""
+    root = stage.GetDefaultPrim()
+    if not root:
+        return False
+    if root.GetAttribute("twin:base") or root.GetCustomDataByKey("twin"):
+        return True
+    return any(prim.GetAttribute("twin:active") for prim in stage.Traverse())
+
+
+def further_declarations(stage: Usd.Stage) -> tuple[dict[str, dict[str, str]], dict[str, dict[str, str]]]:
+    """Return {prim: {attribute: value}} of what no other check reads: (of the motion, of contacts and look).
+
+    Values that are those of the schemas where nothing is authored are left out.
+    """
+    motion: dict[str, dict[str, str]] = {}
+    contact: dict[str, dict[str, str]] = {}
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        fields: dict[str, str] = {}
+        for attribute in prim.GetAuthoredAttributes():
+            name = str(attribute.GetName())
+            if _READ.fullmatch(name) or attribute.Get() == _fallback(prim, name):
+                continue
+            fields[name] = str(attribute.Get())[:60]
+        if not fields:
+            continue
+        path = str(prim.GetPath())
+        if any(prim.IsA(schema) for schema in _LOOK):
+            contact[path] = fields
+        else:
+            motion[path] = fields
+    return motion, contact
+
+
+def _fallback(prim: Usd.Prim, name: str) -> Any:
+    """Return the value of an attribute where nothing is authored; None without one."""
+    definition = prim.GetPrimDefinition()
+    found = definition.GetAttributeDefinition(name)
+    return found.GetFallbackValue() if found else None
+
+
+def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger: Ledger) -> None:
+    """Report declarations of a stage of this project that contradict each other, or are missing.
+
+    Args:
+        stage: the stage.
+        physics: the mechanism data of the stage.
+        codes: time codes (k,) of its samples.
+        ledger: receives the findings.
+    """
+    root = stage.GetDefaultPrim()
+    _check_marks(root, physics, _frames(stage), ledger)
+    _check_parameters(root, ledger)
+    _check_listed(root, physics, ledger)
+    _check_schemas(stage, ledger)
+    _check_joints(stage, ledger)
+    _check_colliders(stage, ledger)
+    _check_engines(stage, ledger)
+    _check_display_colors(stage, ledger)
+    _check_range(stage, codes, ledger)
+
+
+def _frames(stage: Usd.Stage) -> set[str]:
+    """Return the names of the frames of a stage, also of inactive ones, whose absence is found by itself."""
+    names = set()
+    for prim in stage.TraverseAll():
+        if prim.GetAttribute("twin:kind").Get() == "frame":
+            names.add(str(prim.GetAttribute("twin:name").Get() or prim.GetName()))
+    return names
+
+
+def _check_marks(root: Usd.Prim, physics: FilePhysics, frames: set[str], ledger: Ledger) -> None:
+    """Report names of base and tool that are missing, or of nothing in the stage."""
+    base = str(root.GetAttribute("twin:base").Get() or "")
+    if base not in physics.links:
+        text = f"twin:base is '{base}', which is no link of the stage." if base else "twin:base is missing."
+        ledger.wrong("usd.mark", text, "twin:base", suggestion="export the stage again")
+    if physics.tool not in frames:
+        text = f"twin:tool is '{physics.tool}', which is no frame of the stage." if physics.tool else ""
+        advice = "export the stage again"
+        ledger.wrong("usd.mark", text or "twin:tool is missing.", "twin:tool", suggestion=advice)
+    physx = root.GetAttribute("physxArticulation:enabledSelfCollisions").Get()
+    newton = root.GetAttribute("newton:selfCollisionEnabled").Get()
+    if physx != newton:
+        text = (
+            f"self collisions are {_word(physx)} in physxArticulation:enabledSelfCollisions, and {_word(newton)} in "
+            "newton:selfCollisionEnabled."
+        )
+        ledger.wrong("usd.self_collision", text, str(root.GetPath()), suggestion="export the stage again")
+
+
+def _word(value: Any) -> str:
+    return "not stated" if value is None else str(value)
+
+
+def _check_parameters(root: Usd.Prim, ledger: Ledger) -> None:
+    """Report parameters whose value is not the number that they show, or whose provenance is none."""
+    for name, row in (root.GetCustomDataByKey("twin:parameters") or {}).items():
+        missing = [key for key in ("value", "shown", "unit", "provenance", "note") if key not in row]
+        if missing:
+            text = f"parameter '{name}' has no {', '.join(missing)}."
+            ledger.wrong("usd.parameter", text, name, suggestion="export the stage again")
+            continue
+        factor = SI.get(str(row["unit"]), 1.0)
+        value = float(row["value"])
+        shown = float(row["shown"]) * factor
+        if abs(value - shown) > _ROUNDED * max(abs(value), abs(shown)):
+            text = f"parameter '{name}' is {value:g}, but shows {row['shown']:g} {row['unit']}, which is {shown:g}."
+            size = Measured(value, shown)
+            ledger.wrong("usd.parameter", text, name, size=size, suggestion="export the stage again")
+        if row["provenance"] not in _PROVENANCE:
+            text = f"parameter '{name}' has the provenance '{row['provenance']}', expected {', '.join(_PROVENANCE)}."
+            ledger.wrong("usd.parameter", text, name, suggestion="export the stage again")
+
+
+_LISTED: Mapping[str, Callable[[FileDrive], Any]] = {
+    "limits from": lambda drive: drive.limits and drive.limits[0],
+    "limits to": lambda drive: drive.limits and drive.limits[1],
+    "soft_limits from": lambda drive: drive.soft and drive.soft[0],
+    "soft_limits to": lambda drive: drive.soft and drive.soft[1],
+    "max_speed": lambda drive: drive.speed,
+    "max_acceleration": lambda drive: drive.acceleration,
+    "max_jerk": lambda drive: drive.jerk,
+    "drive stiffness": lambda drive: drive.stiffness,
+    "drive damping": lambda drive: drive.damping,
+    "drive max_effort": lambda drive: drive.effort,
+}
+"""Fields of the parameters "<joint>,<joint> <field>", with what they are of a joint."""
+
+
+def _check_listed(root: Usd.Prim, physics: FilePhysics, ledger: Ledger) -> None:
+    """Compare the limits and drives of joints with the parameters that the stage itself lists of them."""
+    drives = {joint.names[0]: joint.drive for joint in physics.joints if joint.names}
+    for name, row in (root.GetCustomDataByKey("twin:parameters") or {}).items():
+        listed, _, field = str(name).partition(" ")
+        joints = listed.split(",")
+        if field not in _LISTED or "value" not in row or not set(joints) <= drives.keys():
+            continue
+        expected = float(row["value"])
+        for joint in joints:
+            stated = _LISTED[field](drives[joint])
+            if stated is None or abs(float(stated) - expected) > 1e-5 * max(1e-3, abs(expected)):
+                own = "not stated" if stated is None else f"{float(stated):.6g}"
+                text = f"joint '{joint}': {field} is {own}, but {expected:.6g} in the parameter '{name}' of the stage."
+                ledger.wrong("usd.listed", text, joint, suggestion="export the stage again")
+
+
+_SCHEMAS = (
+    (r"physxJoint:.*", "PhysxJointAPI"),
+    (r"state:(\w+):.*", r"PhysicsJointStateAPI:\1"),
+    (r"drive:(\w+):.*", r"PhysicsDriveAPI:\1"),
+    (r"limit:(\w+):.*", r"PhysicsLimitAPI:\1"),
+    (r"physxMimicJoint:(\w+):.*", r"PhysxMimicJointAPI:\1"),
+    (r"physics:approximation", "PhysicsMeshCollisionAPI"),
+    (r"physics:(mass|centerOfMass|diagonalInertia|principalAxes|density)", "PhysicsMassAPI"),
+    (r"material:binding", "MaterialBindingAPI"),
+)
+"""Properties that engines read only of prims with a schema."""
+
+
+def _check_schemas(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report prims that state properties of a schema that they do not apply: engines ignore what they state."""
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        applied = set(map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()))
+        lacking: dict[str, str] = {}
+        for prop in prim.GetAuthoredProperties():
+            name = str(prop.GetName())
+            for pattern, schema in _SCHEMAS:
+                found = re.fullmatch(pattern, name)
+                if found and found.expand(schema) not in applied:
+                    lacking.setdefault(found.expand(schema), name)
+        for schema, name in lacking.items():
+            path = str(prim.GetPath())
+            text = f"{path} states {name}, but does not apply {schema}: engines ignore it."
+            ledger.wrong("usd.schema", text, path, suggestion=f"apply {schema}")
+
+
+def _check_joints(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report joints whose declared states contradict each other, or are missing."""
+    single = (UsdPhysics.RevoluteJoint, UsdPhysics.PrismaticJoint)
+    for prim in stage.Traverse():
+        if not any(prim.IsA(schema) for schema in single):
+            continue
+        name = prim.GetName()
+        token = "angular" if prim.IsA(UsdPhysics.RevoluteJoint) else "linear"
+        position = prim.GetAttribute(f"state:{token}:physics:position").Get()
+        velocity = prim.GetAttribute(f"state:{token}:physics:velocity").Get()
+        newton = prim.GetAttribute(f"newton:{token}:position").Get()
+        stated = {"position": position, "velocity": velocity, "newton position": newton}
+        missing = [key for key, value in stated.items() if value is None]
+        if missing:
+            text = f"joint '{name}' declares no {' and no '.join(missing)} of its state."
+            ledger.wrong("usd.state", text, name, suggestion="export the stage again")
+            continue
+        if abs(position - newton) > 1e-5 * max(1.0, abs(position)):
+            text = f"joint '{name}' is at {position:g} in its state, but at {newton:g} for Newton."
+            ledger.wrong("usd.state", text, name, size=Measured(newton, position), suggestion="export the stage again")
+        if velocity:
+            text = f"joint '{name}' has the velocity {velocity:g} at rest."
+            ledger.wrong("usd.state", text, name, size=Measured(velocity, 0.0), suggestion="write 0")
+        driven = prim.HasAPI(UsdPhysics.DriveAPI, token)
+        if driven and prim.GetAttribute("twin:active").Get() is None:
+            text = f"joint '{name}' has a drive, but no twin:active: readers take it for active without being told."
+            ledger.add("usd.mark", "warning", text, name, suggestion="export the stage again")
+
+
+def _check_colliders(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report meshes that collide in another way than most others, or not at all."""
+    forms: dict[str, tuple[str, ...]] = {}
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if not prim.IsA(UsdGeom.Mesh):
+            continue
+        form = []
+        if prim.HasAPI(UsdPhysics.CollisionAPI):
+            form.append("PhysicsCollisionAPI")
+        if prim.HasAPI(UsdPhysics.MeshCollisionAPI):
+            form.append("PhysicsMeshCollisionAPI")
+        form.append(f"approximation {prim.GetAttribute('physics:approximation').Get() or 'none'}")
+        forms[str(prim.GetPath())] = tuple(form)
+    for path, own, common, count in _odd(forms):
+        apart = ", ".join(sorted({*own} ^ {*common}))
+        text = f"the mesh {path} collides in another way than {count} others: {apart}."
+        ledger.add("usd.collider", "warning", text, path, suggestion="export the stage again")
+
+
+def _odd(forms: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any, int]]:
+    """Yield (key, its form, the common form, its count) of the values that differ from most others."""
+    if len(forms) < 3:  # two that differ say nothing about which of them is meant
+        return
+    common, count = Counter(forms.values()).most_common(1)[0]
+    if count < 0.7 * len(forms):
+        return
+    for key, form in forms.items():
+        if form != common:
+            yield key, form, common, count
+
+
+def _check_engines(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report settings of physics engines that are not those with which the stages of this project were tested."""
+    for prim in stage.Traverse():
+        scene = prim.IsA(UsdPhysics.Scene)
+        articulated = prim.HasAPI(UsdPhysics.ArticulationRootAPI)
+        for name, tested in _TESTED.items():
+            if not (articulated if name.startswith("physxArticulation") else scene):
+                continue
+            own = prim.GetAttribute(name).Get()
+            if own != tested:
+                text = f"{name} is {_word(own)}; the stages of this project were tested with {tested}."
+                ledger.add("usd.engine", "warning", text, str(prim.GetPath()), suggestion=f"write {tested}")
+        wanted = {"PhysxSceneAPI"} if scene else set()
+        if articulated:
+            wanted = {"PhysxArticulationAPI", "NewtonArticulationRootAPI"}
+        lacking = sorted(wanted - set(map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas())))
+        if lacking:
+            text = f"{prim.GetPath()} does not apply {', '.join(lacking)}: the engine ignores what it states for it."
+            ledger.wrong("usd.engine", text, str(prim.GetPath()), suggestion=f"apply {', '.join(lacking)}")
+
+
+def _check_display_colors(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report meshes whose displayColor is not the colour of their material, or a shader that is no preview surface."""
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdShade.Shader) and prim.GetAttribute("info:id").Get() != "UsdPreviewSurface":
+            text = f"{prim.GetPath()} is no UsdPreviewSurface: viewers show its material grey."
+            ledger.wrong("usd.shader", text, str(prim.GetPath()), suggestion="write info:id UsdPreviewSurface")
+        if not prim.IsA(UsdGeom.Mesh):
+            continue
+        shown = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
+        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+        if not material or not shown or len(shown) != 1:
+            continue
+        shader, *_ = material.ComputeSurfaceSource()
+        color_input = shader.GetInput("diffuseColor") if shader else None
+        color = color_input.Get() if color_input else None
+        if color is not None and not Gf.IsClose(Gf.Vec3f(shown[0]), Gf.Vec3f(color), 1e-4):
+            text = f"the displayColor of {prim.GetPath()} is {_plain(shown[0])}, its material has {_plain(color)}."
+            path = str(prim.GetPath())
+            ledger.add("usd.display_color", "warning", text, path, suggestion="export the stage again")
+
+
+def _plain(color: Iterable[float]) -> str:
+    return " ".join(f"{float(part):.4g}" for part in color)
+
+
+def _check_range(stage: Usd.Stage, codes: Array, ledger: Ledger) -> None:
+    """Report a time range that is not that of the samples."""
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    expected: Sequence[float] = (0.0, 0.0)
+    if len(codes):
+        expected = (float(codes[0]), float(codes[-1]))
+    if not np.allclose((first, last), expected, rtol=0.0, atol=1e-6):
+        text = (
+            f"startTimeCode .. endTimeCode is {first:g} .. {last:g}; the time codes of the samples are "
+            f"{expected[0]:g} .. {expected[1]:g}."
+        )
+        ledger.add("usd.range", "warning", text, "endTimeCode", suggestion="write the range of the samples")
+
+
+def default_prim_fault(stage: Usd.Stage) -> str:
+    """Return the fault of the default prim of a stage as a sentence; "" if it is shown."""
+    name = stage.GetRootLayer().defaultPrim
+    if not name:
+        return ""
+    path = Sdf.Path.absoluteRootPath.AppendPath(Sdf.Path(name)) if Sdf.Path.IsValidPathString(name) else None
+    prim = stage.GetPrimAtPath(path) if path else None
+    if not prim:
+        return f"the default prim '{name}' does not exist."
+    if not prim.IsActive():
+        return f"the default prim '{name}' is inactive: nothing of it is shown."
+    if prim.IsAbstract():
+        return f"the default prim '{name}' is a class: nothing of it is shown."
+    if not prim.IsDefined():
+        return f"the default prim '{name}' is not defined by any layer: nothing of it is shown."
+    return ""
+
+
+def missing_physics(stage: Usd.Stage) -> str:
+    """Return why a stage of this project has no bodies, as a sentence; "" if it is none of this project.
+
+    A layer with the physics of its robot lies beside it and is none of its layers, or one of its layers is empty.
+    """
+    root = stage.GetRootLayer()
+    if not root.subLayerPaths:
+        return ""
+    unused = _unused_physics(stage, root)
+    if unused:
+        return f"the stage has no physics; {unused} beside it holds that of its robot, but is none of its layers."
+    marked = any(prim.GetAttribute("twin:kind") for prim in stage.TraverseAll())
+    if marked:
+        empty = [layer.GetDisplayName() for layer in stage.GetUsedLayers() if not layer.rootPrims and layer != root]
+        named = [name for name in empty if not name.startswith("session")]
+        cause = f": layer {named[0]} is empty" if named else ""
+        return f"the stage has frames and points of a robot, but no link with physics{cause}."
+    return ""
+
+
+def _unused_physics(stage: Usd.Stage, root: Sdf.Layer) -> str:
+    used = {layer.realPath for layer in stage.GetUsedLayers()}
+    for file in sorted(Path(root.realPath).parent.glob("*.usda")):
+        if str(file) in used:
+            continue
+        layer = Sdf.Layer.FindOrOpen(str(file))
+        prim = layer.GetPrimAtPath(f"/{root.defaultPrim}") if layer and root.defaultPrim else None
+        if (
+            prim
+            and layer.defaultPrim == root.defaultPrim
+            and "twin:base" in prim.attributes
+            and not layer.subLayerPaths
+        ):
+            return file.name
+    return ""
