@@ -292,6 +292,12 @@ def listed(folder: Path, format: str, undeclared: bool) -> dict[str, list[FieldC
     return {path: list(fields_usd.declared_changes(folder, path)) for path in paths}
 
 
+def missed_kinds(out: Path) -> set[str]:
+    """Return the kinds of an earlier output that were missed, or found by another cause."""
+    outcomes = [json.loads(line) for line in out.read_text().splitlines()]
+    return {outcome["kind"] for outcome in outcomes if outcome["verdict"] not in FOUND}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
@@ -301,16 +307,19 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kinds", default="")
     parser.add_argument("--part", default="0/1", help="which of how many parts of the changes")
+    parser.add_argument("--again", type=Path, help="only the kinds that an earlier output names as missed or elsewhere")
     parser.add_argument("--undeclared", action="store_true")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     counts: Counter = Counter()
     part, parts = map(int, given.part.split("/"))
     arguments = of_bars if given.robot == "bars" else of_robot(given.robot)
+    again = None if given.again is None else missed_kinds(given.again)
     with given.out.open("a") as out:
         for file, changes in listed(given.folder, given.format, given.undeclared).items():
             drawn = audit_fields.drawn(changes, given.each, given.seed)
-            chosen = [c for c in drawn if re.search(given.kinds, c.kind)][part::parts]
+            chosen = [c for c in drawn if re.search(given.kinds, c.kind) and (again is None or c.kind in again)]
+            chosen = chosen[part::parts]
             if chosen:
                 counts += run(given.folder, arguments, file, chosen, out)
     for (verdict, mechanism), count in sorted(counts.items()):

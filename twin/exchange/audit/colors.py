@@ -10,8 +10,8 @@ from twin.exchange.audit.poses import Array
 
 Rgba = tuple[float, float, float, float]
 
-SAME = 0.0045
-"""Maximum difference between components of equal colours, either linear or as display values: a step of eight bits."""
+SAME = 0.0051
+"""Maximum difference between components of equal colours, linear or as display values: rounding to eight bits twice."""
 
 
 class Palette:

@@ -110,7 +110,8 @@ def _check(element: ET.Element, owner: str, ledger: Ledger) -> None:
     for key in _ATTRIBUTES.get(tag, ()):
         if key not in element.attrib:
             text = f"{place} has no attribute '{key}': readers such as urdfdom reject it."
-            ledger.wrong("urdf.attribute", text, owner, suggestion=f"write {key}")
+            code = "urdf.limits" if tag == "limit" else "urdf.attribute"
+            ledger.wrong(code, text, owner, suggestion=f"write {key}")
     known = (*_ATTRIBUTES.get(tag, ()), *_OPTIONAL.get(tag, ()))
     for key in element.attrib:
         meant = _meant(key, known)
@@ -128,7 +129,7 @@ def _check(element: ET.Element, owner: str, ledger: Ledger) -> None:
             ledger.wrong("urdf.element", text, owner, suggestion=f"write <{child}>")
     if tag == "joint" and element.get("type") in _LIMITED and element.find("limit") is None:
         text = f"joint '{owner}' is {element.get('type')}, but has no <limit>: readers such as urdfdom reject it."
-        ledger.wrong("urdf.element", text, owner, suggestion="write its limits")
+        ledger.wrong("urdf.limits", text, owner, suggestion="write its limits")
     if tag == "geometry" and not any(element.find(shape) is not None for shape in _CHILDREN[tag]):
         text = f"<geometry> of '{owner}' has no shape: readers such as urdfdom reject it."
         ledger.wrong("urdf.element", text, owner, suggestion="write a shape")

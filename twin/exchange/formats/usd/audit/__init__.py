@@ -28,7 +28,12 @@ from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
-from twin.exchange.formats.usd.audit.declared import check_declared, default_prim_fault, missing_physics
+from twin.exchange.formats.usd.audit.declared import (
+    check_declared,
+    check_primvars,
+    default_prim_fault,
+    missing_physics,
+)
 from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets
 from twin.exchange.formats.usd.audit.header import trouble
 from twin.exchange.formats.usd.audit.joint_gaps import joint_gaps, joint_values
@@ -77,6 +82,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         check_poses(ledger, clip, "usd")
         content.clips.append(clip)
     _check_materials(prims, ledger)
+    check_primvars(stage, ledger)
     if bodies:
         _check_stray(prims, body_paths, ledger)
         _check_colliders(prims, ledger)

@@ -22,6 +22,9 @@ from twin.exchange.audit.report import Ledger, Measured
 
 _PROVENANCE = ("PUBLISHED", "CITED", "DERIVED", "ASSUMED", *EARLIER)
 
+_TURNED = 60.0
+"""Angle in degrees between a normal and its face that no smooth surface of an export has."""
+
 _ROUNDED = 1e-3
 """Relative difference of a number and the one shown for it, which is rounded for people."""
 
@@ -109,6 +112,7 @@ def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger:
     _check_schemas(stage, ledger)
     _check_joints(stage, ledger)
     _check_colliders(stage, ledger)
+    _check_meshes(stage, ledger)
     _check_engines(stage, ledger)
     _check_display_colors(stage, ledger)
     _check_range(stage, codes, ledger)
@@ -275,6 +279,81 @@ def _check_colliders(stage: Usd.Stage, ledger: Ledger) -> None:
         apart = ", ".join(sorted({*own} ^ {*common}))
         text = f"the mesh {path} collides in another way than {count} others: {apart}."
         ledger.add("usd.collider", "warning", text, path, suggestion="export the stage again")
+
+
+def _check_meshes(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report meshes that state other primvars than most others, no bounding box, or normals far from their faces."""
+    forms: dict[str, tuple[str, ...]] = {}
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if not prim.IsA(UsdGeom.Mesh):
+            continue
+        path = str(prim.GetPath())
+        primvars = UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues()
+        forms[path] = tuple(sorted(str(primvar.GetPrimvarName()) for primvar in primvars))
+        box = UsdGeom.Mesh(prim).GetExtentAttr().Get()
+        if box is None or len(box) != 2:
+            text = f"the mesh {path} states no bounding box (extent) of two points."
+            ledger.add("usd.extent", "warning", text, path, suggestion="write the extent of the points")
+        turned = _turned_normals(UsdGeom.Mesh(prim))
+        if turned:
+            text = f"{turned} normals of the mesh {path} are more than {_TURNED:g} degrees from their faces."
+            ledger.add("usd.normal_turned", "warning", text, path, suggestion="export the stage again")
+    for path, own, common, count in _odd(forms):
+        apart = ", ".join(sorted({*own} ^ {*common}))
+        text = f"the mesh {path} states other primvars than {count} others: {apart}."
+        ledger.add("usd.primvar", "warning", text, path, suggestion="export the stage again")
+
+
+def _turned_normals(mesh: UsdGeom.Mesh) -> int:
+    """Return how many normals at corners of triangles are far from the normals of these; 0 for other meshes."""
+    primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("normals")
+    counts = mesh.GetFaceVertexCountsAttr().Get()
+    if not primvar or primvar.GetInterpolation() != "faceVarying" or not counts or set(counts) != {3}:
+        return 0
+    points = np.array(mesh.GetPointsAttr().Get(), float)
+    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get(), int)
+    normals = np.array(primvar.ComputeFlattened() or [], float)
+    if len(normals) != len(indices) or not len(indices) or indices.min() < 0 or indices.max() >= len(points):
+        return 0  # reported by other checks
+    a, b, c = points[indices.reshape(-1, 3)].transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    areas = np.linalg.norm(across, axis=1)
+    solid = areas > 1e-3 * areas.max(initial=0.0)  # thin triangles have inexact normals
+    cosines = np.einsum("ij,ikj->ik", across / np.where(areas, areas, 1.0)[:, None], normals.reshape(-1, 3, 3))
+    return int(np.count_nonzero(cosines[solid] < np.cos(np.radians(_TURNED))))
+
+
+def check_primvars(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report primvars of meshes with another number of values than their interpolation needs: readers ignore them."""
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if not prim.IsA(UsdGeom.Mesh):
+            continue
+        mesh = UsdGeom.Mesh(prim)
+        needed = {
+            "constant": 1,
+            "uniform": len(mesh.GetFaceVertexCountsAttr().Get() or ()),
+            "varying": len(mesh.GetPointsAttr().Get() or ()),
+            "vertex": len(mesh.GetPointsAttr().Get() or ()),
+            "faceVarying": len(mesh.GetFaceVertexIndicesAttr().Get() or ()),
+        }
+        for primvar in UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues():
+            name = str(primvar.GetPrimvarName())
+            interpolation = str(primvar.GetInterpolation())
+            values = primvar.Get()
+            if name not in ("normals", "displayColor", "displayOpacity") or values is None:
+                continue
+            count = len(values)
+            indices = np.array(primvar.GetIndices() if primvar.IsIndexed() else np.arange(count), int)
+            path = str(prim.GetPath())
+            if len(indices) != needed[interpolation]:
+                text = (
+                    f"primvar {name} of {path} has {len(indices)} values; the interpolation '{interpolation}' needs "
+                    f"{needed[interpolation]}: readers ignore it."
+                )
+                ledger.wrong("usd.primvar", text, path, suggestion="correct its interpolation or its values")
+            elif len(indices) and (indices.min() < 0 or indices.max() >= count):
+                text = f"primvar {name} of {path} has {count} values, but indices {indices.min()} .. {indices.max()}."
+                ledger.wrong("usd.primvar", text, path, suggestion="correct its indices")
 
 
 def _odd(forms: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any, int]]:
