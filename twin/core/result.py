@@ -141,7 +141,10 @@ def _html_of(text: Iterable[Part]) -> list[str]:
 def _html_block(lines: Sequence[str]) -> list[str]:
     """Return lines of text as one block, without empty lines at its ends; nothing if it has no text."""
     text = "\n".join(lines).strip("\n")
-    return [f"<pre>{escape(text)}</pre>"] if text.strip() else []
+    if not text.strip():
+        return []
+    # long lines are wrapped: a notebook or page would be wider than its window
+    return [f'<pre style="white-space: pre-wrap">{escape(text)}</pre>']
 
 
 def _html_table(table: TextTable) -> str:
