@@ -74,6 +74,12 @@ def test_the_recipe_of_conda_needs_what_the_package_needs():
         assert wanted in run or f"{name}{bounds}" in run, wanted
 
 
+def test_any_python_that_the_package_allows_will_do():
+    """A pinned version would refuse all others: `make demo` on a system that has Python 3.12 alone."""
+    assert not (ROOT / ".python-version").exists()
+    assert PROJECT["requires-python"] == ">=3.11"
+
+
 def test_the_images_have_the_library_that_slim_systems_lack():
     """Of all libraries that `run sils` loads, libgomp alone is neither in a wheel nor in python:slim."""
     stages = (ROOT / "docs/packaging/Dockerfile").read_text(encoding="utf-8").split("\nFROM ")[1:]
