@@ -14,7 +14,7 @@ from twin.core.errors import TwinError
 from twin.core.program_end import ending
 from twin.ui.session.desk import Desk
 
-POLL = 0.2
+POLL = 0.1
 """Time in s between two looks at the files. A change is used when two looks see the same files: it is complete then."""
 
 Stamps = dict[Path, tuple[int, int]]
