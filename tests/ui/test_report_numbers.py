@@ -72,6 +72,8 @@ def test_quantity(value, unit, text):
         (5e-8, "deg", 1.0, "exact"),
         (6e-8, "deg", 1.0, "6×10⁻⁸°"),
         (9e-7, "mm", None, "exact"),
+        (8e-11, "m/s2", 1e-4, "exact"),
+        (2e-9, "m/s", 1e-6, "2 nm/s"),
         (1e-12, "kg", None, "1×10⁻¹² kg"),
         (math.nan, "m", 1.0, "–"),
         (math.inf, "m", None, "∞"),

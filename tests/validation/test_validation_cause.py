@@ -193,14 +193,15 @@ def test_one_fault_has_one_number_everywhere(printed):
 
 
 @pytest.mark.slow
-def test_what_to_do_is_the_last_line_on_the_terminal_and_on_the_first_screen_of_the_page(printed, capsys):
+def test_what_to_do_is_under_the_verdict_on_the_terminal_and_on_the_first_screen_of_the_page(printed, capsys):
     from twin.cli import reports
     from twin.ui.report import render_html
 
     assert reports.finish([(printed, Path("here"))], SimpleNamespace(json=False)) == 1
     said = capsys.readouterr().out
     assert "DISAGREE: equations (A) and CAD (B) differ" in said
-    assert said.rstrip().splitlines()[-1].strip() == f"what to do: {printed.what_to_do}"
+    lines = [line.strip() for line in said.splitlines()]
+    assert lines[lines.index("DISAGREE: equations (A) and CAD (B) differ") + 1] == f"WHAT TO DO: {printed.what_to_do}"
     assert f"find the edit that corrects the equations: {printed.commands['explain']}" == printed.what_to_do
     page = render_html(printed, {})
     first_screen = page[page.index('<div class="verdict') : page.index('<dl class="strip"')]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from twin.validation.masses.collect import MassSource
     from twin.validation.masses.possible import JudgedInertia
 
-_NEXT = "compare the numbers above with the document; if the document prints them, also cite the recomputed numbers"
+_NEXT = "compare the numbers below with the document; if the document prints them, also cite the recomputed numbers"
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,7 @@ class Study(Result):
         return {"what_to_do": self.what_to_do, **self.data}
 
     def text(self) -> Iterator[Part]:
-        """Yield the tables, the findings, the verdict and the suggestion."""
-        for (title, source), table in zip(self.titles, self.tables, strict=True):
-            if title:
-                yield f"{title}\n  {source}\n"
-            yield table
-            yield ""
-        yield from by_severity(self.findings)
+        """Yield the verdict and the suggestion, the tables, and the findings."""
         disagreements = [finding for finding in self.findings if finding.severity == "disagreement"]
         count = len(disagreements)
         noun = "inconsistency"
@@ -74,9 +68,16 @@ class Study(Result):
             "disagree": f"DISAGREE: {count} {noun} in {self.what}",
             "unchecked": f"UNCHECKED: some of {self.what} could not be checked",
         }
-        yield f"\n  {words[self.verdict]} (exit code {self.exit_code})"
+        yield f"  {words[self.verdict]} (exit code {self.exit_code})"
         if self.what_to_do:
-            yield f"  what to do: {self.what_to_do}"
+            yield f"  WHAT TO DO: {self.what_to_do}"
+        yield ""
+        for (title, source), table in zip(self.titles, self.tables, strict=True):
+            if title:
+                yield f"{title}\n  {source}\n"
+            yield table
+            yield ""
+        yield from by_severity(self.findings)
 
 
 def study(source: Robot | str | Path) -> Result:

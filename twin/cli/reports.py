@@ -46,11 +46,7 @@ def finish(reports, args: argparse.Namespace, proofs=()) -> int:
     for report, folder in reports:
         show.finish(report, args)
         page = folder / "report.html"
-        print(f"  report: {page}")
-        advice = ""
-        if report.what_to_do:
-            advice = f"\n  what to do: {report.what_to_do}\n"
-        print(advice)
+        print(f"  report: {page}\n")
     if len(reports) > 1:
         rows = []
         for report, _ in reports:

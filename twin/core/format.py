@@ -14,7 +14,7 @@ EXACT = "exact"
 """Text for a difference that is a rounding error."""
 
 ROUNDING = 1e-9
-"""Differences in m or rad below this value are rounding errors: people read `EXACT`, JSON has the number."""
+"""Differences in m, rad or their rates below this value are rounding errors: texts say `EXACT`, JSON has the number."""
 
 _SI = {"m": 1.0, "mm": MM, "um": UM, "rad": 1.0, "deg": DEG}
 
@@ -51,18 +51,20 @@ def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
 def deviation(value: float | None, unit: str, limit: float | None = None) -> str:
     """Return a difference that should be 0 as text: `EXACT` if it is a rounding error, else as `quantity` or `shown`.
 
-    `value` and `limit` are in `unit`. Only lengths and angles can be `EXACT`, and only if they do not exceed `limit`.
+    `value` and `limit` are in `unit`. Only lengths, angles and their rates can be `EXACT`, and only within `limit`.
     """
     if is_exact(value, unit, limit):
         return EXACT
-    if unit in ("m", "rad"):
+    base, _, _ = unit.partition("/")
+    if base in ("m", "rad"):
         return quantity(value, unit)
     return shown(value, unit)
 
 
 def is_exact(value: float | None, unit: str, limit: float | None = None) -> bool:
     """Return whether a difference (`value` in `unit`) is a rounding error: see `deviation`."""
-    if value is None or unit not in _SI or not abs(value) * _SI[unit] < ROUNDING:  # false for NaN
+    base, _, _ = unit.partition("/")
+    if value is None or base not in _SI or not abs(value) * _SI[base] < ROUNDING:  # false for NaN
         return False
     return limit is None or abs(value) <= limit
 

@@ -293,7 +293,10 @@ class Report(Result):
         line = self.verdict_line
         if not self.variants and self.verdict == "agree":
             line = _WITHOUT
-        yield f"  {line}\n"
+        yield f"  {line}"
+        if self.what_to_do:
+            yield f"  WHAT TO DO: {self.what_to_do}"
+        yield ""
         others = self._without_cause()
         for cause in self.causes:
             yield cause.head
