@@ -95,6 +95,17 @@ def test_tables_keep_their_letters(rows, columns):
     assert letters == sorted("".join("".join(row) for row in rows).replace(" ", ""))
 
 
+def test_a_narrow_table_keeps_headings_whole_and_one_long_cell_does_not_widen_its_column():
+    rows = [["check", "tolerance", "worst"]]
+    rows += [[f"surface of link {k} against the other files", "1e-05 m", "0.834 µm"] for k in range(20)]
+    rows.append(["limits", "1e-05 m or rad, whichever is the larger one", "7.45e-10"])
+    drawn = show.table_lines(rows, "  ", 66)
+    assert drawn[0] == [drawn[0][0]]
+    assert drawn[0][0].split() == ["check", "tolerance", "worst"]
+    assert all(len(lines) == 1 for lines in drawn[1:-1])
+    assert len(drawn[-1]) > 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", one_of_a_kind())
 def test_info_of_every_robot_is_brief(name):

@@ -113,7 +113,7 @@ class Sweep(Result):
         cells = []
         for row in (drawn, *best[:_SHOWN]):
             cells.append([_cell(name, row[name]) for name in head])
-        yield TextTable(head, cells, fit=True)
+        yield TextTable(head, cells)
         if len(best) > _SHOWN:
             yield f"  and {len(best) - _SHOWN} more Pareto-optimal designs"
         others = len(self.designs) - len(best) - 1

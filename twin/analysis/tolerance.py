@@ -455,7 +455,7 @@ class ToleranceBudget(Result):
         yield f"  {place}; encoders {spread.slide / UM:g} µm and {spread.angle / DEG:g}°\n"
         head = ("state", "position, 95 %", "rotation, 95 %", "sigma x, y, z [µm]", "largest contributors")
         rows = [_row(budget) for budget in self.budgets]
-        yield TextTable(head, rows, fit=True)
+        yield TextTable(head, rows)
         yield ""
         for budget in self.budgets:
             if budget.sampled_within is not None and budget.difference is not None:
@@ -497,7 +497,7 @@ class ToleranceBudget(Result):
             else:
                 size = f"{factor * spread.shift / UM:.2g} µm and {factor * spread.turn / DEG:.2g}°"
             rows.append((name, f"{100 * factor:.2g} %", size))
-        yield TextTable(("joint or encoder", "of the present errors", "standard deviations"), rows, fit=True)
+        yield TextTable(("joint or encoder", "of the present errors", "standard deviations"), rows)
         yield ""
         yield (
             f"  mean cost of a part: {found.cost:.3g} times the present one, instead of {found.uniform_cost:.3g} times "

@@ -150,7 +150,7 @@ class ProcedureSession(Result):
             if check.t is not None:
                 time = f"{check.t:.1f} s"
             rows.append((check.name, outcome, time, check.text))
-        yield TextTable(("check", "", "at", "measured"), rows, fit=True)
+        yield TextTable(("check", "", "at", "measured"), rows)
         yield ""
         yield TextTable(("measure", "value"), self._measure_rows())
         yield ""

@@ -57,6 +57,9 @@ _NARROW = 8
 _GAP = 2
 """Spaces between columns."""
 
+_BROKEN = 2
+"""Number of lines of a table that one broken word counts as, where the widths of columns are chosen."""
+
 _BOLD_GREEN = "1;32"
 _BOLD_RED = "1;31"
 _BOLD_YELLOW = "1;33"
@@ -323,7 +326,7 @@ def table_lines(rows: Sequence[Sequence[str]], indent: str, columns: int | None)
     """
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
     if columns is not None:
-        widths = _fitted(widths, columns - len(indent))
+        widths = _fitted(rows, widths, columns - len(indent))
     drawn = []
     for row in rows:
         cells = [_cell(cell, size) for cell, size in zip(row, widths, strict=True)]
@@ -339,17 +342,41 @@ def table_lines(rows: Sequence[Sequence[str]], indent: str, columns: int | None)
     return drawn
 
 
-def _fitted(widths: Sequence[int], available: int) -> list[int]:
-    """Return widths of columns whose sum with gaps is at most `available`, made by narrowing the widest first."""
+def _fitted(rows: Sequence[Sequence[str]], widths: Sequence[int], available: int) -> list[int]:
+    """Return widths of columns whose sum with gaps is at most `available`, so that the rows have few lines.
+
+    Step by step, the column is narrowed that costs the least: lines of the table, and words that are broken. Of columns
+    that cost the same, the widest is narrowed. Words of the first row, a heading, are broken last of all.
+    """
     fitted = list(widths)
-    excess = sum(fitted) + _GAP * (len(fitted) - 1) - available
-    while excess > 0:
-        widest = fitted.index(max(fitted))
-        if fitted[widest] <= _NARROW:
+    columns = [[(len(cell), _longest_word(cell)) for cell in cells] for cells in zip(*rows, strict=True)]
+    heights = [1] * len(rows)
+    for _ in range(sum(fitted) + _GAP * (len(fitted) - 1) - available):
+        best = None
+        for column, cells in enumerate(columns):
+            size = fitted[column] - 1
+            if size < _NARROW:
+                continue
+            cost = 0
+            for (length, word), height in zip(cells, heights, strict=True):
+                cost += max(0, -(-length // size) - height) + _BROKEN * (word > size)
+            _, heading = cells[0]
+            if heading > size:
+                cost += _BROKEN * len(rows)
+            if best is None or (cost, -size) < best[:2]:
+                best = (cost, -size, column)
+        if best is None:
             break
-        fitted[widest] -= 1
-        excess -= 1
+        narrowed = best[2]
+        fitted[narrowed] -= 1
+        for row, (length, _) in enumerate(columns[narrowed]):
+            heights[row] = max(heights[row], -(-length // fitted[narrowed]))
     return fitted
+
+
+def _longest_word(cell: str) -> int:
+    """Return the number of characters of the longest word of a cell; 0 for an empty cell."""
+    return max(map(len, cell.split()), default=0)
 
 
 def _cell(cell: str, size: int) -> list[str]:

@@ -163,7 +163,7 @@ class Score(Result):
             cells.append(", ".join(f"{code} {n}" for code, n in most_frequent))
             rows.append(cells)
         head = ("family", "seeded", "caught", "only warned", "missed", "no effect", "caught by")
-        yield TextTable(head, rows, fit=True)
+        yield TextTable(head, rows)
         yield from self._listed("missed", "missed")
         yield from self._listed("no effect: not counted", "equivalent")
         if self.false_alarms:

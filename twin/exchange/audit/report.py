@@ -111,12 +111,12 @@ class AuditReport(Result):
         yield f"{self.path}\n\n  {self.headline}\n"
         if self.files:
             titles = ("file", "units", "up", "handed", "links", "clips")
-            yield TextTable(titles, list(map(_row_of_file, self.files)), fit=True)
+            yield TextTable(titles, list(map(_row_of_file, self.files)))
             yield ""
         checks = self.checks if everything else worst(self.checks)
         if checks:
             titles = ("check", "worst in", "worst", "tolerance", "where", "when", "")
-            yield TextTable(titles, list(map(_row, checks)), fit=True)
+            yield TextTable(titles, list(map(_row, checks)))
             yield ""
         shown = 0
         for found in by_severity(self.findings):
