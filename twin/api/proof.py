@@ -119,7 +119,8 @@ class Proved(Result):
         files = motion_files([motion.protocol for motion in self.motions])
         for file, motion in zip(files, self.motions, strict=True):
             if motion.certificate is not None:
-                text = json.dumps(motion.certificate, ensure_ascii=True, allow_nan=False)
+                # up to thousands of pieces: without blanks
+                text = json.dumps(motion.certificate, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
                 (folder / file).write_text(text, encoding="ascii")
 
     def text(self) -> Iterator[Part]:

@@ -140,7 +140,7 @@ def judged(
     elif zeros >= ENOUGH and log_odds < _SURE:
         status = "proved"
     else:
-        reason = _shortage(zeros, exact, int(inside.sum()), log_odds, reasons)
+        reason = _shortage(found, zeros, int(inside.sum()), drawn, log_odds, reasons)
     kept: tuple[ProgramStep, ...] = ()
     if status != "unproved" and None not in found.nodes:
         kept = tuple(node for node in found.nodes if node is not None)
@@ -158,12 +158,18 @@ def judged(
     return JudgedClaim(*verdict, roots=roots, doubtful=doubtful, **more)
 
 
-def _shortage(zeros: int, exact: int, inside: int, log_odds: float, reasons: Sequence[str]) -> str:
+def _shortage(found: _Together, zeros: int, inside: int, drawn: int, log_odds: float, reasons: Sequence[str]) -> str:
     """Return why too few exact values are zero for a proof, of those that are known at some states within reach."""
+    exact = int(found.known.sum())
     if zeros >= ENOUGH and log_odds < 0:
         return "the odds of chance are not below 1e-12; draw more states"
     if zeros >= ENOUGH:
-        return "the degree of the expressions is too high for a bound of the odds"
+        chance = min(1.0, found.degree / STEPS)
+        return (
+            f"{zeros} of {exact} exact values are zero, but the odds of chance have no bound: with {len(found.roots)} "
+            f"roots, each of which doubles it, the probability of a zero by chance is only known to be below "
+            f"{chance:.2g}, and all roots exist at {exact} of {drawn} drawn states"
+        )
     if not exact and reasons:
         return "no exact form: " + ", ".join(reasons)
     if exact < ENOUGH:

@@ -62,6 +62,12 @@ _STEEPEST = 1.3
 _DIGITS = 7
 """Digits of the matrices, of which nothing but the size of a contraction depends."""
 
+_NOISE = 1e-9
+"""Part of the largest entry of a matrix below which an entry is written as 0."""
+
+_DECIMALS = 16
+"""Decimals of the predictions in m or rad: rounding of a float near 1."""
+
 
 def motion_certificate(
     mechanism: Mechanism, path: TimedPath, proof: MotionProof, about: Mapping[str, Any]
@@ -239,10 +245,21 @@ def _pieces(predicted: PredictedPieces, linkage: Linkage) -> list[Any]:
     inverses = np.linalg.pinv(jacobian, rcond=1e-9) if known else jacobian
     out = []
     for i in range(len(predicted.phase)):
-        series = coordinates[:, i, passive].T.tolist() if known else None
-        matrix = [[float(f"{x:.{_DIGITS - 1}e}") for x in row] for row in inverses[i].tolist()] if known else None
+        series = None
+        matrix = None
+        if known:
+            # adding 0 makes -0 to 0
+            series = (np.round(coordinates[:, i, passive], _DECIMALS).T + 0.0).tolist()
+            matrix = _rounded(inverses[i])
         out.append([int(predicted.phase[i]), float(predicted.first[i]), float(predicted.last[i]), series, matrix])
     return out
+
+
+def _rounded(matrix: Array) -> list[list[float]]:
+    """Return a matrix in few digits, without the noise of rounding instead of zeros."""
+    noise = _NOISE * float(np.abs(matrix).max(initial=0.0))
+    kept = np.where(np.abs(matrix) > noise, matrix, 0.0)
+    return [[float(f"{x:.{_DIGITS - 1}e}") for x in row] for row in kept.tolist()]
 
 
 def _turns(c: Array) -> Array:

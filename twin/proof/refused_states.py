@@ -1,7 +1,7 @@
 """States at which equations say that the mechanism is out of reach: whether it can be assembled there.
 
-Equations refuse a state by having no value there, or by a negative margin. That is right only where the mechanism
-cannot be assembled within the limits of all joints.
+Equations refuse a state by having no value there, or by a margin that is negative or not a number. That is right only
+where the mechanism cannot be assembled within the limits of all joints.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class RefusedStates:
         unknown: number of those at which no assembly was found.
         reached: number of those at which the mechanism can be assembled within its limits.
         witness: {name: value} at one of these; empty if there is none.
-        without_value: whether the equations have no value there; otherwise a margin is negative.
+        without_value: whether the equations have no value there; otherwise a margin is negative or not a number.
     """
 
     compared: int
@@ -54,7 +54,7 @@ class RefusedStates:
         if self.without_value:
             found = unclaimed("values", SENTENCE, "")
             return JudgedClaim(**{**vars(found), "status": "refuted", "witness": dict(self.witness)})
-        reason = f"a margin of the equations is negative at {state}, where it can"
+        reason = f"a margin of the equations is negative, or not a number, at {state}, where it can"
         return unclaimed("values", SENTENCE, reason)
 
 
