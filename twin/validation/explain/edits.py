@@ -12,6 +12,7 @@ import re
 import tokenize
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
+from typing import TypeGuard
 
 from twin.validation.explain.source import Edit, Source, Statement, comprehension_targets
 from twin.validation.explain.tokens import cut, shape, tokens_of
@@ -32,8 +33,11 @@ _OPERATORS: dict[type[ast.operator], tuple[str, tuple[str, ...]]] = {
     ast.Mult: ("*", ("/", "+", "-")),
     ast.Div: ("/", ("*",)),
 }
-_LONG = 48
+_LONGEST_MOVE = 48
 """Maximum number of tokens by which a parenthesis is moved."""
+
+_SUM = (ast.Add, ast.Sub)
+"""Operators between the terms of a sum."""
 
 
 @dataclass(frozen=True)
@@ -52,48 +56,65 @@ def pool(
 ) -> Pool:
     """Return the names that a statement could use: known symbols, earlier local variables, and aliases."""
     local, readable = source.names_at(statement)
-    if isinstance(statement.node, ast.For):  # its lines may use names assigned by earlier lines of the loop
-        local |= set(statement.writes)
-        readable |= set(statement.writes)
     inner = set(comprehension_targets(statement.node))
+    if isinstance(statement.node, ast.For):  # its lines may use names assigned by earlier lines of the loop
+        inner |= set(statement.writes)
     local |= inner
     readable |= inner
-    names = {n for n in available if n.isidentifier()} | local
-    aliases: dict[str, str] = {}
+    names = {name for name in available if name.isidentifier()} | local
+    aliases = {}
+    for name, definition in _aliases(source, statement).items():
+        if name not in names:
+            aliases[name] = definition
+    unknown = []
+    for name in statement.reads - names - set(dir(builtins)):
+        if name not in scope:
+            unknown.append(name)
+    return Pool(frozenset(names), aliases, frozenset(parameters), frozenset(readable), frozenset(unknown))
+
+
+def _aliases(source: Source, statement: Statement) -> dict[str, str]:
+    """Return {name: definition} of sines and cosines that the statement's function could name as it names others.
+
+    After `s_theta = sin(theta)` and `c_phi = cos(phi)`, these are also `s_phi` and `c_theta`.
+    """
     angles: set[str] = set()
-    styles: set[tuple[str, str]] = set()
-    for s in (s for s in source.statements[: statement.index] if s.home is statement.home):
-        for name, call in _assigned(s.node):
-            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in ("sin", "cos"):
-                argument = ast.unparse(call.args[0]) if call.args else ""
-                if argument.isidentifier() and name.endswith(argument):
-                    styles.add((call.func.id, name.removesuffix(argument)))
-                    angles.add(argument)
+    styles: set[tuple[str, str]] = set()  # (function, prefix of the names of its values)
+    for earlier in source.statements[: statement.index]:
+        if earlier.home is not statement.home:
+            continue
+        for name, call in _assigned(earlier.node):
+            if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)):
+                continue
+            if call.func.id not in ("sin", "cos"):
+                continue
+            argument = ast.unparse(call.args[0]) if call.args else ""
+            if argument.isidentifier() and name.endswith(argument):
+                styles.add((call.func.id, name.removesuffix(argument)))
+                angles.add(argument)
+    aliases: dict[str, str] = {}
     for function, prefix in styles:
-        other = "cos" if function == "sin" else "sin"
         for angle in angles:
             aliases[prefix + angle] = f"{function}({angle})"
-            for o, p in styles:
-                if o == other:
-                    aliases[p + angle] = f"{other}({angle})"
-    return Pool(
-        frozenset(names),
-        {n: e for n, e in aliases.items() if n not in names},
-        frozenset(parameters),
-        frozenset(readable),
-        frozenset(n for n in statement.reads - names - set(dir(builtins)) if n not in scope),
-    )
+    return aliases
 
 
 def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
+    """Return (name, value) of each name that an assignment sets; `a, b = x, y` sets two."""
     if not isinstance(node, ast.Assign):
         return []
-    target, value = node.targets[0], node.value
+    target = node.targets[0]
+    value = node.value
+    targets = [target]
+    values = [value]
     if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple) and len(target.elts) == len(value.elts):
-        pairs = zip(target.elts, value.elts, strict=True)
-    else:
-        pairs = iter([(target, value)])
-    return [(t.id, v) for t, v in pairs if isinstance(t, ast.Name)]
+        targets = target.elts
+        values = value.elts
+    pairs = []
+    for one, own in zip(targets, values, strict=True):
+        if isinstance(one, ast.Name):
+            pairs.append((one.id, own))
+    return pairs
 
 
 def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str]) -> Iterator[Edit]:
@@ -111,27 +132,31 @@ def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str
 
 
 class _Writer:
+    """Writes the edits of one statement."""
+
     def __init__(self, source: Source, statement: Statement, pool: Pool) -> None:
-        self.source, self.statement, self.pool = source, statement, pool
-        self.parent = {c: p for p in ast.walk(statement.node) for c in ast.iter_child_nodes(p)}.get
+        self.source = source
+        self.statement = statement
+        self.pool = pool
+        self._parents: dict[ast.AST, ast.AST] = {}
+        for node in ast.walk(statement.node):
+            for child in ast.iter_child_nodes(node):
+                self._parents[child] = node
+
+    def parent(self, node: ast.AST) -> ast.AST | None:
+        return self._parents.get(node)
 
     def replace(self, node: ast.AST, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
         return self.between(*self.source.span(node), new, kind, define)
 
     def between(self, start: int, end: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
-        s = self.source
-        return Edit(
-            s.path,
-            s.line_of(start),
-            start,
-            end,
-            s.text(start, end),
-            new,
-            kind,
-            self.statement.index,
-            s.name,
-            define,
-        )
+        source = self.source
+        line = source.line_of(start)
+        old = source.text(start, end)
+        return Edit(source.path, line, start, end, old, new, kind, self.statement.index, source.name, define)
+
+    def inserted(self, at: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
+        return self.between(at, at, new, kind, define)
 
     def text(self, node: ast.AST) -> str:
         return self.source.text(*self.source.span(node))
@@ -140,7 +165,14 @@ class _Writer:
         """Return the definition (name, expression) that an inserted name requires; None if it requires none."""
         if name in self.pool.aliases:
             return name, self.pool.aliases[name]
-        return None if name in self.pool.arguments else (name, "")
+        if name in self.pool.arguments:
+            return None
+        return name, ""
+
+
+def _is_operation(node: ast.AST | None, *operators: type[ast.operator]) -> TypeGuard[ast.BinOp]:
+    """Return whether a node is an operation of two operands with one of some operators."""
+    return isinstance(node, ast.BinOp) and isinstance(node.op, operators)
 
 
 def _expressions(root: ast.AST) -> Iterator[ast.expr]:
@@ -184,30 +216,46 @@ def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
         if isinstance(node, ast.Attribute):
-            for group in _FUNCTIONS:
-                if node.attr in group:
-                    base = w.text(node.value)
-                    for other in group:
-                        yield w.replace(node, f"{base}.{other}", "function")
-            if node.attr == "T":
-                yield w.replace(node, w.text(node.value), "transpose")
+            yield from _other_attributes(w, node)
         if isinstance(node, ast.Call):
-            if isinstance(node.func, ast.Name):
-                for group in _FUNCTIONS:
-                    if node.func.id in group:
-                        for other in group:
-                            kind = "trig" if "cos" in group or "acos" in group else "function"
-                            yield w.replace(node.func, other, kind)
-            for a, b in zip(node.args, node.args[1:], strict=False):
-                start, end = w.source.span(a)[0], w.source.span(b)[1]
-                between = w.source.text(w.source.span(a)[1], w.source.span(b)[0])
-                yield w.between(start, end, f"{w.text(b)}{between}{w.text(a)}", "order")
-            if len(node.args) == 1 and isinstance(node.func, ast.Name):
-                yield w.replace(node, f"({w.text(node.args[0])})", "surplus")
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
+            yield from _other_calls(w, node)
+        if _is_operation(node, ast.MatMult):
             yield w.replace(node, f"{w.text(node.right)} @ {w.text(node.left)}", "order")
-            for side in (x for x in (node.left, node.right) if getattr(x, "attr", "") != "T"):
-                yield w.replace(side, f"({w.text(side)}).T", "transpose")
+            for side in (node.left, node.right):
+                if getattr(side, "attr", "") != "T":
+                    yield w.replace(side, f"({w.text(side)}).T", "transpose")
+
+
+def _other_attributes(w: _Writer, node: ast.Attribute) -> Iterator[Edit]:
+    """Yield other functions of the same module, as in `symbolic.cross`, and a matrix without its transposition."""
+    for group in _FUNCTIONS:
+        if node.attr not in group:
+            continue
+        module = w.text(node.value)
+        for other in group:
+            yield w.replace(node, f"{module}.{other}", "function")
+    if node.attr == "T":
+        yield w.replace(node, w.text(node.value), "transpose")
+
+
+def _other_calls(w: _Writer, node: ast.Call) -> Iterator[Edit]:
+    """Yield calls of other functions, calls with two arguments exchanged, and the argument without the call."""
+    if isinstance(node.func, ast.Name):
+        for group in _FUNCTIONS:
+            if node.func.id not in group:
+                continue
+            kind = "function"
+            if "cos" in group or "acos" in group:
+                kind = "trig"
+            for other in group:
+                yield w.replace(node.func, other, kind)
+    for first, second in zip(node.args, node.args[1:], strict=False):
+        start, end_of_first = w.source.span(first)
+        start_of_second, end = w.source.span(second)
+        separator = w.source.text(end_of_first, start_of_second)
+        yield w.between(start, end, f"{w.text(second)}{separator}{w.text(first)}", "order")
+    if len(node.args) == 1 and isinstance(node.func, ast.Name):
+        yield w.replace(node, f"({w.text(node.args[0])})", "surplus")
 
 
 def _quotients(w: _Writer, root: ast.AST) -> Iterator[Edit]:
@@ -215,10 +263,11 @@ def _quotients(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
         if not isinstance(node, ast.Call) or len(node.args) != 1:
             continue
-        function, quotient = w.text(node.func), node.args[0]
+        function = w.text(node.func)
+        quotient = node.args[0]
         if function.rpartition(".")[2] not in ("atan", "arctan"):
             continue
-        if isinstance(quotient, ast.BinOp) and isinstance(quotient.op, ast.Div):
+        if _is_operation(quotient, ast.Div):
             new = f"{function}2({w.text(quotient.left)}, {w.text(quotient.right)})"
             yield w.replace(node, new, "function")
 
@@ -227,25 +276,37 @@ def _signs(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             yield w.replace(node, w.text(node.operand), "sign")
-            continue
-        if isinstance(node, ast.Constant) and isinstance(w.parent(node), ast.Subscript | ast.Slice):
-            continue
-        parent = w.parent(node)
-        first = isinstance(parent, ast.Call) and node in parent.args
-        first |= isinstance(parent, ast.Tuple | ast.List | ast.Return | ast.Assign | ast.GeneratorExp | ast.AugAssign)
-        first |= isinstance(parent, ast.BinOp) and parent.left is node
-        if isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Subscript):
-            continue
-        if first and isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.Constant | ast.BinOp | ast.Attribute):
-            start, end = w.source.span(node)
-            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-                yield w.between(start, end, f"-({w.text(node)})", "sign")
-            elif isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add) and _plain(parent.right):
-                yield w.replace(parent, f"{w.text(parent.right)} - {w.text(node)}", "sign")
-            elif not isinstance(node, ast.BinOp):
-                yield w.between(start, start, "-", "sign")
-            else:
-                yield w.between(start, end, f"-{w.text(node)}", "sign")
+        elif _begins_expression(w, node):
+            yield _negated(w, node)
+
+
+def _begins_expression(w: _Writer, node: ast.expr) -> bool:
+    """Return whether a node is the first operand of an expression, in front of which a sign can stand."""
+    if not isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.Constant | ast.BinOp | ast.Attribute):
+        return False
+    parent = w.parent(node)
+    if isinstance(node, ast.Constant) and isinstance(parent, ast.Subscript | ast.Slice):
+        return False
+    if isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Subscript):
+        return False
+    if isinstance(parent, ast.Call):
+        return node in parent.args
+    if isinstance(parent, ast.BinOp):
+        return parent.left is node
+    return isinstance(parent, ast.Tuple | ast.List | ast.Return | ast.Assign | ast.GeneratorExp | ast.AugAssign)
+
+
+def _negated(w: _Writer, node: ast.expr) -> Edit:
+    """Return the edit that changes the sign of an operand, written as an author would write it."""
+    parent = w.parent(node)
+    start, _ = w.source.span(node)
+    if _is_operation(node, *_SUM):
+        return w.replace(node, f"-({w.text(node)})", "sign")
+    if _is_operation(parent, ast.Add) and _plain(parent.right):
+        return w.replace(parent, f"{w.text(parent.right)} - {w.text(node)}", "sign")
+    if isinstance(node, ast.BinOp):
+        return w.replace(node, f"-{w.text(node)}", "sign")
+    return w.inserted(start, "-", "sign")
 
 
 def _plain(node: ast.AST) -> bool:
@@ -257,53 +318,60 @@ def _operators(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         if not isinstance(node, ast.BinOp) or type(node.op) not in _OPERATORS:
             continue
         sign, others = _OPERATORS[type(node.op)]
-        start, end = w.source.span(node.left)[1], w.source.span(node.right)[0]
+        _, start = w.source.span(node.left)
+        end, _ = w.source.span(node.right)
         gap = w.source.text(start, end)
         at = gap.find(sign)  # there may be parentheses before or after the sign
         if at < 0:
             continue
-        at += len(gap[:at].encode()) - at
+        at_byte = start + len(gap[:at].encode())
         for other in others:
-            kind = "sign" if {sign, other} == {"+", "-"} else "operator"
-            yield w.between(start + at, start + at + 1, other, kind)
+            kind = "operator"
+            if {sign, other} == {"+", "-"}:
+                kind = "sign"
+            yield w.between(at_byte, at_byte + 1, other, kind)
 
 
 def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
-        if (
-            not isinstance(node, ast.Constant)
-            or isinstance(node.value, bool)
-            or not isinstance(node.value, int | float)
-        ):
-            continue
-        parent, n = w.parent(node), node.value
-        index = isinstance(parent, ast.Subscript | ast.Slice)
-        index |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Subscript)
-        if index:
-            for i in range(4):
-                yield w.replace(node, str(i), "index")
-            continue
-        if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Pow) and parent.right is node:
-            yield w.replace(parent, w.text(parent.left), "exponent")
-            for i in (1, 2, 3, 4):
-                yield w.replace(node, str(i), "exponent")
-            continue
-        values = {n + 1, n - 1, 2 * n, n / 2, 0, 1, 2, 3, 4, 6}
-        for value in sorted(values - {n}):
-            if value >= 0:
-                yield w.replace(node, f"{value:g}", "number")
-        if n in (0, 1):
-            for name in sorted(w.pool.names):
-                yield w.replace(node, name, "missing", w.need(name))
-            yield from (w.replace(node, t, "number") for t in ("pi", "pi / 2", "-pi / 2"))
+        # a bool is an int, but no number of an equation
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+            yield from _other_numbers(w, node, node.value)
     for node in _expressions(root):
-        if isinstance(node, ast.Name) and node.id == "pi":
-            for text in ("(pi / 2)", "(2 * pi)", "0"):
-                yield w.replace(node, text, "number")
-            parent = w.parent(node)
-            if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Div):
-                yield w.replace(parent, "pi", "number")
-                yield w.replace(parent, "0", "number")
+        if not isinstance(node, ast.Name) or node.id != "pi":
+            continue
+        for text in ("(pi / 2)", "(2 * pi)", "0"):
+            yield w.replace(node, text, "number")
+        parent = w.parent(node)
+        if _is_operation(parent, ast.Div):
+            yield w.replace(parent, "pi", "number")
+            yield w.replace(parent, "0", "number")
+
+
+def _other_numbers(w: _Writer, node: ast.Constant, number: float) -> Iterator[Edit]:
+    """Yield other numbers in place of a number: another index, exponent, factor or term."""
+    parent = w.parent(node)
+    in_index = isinstance(parent, ast.Subscript | ast.Slice)
+    if isinstance(parent, ast.Tuple):
+        in_index = isinstance(w.parent(parent), ast.Subscript)
+    if in_index:
+        for i in range(4):
+            yield w.replace(node, str(i), "index")
+        return
+    if _is_operation(parent, ast.Pow) and parent.right is node:
+        yield w.replace(parent, w.text(parent.left), "exponent")
+        for i in (1, 2, 3, 4):
+            yield w.replace(node, str(i), "exponent")
+        return
+    others = {number + 1, number - 1, 2 * number, number / 2, 0, 1, 2, 3, 4, 6}
+    for other in sorted(others - {number}):
+        if other >= 0:
+            yield w.replace(node, f"{other:g}", "number")
+    if number in (0, 1):  # a symbol may be missing, which is 0 in a sum and 1 in a product
+        for name in sorted(w.pool.names):
+            yield w.replace(node, name, "missing", w.need(name))
+        for text in ("pi", "pi / 2", "-pi / 2"):
+            yield w.replace(node, text, "number")
 
 
 def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
@@ -322,31 +390,45 @@ def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that remove a term or factor, or add a square, a root or a term."""
     for node in _expressions(root):
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult | ast.Div | ast.MatMult):
-            yield w.replace(node, w.text(node.left), "surplus")
-            if not isinstance(node.op, ast.Div):
-                text = w.text(node.right)
-                yield w.replace(node, f"-{text}" if isinstance(node.op, ast.Sub) else text, "surplus")
-        parent = w.parent(node)
-        at = _end_of_base(w, node)
-        if at is not None and not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Pow)):
-            yield w.between(at, at, "**2", "exponent")
-        whole = isinstance(parent, ast.Assign | ast.Return) and not isinstance(node, ast.Tuple)
-        whole |= isinstance(parent, ast.Call) and node in parent.args
-        whole |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Return | ast.Assign)
-        if whole:
-            end = w.source.span(node)[1]
+        if _is_operation(node, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.MatMult):
+            yield from _without_operand(w, node)
+        end_of_base = _end_of_base(w, node)
+        if end_of_base is not None and not _is_operation(w.parent(node), ast.Pow):
+            yield w.inserted(end_of_base, "**2", "exponent")
+        if _is_whole(w, node):
+            _, end = w.source.span(node)
             if _has_square(node):
                 yield from _squares(w, node)
             for name in sorted(w.pool.names):
                 for sign in "+-":
-                    yield w.between(end, end, f" {sign} {name}", "missing", w.need(name))
+                    yield w.inserted(end, f" {sign} {name}", "missing", w.need(name))
         elif _is_inner_sum(w, node) and _has_square(node):
             yield from _roots(w, node)
         elif isinstance(node, ast.Name) and _is_multiplied(w, node):
             for name in sorted(w.pool.names - {node.id}):
                 for sign in "+-":
                     yield w.replace(node, f"({node.id} {sign} {name})", "missing", w.need(name))
+
+
+def _without_operand(w: _Writer, node: ast.BinOp) -> Iterator[Edit]:
+    """Yield an operation's left operand alone, and its right one with its sign; a divisor alone is no misprint."""
+    yield w.replace(node, w.text(node.left), "surplus")
+    if isinstance(node.op, ast.Div):
+        return
+    right = w.text(node.right)
+    if isinstance(node.op, ast.Sub):
+        right = f"-{right}"
+    yield w.replace(node, right, "surplus")
+
+
+def _is_whole(w: _Writer, node: ast.expr) -> bool:
+    """Return whether a node is all that is assigned, returned or passed; of an assigned tuple, its entries are."""
+    parent = w.parent(node)
+    if isinstance(parent, ast.Call):
+        return node in parent.args
+    if isinstance(parent, ast.Tuple):
+        return isinstance(w.parent(parent), ast.Return | ast.Assign)
+    return isinstance(parent, ast.Assign | ast.Return) and not isinstance(node, ast.Tuple)
 
 
 def _end_of_base(w: _Writer, node: ast.expr) -> int | None:
@@ -362,7 +444,7 @@ def _end_of_base(w: _Writer, node: ast.expr) -> int | None:
     if isinstance(node, ast.Subscript):
         is_entry = not any(isinstance(n, ast.Slice) for n in ast.walk(node.slice))
         return end if is_entry else None
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+    if _is_operation(node, *_SUM):
         enclosed = w.source.text(start - 1, start) == "(" and w.source.text(end, end + 1) == ")"
         return end + 1 if enclosed else None
     return None
@@ -374,7 +456,7 @@ def _squares(w: _Writer, node: ast.expr) -> Iterator[Edit]:
     yield from _roots(w, node)
     for name in sorted(w.pool.names):
         for sign in "+-":
-            yield w.between(end, end, f" {sign} {name}**2", "missing", w.need(name))
+            yield w.inserted(end, f" {sign} {name}**2", "missing", w.need(name))
 
 
 def _roots(w: _Writer, node: ast.expr) -> Iterator[Edit]:
@@ -385,41 +467,36 @@ def _roots(w: _Writer, node: ast.expr) -> Iterator[Edit]:
 
 
 def _has_square(node: ast.AST) -> bool:
-    return any(isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) for n in ast.walk(node))
+    return any(_is_operation(part, ast.Pow) for part in ast.walk(node))
 
 
 def _is_multiplied(w: _Writer, node: ast.AST) -> bool:
     """Return whether a node is what a matrix is multiplied by."""
     parent = w.parent(node)
-    return isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.MatMult) and parent.right is node
+    return _is_operation(parent, ast.MatMult) and parent.right is node
 
 
 def _is_inner_sum(w: _Writer, node: ast.AST) -> bool:
     """Return whether a node is a sum in parentheses inside a sum or product."""
     parent = w.parent(node)
-    if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub) and isinstance(parent, ast.BinOp)):
+    if not (_is_operation(node, *_SUM) and isinstance(parent, ast.BinOp)):
         return False
-    return not (isinstance(parent.op, ast.Add | ast.Sub | ast.Pow) and parent.left is node)
+    return not (_is_operation(parent, *_SUM, ast.Pow) and parent.left is node)
 
 
 def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+    """Yield edits that add a factor to a term of a sum, or to a whole expression without a sum."""
     for node in _expressions(root):
-        parent = w.parent(node)
-        sums = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub)
-        sums |= isinstance(parent, ast.Call) and node in parent.args
-        sums |= isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Return | ast.Assign)
-        sums |= isinstance(parent, ast.Assign | ast.Return)
-        if isinstance(parent, ast.Tuple) and isinstance(w.parent(parent), ast.Subscript):
+        if not (_is_operation(w.parent(node), *_SUM) or _is_whole(w, node)):
             continue
-        if not sums or isinstance(node, ast.Tuple | ast.UnaryOp):
+        # a factor before a sum would belong to its first term, which is a node of its own
+        if isinstance(node, ast.Tuple | ast.UnaryOp) or _is_operation(node, *_SUM):
             continue
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-            continue
-        start = w.source.span(node)[0]
+        start, _ = w.source.span(node)
         for name in sorted(w.pool.names | set(w.pool.aliases)):
-            yield w.between(start, start, f"{name} * ", "missing", w.need(name))
-        yield w.between(start, start, "2 * ", "missing")
-        yield w.between(start, start, "0.5 * ", "missing")
+            yield w.inserted(start, f"{name} * ", "missing", w.need(name))
+        yield w.inserted(start, "2 * ", "missing")
+        yield w.inserted(start, "0.5 * ", "missing")
 
 
 def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
@@ -430,48 +507,74 @@ def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     text = w.source.text(start, end)
     if not text.isascii():
         return
+    known_shapes = {shape(text)}
+    for new in _parenthesised(text):
+        new_shape = shape(new)
+        # parentheses that change nothing are no edit, and many of them come to the same
+        if not new_shape or new_shape in known_shapes:
+            continue
+        known_shapes.add(new_shape)
+        first, last = _changed_part(text, new)
+        yield w.between(start + first, start + len(text) - last, new[first : len(new) - last], "parenthesis")
+
+
+def _changed_part(text: str, new: str) -> tuple[int, int]:
+    """Return the numbers of equal characters before and after what differs between two texts, in whole names."""
+    shorter = min(len(text), len(new))
+    before = 0
+    while before < shorter and text[before] == new[before]:
+        before += 1
+    if before == shorter:
+        before = 0
+    after = 0
+    while after < shorter - before and text[-1 - after] == new[-1 - after]:
+        after += 1
+    if after == shorter - before:
+        after = 0
+    while before and (text[before - 1].isalnum() or text[before - 1] == "_"):
+        before -= 1
+    return before, after
+
+
+def _parenthesised(text: str) -> Iterator[str]:
+    """Yield a text with one pair of parentheses less, with one end of a pair elsewhere, or with one pair more."""
     tokens = tokens_of(text)
-    done = {shape(text)}
-    level: list[int] = []
+    open_tokens: list[int] = []
     pairs: list[tuple[int, int]] = []
     for i, (kind, string, _, _) in enumerate(tokens):
         if kind == tokenize.OP and string == "(":
-            level.append(i)
-        elif kind == tokenize.OP and string == ")" and level:
-            pairs.append((level.pop(), i))
-
-    def made(new: str, kind: str = "parenthesis") -> Iterator[Edit]:
-        form = shape(new)
-        if form and form not in done:
-            done.add(form)
-            # The shortest replaced text that contains both ends.
-            a = next((i for i in range(min(len(text), len(new))) if text[i] != new[i]), 0)
-            b = next((i for i in range(min(len(text), len(new)) - a) if text[-1 - i] != new[-1 - i]), 0)
-            while a and (text[a - 1].isalnum() or text[a - 1] == "_"):
-                a -= 1
-            yield w.between(start + a, start + len(text) - b, new[a : len(new) - b], kind)
-
+            open_tokens.append(i)
+        elif kind == tokenize.OP and string == ")" and open_tokens:
+            pairs.append((open_tokens.pop(), i))
     for opening, closing in pairs:
-        o, c = tokens[opening], tokens[closing]
+        _, _, open_start, open_end = tokens[opening]
+        _, _, close_start, close_end = tokens[closing]
         called = opening > 0 and tokens[opening - 1][0] == tokenize.NAME
         if not called:
-            yield from made(text[: o[2]] + text[o[3] : c[2]] + text[c[3] :])
+            yield text[:open_start] + text[open_end:close_start] + text[close_end:]
         for j, (kind, string, _, finish) in enumerate(tokens):
-            if abs(j - closing) > _LONG or j <= opening or j in (closing, closing - 1):
+            if abs(j - closing) > _LONGEST_MOVE or j <= opening or j in (closing, closing - 1):
                 continue
             if kind in (tokenize.NAME, tokenize.NUMBER) or string == ")":
-                parts = sorted([(c[2], c[3], ""), (finish, finish, ")")])
-                yield from made(cut(text, parts))
-        if not called:
-            for j, (kind, string, begin, _) in enumerate(tokens):
-                if abs(j - opening) > _LONG or j >= closing or j == opening:
-                    continue
-                if kind in (tokenize.NAME, tokenize.NUMBER) or string in ("(", "-"):
-                    parts = sorted([(o[2], o[3], ""), (begin, begin, "(")])
-                    yield from made(cut(text, parts))
-    ends = [i for i, t in enumerate(tokens) if t[0] in (tokenize.NAME, tokenize.NUMBER) or t[1] in ")]"]
-    begins = [i for i, t in enumerate(tokens) if t[0] in (tokenize.NAME, tokenize.NUMBER) or t[1] == "("]
+                yield cut(text, sorted([(close_start, close_end, ""), (finish, finish, ")")]))
+        if called:  # the parenthesis after a function's name stays there
+            continue
+        for j, (kind, string, begin, _) in enumerate(tokens):
+            if abs(j - opening) > _LONGEST_MOVE or j >= closing or j == opening:
+                continue
+            if kind in (tokenize.NAME, tokenize.NUMBER) or string in ("(", "-"):
+                yield cut(text, sorted([(open_start, open_end, ""), (begin, begin, "(")]))
+    begins = []
+    ends = []
+    for i, (kind, string, _, _) in enumerate(tokens):
+        operand = kind in (tokenize.NAME, tokenize.NUMBER)
+        if operand or string == "(":
+            begins.append(i)
+        if operand or string in ")]":
+            ends.append(i)
     for i in begins:
+        _, _, begin, _ = tokens[i]
         for j in ends:
-            if i < j <= i + _LONG // 2:
-                yield from made(cut(text, [(tokens[i][2], tokens[i][2], "("), (tokens[j][3], tokens[j][3], ")")]))
+            if i < j <= i + _LONGEST_MOVE // 2:
+                _, _, _, finish = tokens[j]
+                yield cut(text, [(begin, begin, "("), (finish, finish, ")")])
