@@ -37,14 +37,23 @@ from twin.validation.explain.undefined_names import ByteRange, replaces, undefin
 _MOST = 100_000
 """Maximum number of pairs in one evaluation."""
 
-_VECTOR, _LONGEST, _MOST_TEXTS = 3, 60, 24
-"""Number of entries of a vector; length and number of expressions of the file that are added as terms or factors."""
+_VECTOR = 3
+"""Number of entries of a vector."""
+
+_LONGEST_TEXT = 60
+"""Maximum length of an expression of the file that is added as a term or factor."""
+
+_MOST_TEXTS = 24
+"""Maximum number of such expressions of each form."""
 
 _MOST_PRODUCTS = 60
 """Maximum number of products of a scalar and a vector that are added as terms."""
 
-_MOST_FOUND, _MOST_IN_ONE = 60, 2000
-"""Maximum number of pairs that are yielded of two statements or of one, and of those of which they are chosen."""
+_MOST_FOUND = 60
+"""Maximum number of pairs that are yielded of two statements, or of one."""
+
+_MOST_IN_ONE = 2000
+"""Maximum number of pairs in one statement of which those with the likeliest kinds are chosen."""
 
 _THIRDS = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
 """Values of a swivel angle at which rows are evaluated: they determine a row that is linear in its sine and cosine."""
@@ -55,13 +64,20 @@ _OTHER = 1.0
 _ROUNDING = 1e-9
 """Relative difference that rounding may cause."""
 
-_PARALLEL, _NEAR, _ROUND = 1e-10, 1e3, 1e-3
-"""Relative size of a determinant below which the parts with sine and cosine are parallel; residual, in units of the
-tolerance, and difference of cosine^2 + sine^2 from 1, up to which an angle is sought."""
+_PARALLEL = 1e-10
+"""Relative size of a determinant below which the parts with sine and cosine are parallel."""
 
-_GRID = 16
-_REFINE = 6
-"""Numbers of start values of the swivel angle, and of steps of Gauss-Newton from the best of them."""
+_NEAR = 1e3
+"""Residual, in units of the tolerance, up to which an angle is sought."""
+
+_OFF_CIRCLE = 1e-3
+"""Difference of cosine^2 + sine^2 from 1 up to which an angle is sought."""
+
+_STARTS = 16
+"""Number of start values of the swivel angle."""
+
+_STEPS = 6
+"""Number of steps of Gauss-Newton from the best start value."""
 
 _Scope = dict[str, Value]
 
@@ -95,7 +111,7 @@ class Crossed:
         """
 
         def inside(edit: Edit) -> bool:
-            return any(p == edit.path and a <= edit.start and edit.end <= b for p, a, b in scalars)
+            return any(path == edit.path and start <= edit.start and edit.end <= end for path, start, end in scalars)
 
         places = list(combinations([site.statement for site in self.sites], 2))
         places.sort(key=lambda pair: pair[1].index - pair[0].index)  # two misprints are often near each other
@@ -103,21 +119,22 @@ class Crossed:
             for first, second in places:
                 if deadline.passed:
                     return
-                passed = not self.step.held.issuperset(first.writes)
-                if not (passed or first.index in self._undefined):  # later statements do not use its result
+                result_is_used = not self.step.held.issuperset(first.writes)
+                if not (result_is_used or first.index in self._undefined):
                     continue
+                # a name without a value elsewhere would still have none
                 if not self._undefined.keys() <= {first.index, second.index}:
                     continue
-                ones = self._defining(first, edits[first.index])
-                every = self._defining(second, edits[second.index])
+                firsts = self._defining(first, edits[first.index])
+                seconds = self._defining(second, edits[second.index])
                 if edits is self._tokens:
-                    yield from self._pairs(first, second, ones, every, deadline)
+                    yield from self._pairs(first, second, firsts, seconds, deadline)
                     continue
-                beside = [edit for edit in ones if not inside(edit)]
-                within = [edit for edit in ones if inside(edit)]
-                yield from self._pairs(first, second, beside, every, deadline)
-                others = [edit for edit in every if not inside(edit)]
-                yield from self._pairs(first, second, within, others, deadline)
+                firsts_outside = [edit for edit in firsts if not inside(edit)]
+                firsts_inside = [edit for edit in firsts if inside(edit)]
+                seconds_outside = [edit for edit in seconds if not inside(edit)]
+                yield from self._pairs(first, second, firsts_outside, seconds, deadline)
+                yield from self._pairs(first, second, firsts_inside, seconds_outside, deadline)
 
     def together(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in one statement after which a row agrees at one pose."""
@@ -134,14 +151,16 @@ class Crossed:
                         break
                     edits = self._all[site.statement.index]
                     runs.append(list(operand_pairs(site, edits, scope, self._rest, deadline)))
-            if len(runs) == len(self._angles):
-                pairs: list[tuple[Edit, Edit]] = []
-                for others, ones in self._found(runs, _MOST_IN_ONE):
-                    (first,) = ones
-                    (second,) = others
-                    pairs.append((first, second))
-                pairs.sort(key=lambda pair: sum(edit.kind not in TOKENS for edit in pair))
-                yield from pairs[:_MOST_FOUND]
+            if len(runs) < len(self._angles):
+                continue
+            pairs: list[tuple[Edit, Edit]] = []
+            for others, ones in self._found(runs, _MOST_IN_ONE):
+                (first,) = ones
+                (second,) = others
+                pairs.append((first, second))
+            # misprints of one token are likeliest
+            pairs.sort(key=lambda pair: sum(edit.kind not in TOKENS for edit in pair))
+            yield from pairs[:_MOST_FOUND]
 
     def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
@@ -165,9 +184,10 @@ class Crossed:
         if deadline.passed:
             return None
         out = set(edits).difference(usable)
-        for parts in zip(*runs, strict=False):
-            for n in _agreeing([residuals for _, residuals in parts], self.rows):
-                out.update(parts[0][0][n])
+        for at_angles in zip(*runs, strict=False):
+            trials, _ = at_angles[0]
+            for n in _agreeing([residuals for _, residuals in at_angles], self.rows):
+                out.update(trials[n])
         return out
 
     @cached_property
@@ -188,15 +208,16 @@ class Crossed:
                     return False
                 found.append(self._rest(last, scope, 1) or {})
         for row in self.rows:
-            if all(row in f for f in found):
-                zero, ahead, back, there = (f[row] for f in found)
-                mean, along, across = _harmonics(zero, ahead, back)
-                if not np.isfinite(np.hstack([mean, along, across, there])).all():
-                    continue
-                off = mean + along * np.cos(_OTHER) + across * np.sin(_OTHER) - there
-                size = np.abs(there).max() + np.abs(mean).max()
-                if not np.abs(off).max() <= _ROUNDING * size:
-                    return False
+            if not all(row in residuals for residuals in found):
+                continue
+            zero, ahead, back, other = (residuals[row] for residuals in found)
+            mean, cosine, sine = _harmonics(zero, ahead, back)
+            if not np.isfinite(np.hstack([mean, cosine, sine, other])).all():
+                continue
+            predicted = mean + cosine * np.cos(_OTHER) + sine * np.sin(_OTHER)
+            size = np.abs(other).max() + np.abs(mean).max()
+            if not np.abs(predicted - other).max() <= _ROUNDING * size:
+                return False
         return True
 
     @cached_property
@@ -214,21 +235,20 @@ class Crossed:
         if scope is None:
             return
         vectors, scalars = self._known_texts(site, scope)
-        for node in site.parents:
-            parent = site.parents[node]
+        vectors = [*vectors, *self._scaled(site, scope)]
+        for node, parent in site.parents.items():
             if not isinstance(node, ast.expr) or isinstance(node, ast.Tuple):
                 continue
-            whole = isinstance(parent, ast.Assign | ast.Return)
-            whole |= isinstance(parent, ast.Tuple) and isinstance(site.parents.get(parent), ast.Assign | ast.Return)
-            summand = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub)
-            start, end = site.source.span(node)
             if isinstance(parent, ast.Assign) and node in parent.targets:
                 continue
+            whole = _is_result(parent) or (isinstance(parent, ast.Tuple) and _is_result(site.parents.get(parent)))
+            start, end = site.source.span(node)
             if whole:
-                for text in [*vectors, *self._scaled(site, scope)]:
+                for text in vectors:
                     yield _inserted(site, end, f" + {text}")
                     yield _inserted(site, end, f" - {text}")
-            if (whole or summand) and not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
+            # a factor before a sum would belong to its first term, which is a node of its own
+            if (whole or _is_sum(parent)) and not _is_sum(node):
                 for text in scalars:
                     yield _inserted(site, start, f"{text} * ")
 
@@ -236,7 +256,9 @@ class Crossed:
         """Return the products of a scalar and a vector that the function's names stand for."""
         scalars: list[str] = []
         vectors: list[str] = []
-        names = {*site.source.arguments, *(name for s in site.source.statements for name in s.writes)}
+        names = set(site.source.arguments)
+        for statement in site.source.statements:
+            names.update(statement.writes)
         for name in sorted(names & site.pool.names & site.pool.arguments):
             kind = form(scope.get(name), 1)
             if kind == "scalar":
@@ -244,30 +266,34 @@ class Crossed:
             elif kind == (_VECTOR, 1):
                 vectors.append(name)
         products = [f"{scalar} * {vector}" for vector in vectors for scalar in scalars]
-        return products if len(products) <= _MOST_PRODUCTS else []
+        if len(products) > _MOST_PRODUCTS:
+            return []
+        return products
 
     def _known_texts(self, site: Site, scope: _Scope) -> tuple[list[str], list[str]]:
         """Return the (vectors, calls that are scalars) of the file, with names that a statement can use."""
         names = site.pool.names & site.pool.arguments
-        texts: dict[str, bool] = {}  # whether it is a call, which needs no parentheses
+        usable = names | self.step.scope.keys()
+        is_call: dict[str, bool] = {}  # by text; a call needs no parentheses
         for node in ast.walk(ast.parse(site.source.data)):
-            if isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
-                read = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-                if read & names and read <= names | self.step.scope.keys():
-                    texts[ast.unparse(node)] = isinstance(node, ast.Call)
+            if not isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
+                continue
+            read = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+            if read & names and read <= usable:
+                is_call[ast.unparse(node)] = isinstance(node, ast.Call)
         vectors: list[str] = []
         scalars: list[str] = []
         with unguarded(), np.errstate(all="ignore"):
-            for text in sorted(texts, key=len):
-                if len(text) > _LONGEST:
+            for text in sorted(is_call, key=len):
+                if len(text) > _LONGEST_TEXT:
                     break
                 try:
                     text_form = form(eval(text, dict(scope)), 1)
                 except Exception:  # values of other forms than in the function from which the text is
                     continue
                 if text_form == (_VECTOR, 1):
-                    vectors.append(text if texts[text] else f"({text})")
-                elif text_form == "scalar" and texts[text]:
+                    vectors.append(text if is_call[text] else f"({text})")
+                elif text_form == "scalar" and is_call[text]:
                     scalars.append(text)
         return vectors[:_MOST_TEXTS], scalars[:_MOST_TEXTS]
 
@@ -284,11 +310,19 @@ class Crossed:
     def _defining(self, statement: Statement, edits: Sequence[Edit]) -> list[Edit]:
         """Return the edits of a statement after which all its names have a value."""
         parts = self._undefined.get(statement.index, ())
-        return [edit for edit in edits if all(replaces(edit, part) for part in parts)]
+        defining = []
+        for edit in edits:
+            if all(replaces(edit, part) for part in parts):
+                defining.append(edit)
+        return defining
 
     @cached_property
     def _tokens(self) -> dict[int, list[Edit]]:
-        return {site.statement.index: [e for e in site.edits if e.kind in TOKENS] for site in self.sites}
+        """The edits of one token of each statement, by its index."""
+        tokens = {}
+        for site in self.sites:
+            tokens[site.statement.index] = [edit for edit in site.edits if edit.kind in TOKENS]
+        return tokens
 
     def _pairs(
         self,
@@ -318,15 +352,17 @@ class Crossed:
         `runs` are the results of `_run` or `operand_pairs`, for each angle; `most` is the maximum number of pairs.
         """
         count = 0
-        for parts in zip(*runs, strict=False):
-            others, ones, _ = parts[0]
-            if any(part[:2] != (others, ones) for part in parts):
+        for at_angles in zip(*runs, strict=False):
+            others, ones, _ = at_angles[0]
+            # at an angle where an edit has no value, the pairs are others
+            if any(evaluated[:2] != (others, ones) for evaluated in at_angles):
                 continue
-            for n in _agreeing([part[2] for part in parts], self.rows):
+            residuals = [evaluated[2] for evaluated in at_angles]
+            for pair in _agreeing(residuals, self.rows):
                 count += 1
                 if count > most:
                     return
-                i, j = divmod(n, len(ones))
+                i, j = divmod(pair, len(ones))
                 yield others[i], ones[j]
 
     def _run(
@@ -456,17 +492,24 @@ class Crossed:
         return {place.key: residual for place, residual in found.items() if place.key in self.rows}
 
 
+def _is_sum(node: ast.AST | None) -> bool:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+
+
+def _is_result(node: ast.AST | None) -> bool:
+    """Return whether a statement assigns or returns a value."""
+    return isinstance(node, ast.Assign | ast.Return)
+
+
 def inner_terms(site: Site) -> Iterator[Edit]:
     """Yield edits that add a name or its square to a sum inside another expression of a statement."""
-    source = site.source
     names = sorted(site.pool.names & site.pool.arguments)
-    for node in site.parents:
-        parent = site.parents[node]
-        if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
+    for node, parent in site.parents.items():
+        if not _is_sum(node):
             continue
-        if not isinstance(parent, ast.BinOp) or isinstance(parent.op, ast.Add | ast.Sub):
+        if not isinstance(parent, ast.BinOp) or _is_sum(parent):
             continue
-        _, end = source.span(node)
+        _, end = site.source.span(node)
         for name in names:
             for new in (f" + {name}", f" - {name}", f" + {name}**2", f" - {name}**2"):
                 yield _inserted(site, end, new)
@@ -485,12 +528,14 @@ def _agreeing(found: Sequence[Mapping[Key, Array]], rows: Sequence[Key]) -> list
     """
     counts: Counter[int] = Counter()
     for row in rows:
-        residuals = [f[row] for f in found if row in f]
+        residuals = [at_angle[row] for at_angle in found if row in at_angle]
         if len(residuals) < len(found):
             continue
         with np.errstate(all="ignore"):
-            r = residuals[0] if len(residuals) == 1 else _at_best_angle(*residuals)
-            largest = np.abs(r).max(axis=1)
+            best = residuals[0]
+            if len(residuals) > 1:
+                best = _at_best_angle(*residuals)
+            largest = np.abs(best).max(axis=1)
         counts.update(int(n) for n in np.flatnonzero(largest <= 1.0))
     return sorted(counts, key=lambda n: (-counts[n], n))
 
@@ -503,45 +548,49 @@ def _harmonics(zero: Array, ahead: Array, back: Array) -> tuple[Array, Array, Ar
 
 def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
     """Return the residuals (n, entries) at the best swivel angle of each pair, from those at the angles `_THIRDS`."""
-    mean, along, across = _harmonics(zero, ahead, back)
+    mean, cosine, sine = _harmonics(zero, ahead, back)
     out = np.full_like(zero, np.inf)
-    possible = np.flatnonzero(_may_vanish(mean, along, across))
+    possible = np.flatnonzero(_may_vanish(mean, cosine, sine))
     mean = mean[possible]
-    along = along[possible]
-    across = across[possible]
+    cosine = cosine[possible]
+    sine = sine[possible]
 
     def at(angle: Array) -> Array:
-        return mean + along * np.cos(angle)[:, None] + across * np.sin(angle)[:, None]
+        return mean + cosine * np.cos(angle)[:, None] + sine * np.sin(angle)[:, None]
 
     best = np.zeros(len(mean))
     least = np.full(len(mean), np.inf)
-    for start in np.linspace(0, 2 * np.pi, _GRID, endpoint=False):
+    for start in np.linspace(0, 2 * np.pi, _STARTS, endpoint=False):
         angle = np.full(len(mean), start)
         size = np.sum(at(angle) ** 2, axis=1)
         best = np.where(size < least, angle, best)
         least = np.fmin(size, least)
-    for _ in range(_REFINE):
-        slope = across * np.cos(best)[:, None] - along * np.sin(best)[:, None]
+    for _ in range(_STEPS):
+        slope = sine * np.cos(best)[:, None] - cosine * np.sin(best)[:, None]
         step = np.sum(slope * at(best), axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
         best = best - np.nan_to_num(step)
     out[possible] = at(best)
     return out
 
 
-def _may_vanish(mean: Array, along: Array, across: Array) -> NDArray[np.bool_]:
-    """Return for which pairs `mean + along * x + across * y` is nearly zero for some x and y.
+def _may_vanish(mean: Array, cosine: Array, sine: Array) -> NDArray[np.bool_]:
+    """Return for which pairs `mean + cosine * x + sine * y` is nearly zero for some x and y, by least squares.
 
     If x and y are determined, they must also be nearly a cosine and a sine.
     """
-    aa = np.sum(along * along, axis=1)
-    ab = np.sum(along * across, axis=1)
-    bb = np.sum(across * across, axis=1)
-    am = np.sum(along * mean, axis=1)
-    bm = np.sum(across * mean, axis=1)
-    det = aa * bb - ab * ab
-    plane = det > _PARALLEL * aa * bb
+    cc = np.sum(cosine * cosine, axis=1)
+    cs = np.sum(cosine * sine, axis=1)
+    ss = np.sum(sine * sine, axis=1)
+    cm = np.sum(cosine * mean, axis=1)
+    sm = np.sum(sine * mean, axis=1)
+    determinant = cc * ss - cs * cs
+    determined = determinant > _PARALLEL * cc * ss
     with np.errstate(all="ignore"):  # the quotients of the other case
-        x = np.where(plane, (ab * bm - bb * am) / det, np.where(aa >= bb, -am / aa, 0.0))
-        y = np.where(plane, (ab * am - aa * bm) / det, np.where(aa >= bb, 0.0, -bm / bb))
-    rest = np.abs(mean + along * x[:, None] + across * y[:, None]).max(axis=1)
-    return (rest <= _NEAR) & (~plane | (np.abs(x**2 + y**2 - 1) <= _ROUND))
+        # if both parts are parallel, the larger one alone
+        x_alone = np.where(cc >= ss, -cm / cc, 0.0)
+        y_alone = np.where(cc >= ss, 0.0, -sm / ss)
+        x = np.where(determined, (cs * sm - ss * cm) / determinant, x_alone)
+        y = np.where(determined, (cs * cm - cc * sm) / determinant, y_alone)
+    rest = np.abs(mean + cosine * x[:, None] + sine * y[:, None]).max(axis=1)
+    on_circle = np.abs(x**2 + y**2 - 1) <= _OFF_CIRCLE
+    return (rest <= _NEAR) & (~determined | on_circle)
