@@ -136,12 +136,14 @@ class LinkMotions:
 
     def misfit(self, T: Array, i: int, where: Where) -> float:
         """Return by how much a place differs, in units of the tolerance."""
+        kind = self.problem.kinds[i]
         r = self.block(T, i, where)[0]
-        along = where == "both" and self.problem.kinds[i] == "revolute"
-        if along or self.problem.kinds[i] == "spherical":
+        # a ball is a point, and the places of a hinge share a shift along its line: lengths without an angle
+        if kind == "spherical" or (kind == "revolute" and where == "both"):
             return float(np.linalg.norm(r)) / self.problem.tolerance
         turn = float(np.linalg.norm(r[:3])) / self.problem.angle_tolerance
-        return max(turn, float(np.linalg.norm(r[3:])) / self.problem.tolerance)
+        shift = float(np.linalg.norm(r[3:])) / self.problem.tolerance
+        return max(turn, shift)
 
     def fit(self, T: Array, kept: Sequence[tuple[int, Where]]) -> bool:
         """Return whether the kept places agree within the tolerance."""
@@ -240,14 +242,17 @@ def _displacement(axis: Axis, moves: Array) -> float | None:
 
     None if its child is turned around across its line, which no motion of the joint does.
     """
-    M = spatial.inverse(moves[axis.parent]) @ moves[axis.child]
-    if axis.kind not in ("spherical", "free") and axis.direction @ M[:3, :3] @ axis.direction < 0.0:
+    T = spatial.inverse(moves[axis.parent]) @ moves[axis.child]
+    R = T[:3, :3]
+    turned_around = axis.direction @ R @ axis.direction < 0.0
+    if turned_around and axis.kind not in ("spherical", "free"):
         return None
     if axis.kind not in ONE_COORDINATE:
         return 0.0
     if axis.kind == "prismatic":
-        return float(axis.direction @ (M[:3, :3] @ axis.point + M[:3, 3] - axis.point))
-    return float(axis.direction @ spatial.log_so3(M[:3, :3]))
+        moved_point = R @ axis.point + T[:3, 3]
+        return float(axis.direction @ (moved_point - axis.point))
+    return float(axis.direction @ spatial.log_so3(R))
 
 
 def _spins(problem: Problem, group: int) -> bool:

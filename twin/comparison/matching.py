@@ -52,10 +52,14 @@ def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
     if not first.axes or not second.axes:
         return
     for key in (_whole, _bare):
-        known = {key(axis.name, _prefix(first)): i for i, axis in enumerate(first.axes)}
+        index = {}
+        for i, axis in enumerate(first.axes):
+            index[key(axis.name, _prefix(first))] = i
         wanted = [key(axis.name, _prefix(second)) for axis in second.axes]
-        if len(known) == len(first.axes) == len(wanted) and set(known) == set(wanted):
-            yield [known[name] for name in wanted]
+        # two joints whose names differ only in case or signs have one key
+        unique = len(index) == len(first.axes)
+        if unique and len(wanted) == len(index) and set(wanted) == set(index):
+            yield [index[name] for name in wanted]
 
 
 def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:

@@ -87,8 +87,10 @@ def _welded_with_wrong_mass(
         return False
     if side.mechanism is None:
         return len(names) > 1
-    heavy = [body for body in side.mechanism.bodies if body.inertia is not None and plain(body.name) in names]
-    return len(heavy) > 1
+    with_mass = 0
+    for body in side.mechanism.bodies:
+        with_mass += body.inertia is not None and plain(body.name) in names
+    return with_mass > 1
 
 
 def _goal(

@@ -187,9 +187,11 @@ def _length(value: float, per: str, digits: int | None) -> str:
 
 
 def _angle(deg: float, per: str, digits: int | None) -> str:
-    if deg and abs(deg) < _NOTHING_ANGLE:
+    size = abs(deg)
+    if 0 < size < _NOTHING_ANGLE:
         return f"< 10⁻⁹°{per}"
-    if deg and abs(deg) < _SMALL_ANGLE:
+    if 0 < size < _SMALL_ANGLE:
         return f"{power(deg, digits or 3)}°{per}"
-    significant = digits or (4 if abs(deg) >= 1 else 3)
-    return f"{plain(deg, significant)}°{per}"
+    if not digits:
+        digits = 4 if size >= 1 else 3
+    return f"{plain(deg, digits)}°{per}"

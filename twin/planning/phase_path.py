@@ -176,9 +176,10 @@ def _require_length(protocol: Protocol, begin: Begin, end: End) -> None:
     same_tip = np.linalg.norm(end.tip - begin.tip) < _NO_LENGTH
     same_angles = np.linalg.norm(end.angles - begin.angles) < _NO_LENGTH
     if same_tip and same_angles:
-        position = ", ".join(f"{x / MM:.3f}" for x in begin.tip)
-        turn = ", ".join(f"{x / DEG:.3f}" for x in begin.angles)
-        raise begin.refuse(f"the phase has no length: it is at ({position}) mm, ({turn}) deg; remove it")
+        x, y, z = (begin.tip / MM).tolist()
+        a, b, c = (begin.angles / DEG).tolist()
+        place = f"({x:.3f}, {y:.3f}, {z:.3f}) mm, ({a:.3f}, {b:.3f}, {c:.3f}) deg"
+        raise begin.refuse(f"the phase has no length: it is at {place}; remove it")
 
 
 def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, shaft: Array) -> Array | None:

@@ -148,21 +148,29 @@ class Protocol:
             ProtocolError: a named trocar of the protocol is neither in the mechanism nor used by phases or patient;
                 or the protocol has an unnamed trocar, but the mechanism does not have exactly one trocar.
         """
-        held = ", ".join(trocars)
+        in_mechanism = ", ".join(trocars)
         if "" in self.trocars and len(trocars) != 1:
-            text = f"trocars {held}: give their positions by name in [trocars_mm]" if trocars else "none"
-            way = "" if trocars else ": the RCM is the point where an insertion begins; remove trocar_mm"
+            problem = "none: the RCM is the point where an insertion begins; remove trocar_mm"
+            if trocars:
+                problem = f"trocars {in_mechanism}: give their positions by name in [trocars_mm]"
             raise ProtocolError(
-                f"protocol '{self.name}' has a trocar (trocar_mm), but the mechanism of {self.robot} has {text}{way}"
+                f"protocol '{self.name}' has a trocar (trocar_mm), but the mechanism of {self.robot} has {problem}"
             )
-        named = {trocar_of(p) for p in self.phases} | {self.patient.trocar if self.patient is not None else ""}
-        for name in self.trocars:
-            if name and name not in trocars and name not in named:
+        used = {trocar_of(phase) for phase in self.phases}
+        if self.patient is not None:
+            used.add(self.patient.trocar)
+        places = {}
+        for name, position in self.trocars.items():
+            if not name:  # trocar_mm, without a name
+                places[trocars[0]] = position
+            elif name in trocars:
+                places[name] = position
+            elif name not in used:
                 raise ProtocolError(
                     f"protocol '{self.name}' has a trocar '{name}' ([trocars_mm]), but no phase names it, and the "
-                    f"mechanism of {self.robot} has {held or 'none'}: correct or remove this entry"
+                    f"mechanism of {self.robot} has {in_mechanism or 'none'}: correct or remove this entry"
                 )
-        return {n or trocars[0]: p for n, p in self.trocars.items() if not n or n in trocars}
+        return places
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return every number that affects the motion, with its provenance."""

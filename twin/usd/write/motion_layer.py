@@ -99,11 +99,14 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> Mot
 
 def _time_codes(motion: BakedMotion) -> Array:
     times = np.asarray(motion.times_s, float)
-    if times.ndim != 1 or not len(times) or times[0] < 0 or not np.all(np.diff(times) > 0):
+    increase = times.ndim == 1 and len(times) > 0 and bool(np.all(np.diff(times) > 0))
+    if not increase or times[0] < 0:
         raise StageError(f"motion '{motion.name}': times (k,) in s must increase, and the first must not be negative")
     codes = times * TIME_CODES_PER_SECOND
     # Multiples of 1/60 s are not exact in binary: round time codes that are nearly whole numbers.
-    return np.where(np.abs(codes - np.round(codes)) < 1e-6, np.round(codes), codes)
+    whole = np.round(codes)
+    is_nearly_whole = np.abs(codes - whole) < 1e-6
+    return np.where(is_nearly_whole, whole, codes)
 
 
 def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):

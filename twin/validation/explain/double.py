@@ -119,17 +119,21 @@ class Double:
 
     def in_two(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
-        pairs = []
+        unexplained: list[tuple[float, tuple[Cut, Cut]]] = []
         for a, b in combinations(self.cuts(rows, deadline), 2):
             if deadline.passed:
                 return
             if a.function == b.function:
-                pairs.append((self._unexplained(a, b, rows), len(pairs), a, b))
-        ordered = [(a, b) for _, _, a, b in sorted(pairs, key=lambda pair: pair[:2])]
+                unexplained.append((self._unexplained(a, b, rows), (a, b)))
+        unexplained.sort(key=lambda item: item[0])
+        ordered = [pair for _, pair in unexplained]
         solved = []
         for guessed in (False, True):
-            starts = self._guesses(ordered, rows, deadline) if guessed else None
-            choices = ordered if starts is None else list(starts)
+            starts = None
+            choices = ordered
+            if guessed:
+                starts = self._guesses(ordered, rows, deadline)
+                choices = list(starts)
             for (a, b), shifts in self._solutions((), choices, rows, deadline, starts):
                 known = [list(self._texts(a, shifts[0], deadline)), list(self._texts(b, shifts[1], deadline))]
                 solved.append((a, b, shifts, known))
@@ -313,18 +317,27 @@ class Double:
     def _unexplained(self, a: Cut, b: Cut, rows: Sequence[Key]) -> float:
         """Return the part of the residuals that small changes of two expressions cannot remove, on average."""
         base = self.full.residuals
-        keys = [k for k in rows if k in a.slopes or k in b.slopes]
-        zeros = {k: np.zeros_like(base[k]) for k in keys}
-        r = np.hstack([base[k] for k in keys])
-        J = np.stack([np.hstack([c.slopes.get(k, zeros[k]) for k in keys]) for c in (a, b)], axis=2)
-        good = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(r).all(axis=1)
-        good &= (r != 0).any(axis=1)  # a pose at which the rows agree says nothing
-        if not good.any():
+        residuals: list[Array] = []
+        slopes_of_a: list[Array] = []
+        slopes_of_b: list[Array] = []
+        for key in rows:
+            if key not in a.slopes and key not in b.slopes:
+                continue
+            unmoved = np.zeros_like(base[key])
+            residuals.append(base[key])
+            slopes_of_a.append(a.slopes.get(key, unmoved))
+            slopes_of_b.append(b.slopes.get(key, unmoved))
+        r = np.hstack(residuals)
+        J = np.stack([np.hstack(slopes_of_a), np.hstack(slopes_of_b)], axis=2)
+        usable = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(r).all(axis=1)
+        usable &= (r != 0).any(axis=1)  # a pose at which the rows agree says nothing
+        if not usable.any():
             return 1.0
-        r = r[good]
-        J = J[good]
-        rest = r - (J @ (np.linalg.pinv(J) @ r[:, :, None]))[:, :, 0]
-        return float(np.mean(np.sum(rest**2, axis=1) / np.sum(r**2, axis=1)))
+        r = r[usable]
+        J = J[usable]
+        removed = (J @ (np.linalg.pinv(J) @ r[:, :, None]))[:, :, 0]
+        left = np.sum((r - removed) ** 2, axis=1) / np.sum(r**2, axis=1)
+        return float(np.mean(left))
 
     # -- values -------------------------------------------------------------------------------------------------------
 
@@ -488,11 +501,16 @@ class Double:
     @cached_property
     def _at_few(self) -> tuple[NDArray[np.intp], Judge]:
         """Few poses, and a judge of all combinations of shifts there, for several pairs of expressions."""
-        entries = [r.shape[1] for key, r in self.full.residuals.items() if key in self.failing]
-        few = 1 if max(entries) >= _POSE else _FEW
-        places = np.linspace(0, self.judge.truth.k - 1, few + 2).astype(int)[1:-1]
+        entries = 0
+        for key, residual in self.full.residuals.items():
+            if key in self.failing:
+                entries = max(entries, residual.shape[1])
+        few = 1 if entries >= _POSE else _FEW
+        spaced = np.linspace(0, self.judge.truth.k - 1, few + 2).astype(int)
+        places = spaced[1:-1]
+        repeated = self.judge.truth.repeated(places.tolist(), _CHOICES**2 * _PAIRS)
         with unguarded():
-            judge = self.judge.on(self.judge.truth.repeated([int(i) for i in places], _CHOICES**2 * _PAIRS))
+            judge = self.judge.on(repeated)
         return places, judge
 
     def _texts(self, cut: Cut, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
@@ -568,6 +586,7 @@ def _may_be_scalar(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
     parent = parents.get(node)
     if isinstance(parent, ast.Call) and parent.func is node:
         return False
-    if isinstance(node, ast.Constant) and not (type(node.value) in (int, float) and isinstance(parent, ast.Call)):
-        return False
+    if isinstance(node, ast.Constant):
+        # a number in a sum or product is changed with the sum or product; one passed to a function is not
+        return type(node.value) in (int, float) and isinstance(parent, ast.Call)
     return not isinstance(parent, ast.Attribute | ast.keyword | ast.Starred)

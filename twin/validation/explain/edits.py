@@ -194,9 +194,13 @@ def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[s
     """Return the kind of the edit that replaces name `old` by `new`: "index", "trig", "parameter" or "name"."""
     if _stem(old) == _stem(new):
         return "index"
-    if new in (aliases or {}) or (old[:2] in ("c_", "s_") and new[:2] in ("c_", "s_")):
+    if new in (aliases or {}):
         return "trig"
-    return "parameter" if old in parameters and new in parameters else "name"
+    if old.startswith(("c_", "s_")) and new.startswith(("c_", "s_")):
+        return "trig"
+    if old in parameters and new in parameters:
+        return "parameter"
+    return "name"
 
 
 def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
@@ -335,7 +339,7 @@ def _operators(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     for node in _expressions(root):
         # a bool is an int, but no number of an equation
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
             yield from _other_numbers(w, node, node.value)
     for node in _expressions(root):
         if not isinstance(node, ast.Name) or node.id != "pi":
@@ -376,14 +380,13 @@ def _other_numbers(w: _Writer, node: ast.Constant, number: float) -> Iterator[Ed
 
 def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits of the index of the symbol on the left side of an implicit row."""
-    s = w.statement
-    if root is not s.node or not isinstance(s.node, ast.Assign) or not isinstance(s.node.targets[0], ast.Name):
+    if root is not w.statement.node or not isinstance(root, ast.Assign):
         return
-    target = s.node.targets[0]
-    if target.id not in w.source.arguments:
+    target = root.targets[0]
+    if not isinstance(target, ast.Name) or target.id not in w.source.arguments:
         return
-    for other in sorted(w.pool.names):
-        if other != target.id and _stem(other) == _stem(target.id) and other in w.source.arguments:
+    for other in sorted(w.pool.names - {target.id}):
+        if _stem(other) == _stem(target.id) and other in w.source.arguments:
             yield w.replace(target, other, "left side")
 
 

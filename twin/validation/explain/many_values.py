@@ -16,9 +16,13 @@ def form(value: Value, size: int) -> Value:
         return value.shape if len(value.a) in (1, size) else None
     if isinstance(value, list | tuple):
         forms = tuple(form(entry, size) for entry in value)
-        return None if None in forms else (type(value), forms)
-    if isinstance(value, bool | int | float | np.ndarray | np.number) and np.shape(value) in ((), (1,), (size,)):
-        return "scalar" if np.asarray(value).dtype != object else None
+        if None in forms:
+            return None
+        return type(value), forms
+    is_number = isinstance(value, bool | int | float | np.ndarray | np.number)
+    # an array of objects may hold matrices, which have forms of their own
+    if is_number and np.shape(value) in ((), (1,), (size,)) and np.asarray(value).dtype != object:
+        return "scalar"
     return None
 
 

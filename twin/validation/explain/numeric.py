@@ -111,10 +111,16 @@ def _entries(x: Value) -> Array:
 def _stack(args: tuple, axis: int) -> Value:
     if all(type(x) in (int, float) for x in args):
         numbers = np.array(args, float)
-        return Matrix(numbers.reshape((1, -1, 1) if axis == 1 else (1, 1, -1)))
+        shape = (1, -1, 1) if axis == 1 else (1, 1, -1)
+        return Matrix(numbers.reshape(shape))
     parts = [_entries(x) for x in args]
     k = max(map(len, parts))
-    return Matrix(np.concatenate([p if len(p) == k else p.repeat(k, axis=0) for p in parts], axis=axis))
+    repeated = []
+    for part in parts:
+        if len(part) != k:  # the same at all samples
+            part = part.repeat(k, axis=0)
+        repeated.append(part)
+    return Matrix(np.concatenate(repeated, axis=axis))
 
 
 def _elementwise(op: np.ufunc, count: int = 1) -> Callable:

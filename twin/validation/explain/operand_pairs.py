@@ -81,13 +81,15 @@ def _beside(
     source: Source, node: ast.AST, operand: ast.AST, operands: Sequence[ast.AST], edits: Sequence[Edit]
 ) -> Iterator[Edit]:
     """Yield the edits of an operation itself, such as that of a sign, that do not touch one of its operands."""
-    begin, end = source.span(node)
-    start, stop = source.span(operand)
-    inside: list[tuple[int, int]] = [source.span(other) for other in operands]
+    start, end = source.span(node)
+    operand_start, operand_end = source.span(operand)
+    operand_spans = [source.span(other) for other in operands]
     for edit in edits:
-        in_operand = any(first <= edit.start and edit.end <= last for first, last in inside)
-        apart = edit.end < start or stop < edit.start
-        if begin <= edit.start and edit.end <= end and apart and not in_operand:
+        if edit.start < start or end < edit.end:
+            continue
+        touches_operand = operand_start <= edit.end and edit.start <= operand_end
+        in_operand = any(first <= edit.start and edit.end <= last for first, last in operand_spans)
+        if not touches_operand and not in_operand:
             yield edit
 
 

@@ -38,13 +38,24 @@ _ANGLES = ("deg", "rad")
 
 def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     """Return the groups of equal parameters, and each assumed parameter; without values derived from others."""
-    own = [p for p in formula.parameters if p.provenance != "DERIVED"]
+    stated = [parameter for parameter in formula.parameters if parameter.provenance != "DERIVED"]
     out: list[tuple[Parameter, ...]] = []
-    for i, p in enumerate(own):
-        alike = tuple(o for o in own[i:] if o.unit == p.unit and abs(o.value - p.value) <= _SAME * abs(p.value))
-        if len(alike) > 1 and p.value and not any(set(alike) <= set(g) for g in out):
-            out.append(alike)
-    return [*out, *((p,) for p in own if p.provenance == "ASSUMED")]
+    for i, parameter in enumerate(stated):
+        if not parameter.value:
+            continue
+        equal = [other for other in stated[i:] if _is_equal(parameter, other)]
+        is_part = any(set(equal) <= set(group) for group in out)
+        if len(equal) > 1 and not is_part:
+            out.append(tuple(equal))
+    for parameter in stated:
+        if parameter.provenance == "ASSUMED":
+            out.append((parameter,))
+    return out
+
+
+def _is_equal(parameter: Parameter, other: Parameter) -> bool:
+    difference = abs(other.value - parameter.value)
+    return other.unit == parameter.unit and difference <= _SAME * abs(parameter.value)
 
 
 def condition(group: Sequence[Parameter]) -> str:

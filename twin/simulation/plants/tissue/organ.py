@@ -204,11 +204,15 @@ class Organ:
         """
         low = self.nodes.min(axis=0) - 2 * SAMPLE
         high = self.nodes.max(axis=0) + 2 * SAMPLE
-        box = corners @ T[:3, :3].T + T[:3, 3]
+        R = T[:3, :3]
+        p = T[:3, 3]
+        box = corners @ R.T + p
+        # most links are far away: their points need not be moved
         if (box.min(axis=0) > high).any() or (box.max(axis=0) < low).any():
             return np.zeros((0, 3))
-        in_world = points @ T[:3, :3].T + T[:3, 3]
-        return in_world[((in_world > low) & (in_world < high)).all(axis=1)]
+        in_world = points @ R.T + p
+        is_near = ((in_world > low) & (in_world < high)).all(axis=1)
+        return in_world[is_near]
 
     def approached(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a link is so near that it may touch the organ; valid only for an organ at rest."""
