@@ -31,6 +31,16 @@ from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.play import ArmPath, TaskOutcome
 from twin.simulation.session.run import Difference, Ran
 from twin.simulation.session.training import Training
+from twin.simulation.world.signal_kinds import (
+    CONSOLE_MODE,
+    HAND_FORCE,
+    HAND_GRIP,
+    HAND_POSE,
+    OBJECT_HOLDER,
+    OBJECT_POSE,
+    ROBOT_DEVIATION,
+    ROBOT_FOLLOWS,
+)
 
 if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
@@ -285,34 +295,34 @@ class ConsoleSession(Result):
     def _columns(self) -> dict[str, Array]:
         """Return the columns of the CSV file: {name with unit: values (k,)}."""
         kept = self.ran.kept
-        columns = {"t_s": self.t, "mode": kept["console.mode"][:, 0]}
+        columns = {"t_s": self.t, "mode": kept[CONSOLE_MODE.name][:, 0]}
         for pedal in _PEDAL_SIGNALS:
             columns[pedal] = kept[f"{PEDALS}.{pedal}"][:, 0]
         for hand in self._hands:
-            _add_axes(columns, f"{hand}_", _positions(kept[f"{hand}.pose"]), "_m")
-            columns[f"{hand}_grip_rad"] = kept[f"{hand}.grip"][:, 0]
+            _add_axes(columns, f"{hand}_", _positions(kept[HAND_POSE.of(hand)]), "_m")
+            columns[f"{hand}_grip_rad"] = kept[HAND_GRIP.of(hand)][:, 0]
             if self.forces is not None:
-                _add_axes(columns, f"{hand}_force_", kept[f"{hand}.force"], "_n")
+                _add_axes(columns, f"{hand}_force_", kept[HAND_FORCE.of(hand)], "_n")
         for name, arm in self.arms.items():
-            if f"{name}.deviation" in kept.sizes:
-                columns[f"{name}_deviation_m"] = kept[f"{name}.deviation"][:, 0]
+            if ROBOT_DEVIATION.of(name) in kept.sizes:
+                columns[f"{name}_deviation_m"] = kept[ROBOT_DEVIATION.of(name)][:, 0]
             if name in console_scene.hands_of(self.scene):
-                columns[f"{name}_follows"] = kept[f"{name}.follows"][:, 0]
+                columns[f"{name}_follows"] = kept[ROBOT_FOLLOWS.of(name)][:, 0]
                 _add_axes(columns, f"{name}_tip_", arm.tip, "_m")
                 columns[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, kept.dt)
             for j, joint in enumerate(arm.mechanism.active):
                 unit = "rad" if joint.is_angle else "m"
                 columns[f"{name}_{joint.name}_{unit}"] = arm.q[:, j]
         for name in self._moved:
-            _add_axes(columns, f"{name}_", _positions(kept[f"{name}.pose"]), "_m")
-            columns[f"{name}_holder"] = kept[f"{name}.holder"][:, 0]
+            _add_axes(columns, f"{name}_", _positions(kept[OBJECT_POSE.of(name)]), "_m")
+            columns[f"{name}_holder"] = kept[OBJECT_HOLDER.of(name)][:, 0]
         return columns
 
     @property
     def _moved(self) -> list[str]:
         """Names of the movable objects in this session."""
         signals = self.ran.kept.sizes
-        return [movable.name for movable in self.scene.objects if f"{movable.name}.pose" in signals]
+        return [movable.name for movable in self.scene.objects if OBJECT_POSE.of(movable.name) in signals]
 
     def _write_objects(self, folder: Path) -> None:
         from twin.exchange.formats.glb.write import write_glb
@@ -323,7 +333,7 @@ class ConsoleSession(Result):
         mechanism = together([movable for movable in self.scene.objects if movable.name in moved])
         poses: dict[str, Array] = {}
         for name in moved:
-            poses[name] = self.ran.kept[f"{name}.pose"].reshape(-1, 4, 4)
+            poses[name] = self.ran.kept[OBJECT_POSE.of(name)].reshape(-1, 4, 4)
         poses[mechanism.base] = np.broadcast_to(np.eye(4), (len(self.t), 4, 4))
         clip = self._clip("objects", mechanism, poses)
         folder.mkdir()
@@ -362,17 +372,17 @@ class ConsoleSession(Result):
         links: dict[str, Array] = {}
         joints: dict[str, Array] = {}
         for name in self._moved:
-            links[name] = kept[f"{name}.pose"].reshape(-1, 4, 4)[::_STRIDE]
+            links[name] = kept[OBJECT_POSE.of(name)].reshape(-1, 4, 4)[::_STRIDE]
         for name, arm in self.arms.items():
             for link, Ts in arm.links.items():
                 links[f"{name}/{link}"] = arm.place.T_world_base @ Ts[::_STRIDE]
             for j, joint in enumerate(arm.mechanism.active):
                 joints[f"{name}/{joint.name}"] = arm.q[::_STRIDE, j]
-        console = {"mode": kept["console.mode"][::_STRIDE, 0]}
+        console = {"mode": kept[CONSOLE_MODE.name][::_STRIDE, 0]}
         for pedal in _PEDAL_SIGNALS:
             console[pedal] = kept[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
         for hand in self._hands:
-            console[f"{hand}_grip"] = kept[f"{hand}.grip"][::_STRIDE, 0]
+            console[f"{hand}_grip"] = kept[HAND_GRIP.of(hand)][::_STRIDE, 0]
         t = self.t[::_STRIDE]
         write_mcap(path, t, links, joints, console)
         if find_spec("mcap_ros2") is None:
@@ -383,7 +393,7 @@ class ConsoleSession(Result):
             of_robots.setdefault(robot, {})[joint] = values
         hands = {}
         for hand in self._hands:
-            poses = kept[f"{hand}.pose"].reshape(-1, 4, 4)[::_STRIDE]
+            poses = kept[HAND_POSE.of(hand)].reshape(-1, 4, 4)[::_STRIDE]
             hands[f"MTM{hand[0].upper()}"] = HandTrack(poses, console[f"{hand}_grip"])
         pedals = {pedal: console[pedal] for pedal in ("clutch", "camera")}
         of_ros = path.with_name(f"{path.stem}-ros2{path.suffix}")

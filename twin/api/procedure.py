@@ -28,6 +28,15 @@ from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure import procedure_checks, procedure_run
 from twin.simulation.tasks.procedure.procedure_checks import ProcedureMeasures
 from twin.simulation.tasks.procedure.task import Mistake, ProcedureTable
+from twin.simulation.world.signal_kinds import (
+    ORGAN_DEPTH,
+    ORGAN_FREED,
+    ROBOT_CARRIES,
+    ROBOT_HOLDS,
+    ROBOT_PULL,
+    ROBOT_TIP,
+    VESSEL_SEEN,
+)
 
 
 @dataclass(frozen=True)
@@ -178,17 +187,17 @@ class ProcedureSession(Result):
         """Write procedure.csv (the signals that the checks use), and the session file of a simulated surgeon."""
         kept = self.ran.kept
         procedure = self.procedure
-        columns = {"t_s": kept.t, "seen": kept[f"{procedure.vessel}.seen"][:, 0]}
-        columns["freed"] = kept[f"{procedure.organ}.freed"].sum(axis=1)
+        columns = {"t_s": kept.t, "seen": kept[VESSEL_SEEN.of(procedure.vessel)][:, 0]}
+        columns["freed"] = kept[ORGAN_FREED.of(procedure.organ)].sum(axis=1)
         for organ in procedure.spare:
-            columns[f"{organ}_depth_m"] = kept[f"{organ}.depth"][:, 0]
+            columns[f"{organ}_depth_m"] = kept[ORGAN_DEPTH.of(organ)][:, 0]
         for robot in self.measures.paths:
-            tips = kept[f"{robot}.tip"]
+            tips = kept[ROBOT_TIP.of(robot)]
             for k, axis in enumerate("xyz"):
                 columns[f"{robot}_tip_{axis}_m"] = tips[:, k]
-            columns[f"{robot}_carries"] = kept[f"{robot}.carries"][:, 0]
-            columns[f"{robot}_holds"] = kept[f"{robot}.holds"][:, 0]
-            columns[f"{robot}_pull_n"] = np.linalg.norm(kept[f"{robot}.pull"], axis=1)
+            columns[f"{robot}_carries"] = kept[ROBOT_CARRIES.of(robot)][:, 0]
+            columns[f"{robot}_holds"] = kept[ROBOT_HOLDS.of(robot)][:, 0]
+            columns[f"{robot}_pull_n"] = np.linalg.norm(kept[ROBOT_PULL.of(robot)], axis=1)
         body = np.column_stack(list(columns.values()))
         np.savetxt(folder / "procedure.csv", body, "%.6g", ",", header=",".join(columns), comments="")
         if self.recorded is not None:

@@ -26,6 +26,7 @@ from twin.simulation.session.play import ArmPath, play_of
 from twin.simulation.session.run import Ran
 from twin.simulation.session.training import Training
 from twin.simulation.setup import Setup
+from twin.simulation.world.signal_kinds import ROBOT_Q
 
 
 def operate_console(
@@ -251,7 +252,7 @@ def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmP
     for place in console_scene.led_by(setup.scene):
         robot = robots[place.name]
         mechanism = robot.mechanism
-        q = ran.kept[f"{place.name}.q"]
+        q = ran.kept[ROBOT_Q.of(place.name)]
         solver = robot.loops
         closed = solver.forward_many(q)
         is_closed = np.isfinite(closed.Ts_base_tool).all(axis=(1, 2))

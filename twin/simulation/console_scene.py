@@ -40,6 +40,7 @@ from twin.simulation.session.play import play_of
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.task import ProcedureTable
 from twin.simulation.world import Block, Placed, World
+from twin.simulation.world.signal_kinds import DEVICE_FULCRUM, PEDALS, ROBOT_PLANNED, ROBOT_TOOL
 
 TICK = 1e-3
 """Usual duration of a tick in s."""
@@ -47,8 +48,7 @@ TICK = 1e-3
 HANDS = ("right", "left")
 """Names of the hands; the device of the pedals is named `pedals`."""
 
-PEDALS = "pedals"
-FULCRUM = "pedals.fulcrum"
+FULCRUM = DEVICE_FULCRUM.of(PEDALS)
 
 ORGANS = 16e-3
 """Time in s between two steps of the organs in a World shown live; with shorter steps, it lags behind real time."""
@@ -228,8 +228,9 @@ def _planned(device: Block) -> list[str]:
     """Return the arms whose planned motions a device writes."""
     arms = []
     for name in device.outputs:
-        if name.endswith(".planned"):
-            arms.append(name.removesuffix(".planned"))
+        arm = ROBOT_PLANNED.owner_of(name)
+        if arm is not None:
+            arms.append(arm)
     return arms
 
 
@@ -364,13 +365,13 @@ def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask |
     tools = list(scene.tools)
     if tools:
         for k, name in enumerate(hands_of(scene)):
-            values[f"{name}.tool"] = float(k % len(tools))
+            values[ROBOT_TOOL.of(name)] = float(k % len(tools))
     if scene.trainer is not None:
         values |= machine_scene.SETTINGS
     procedure = goal_of(task, ProcedureTable)
     if procedure is not None:
         for name, tool in procedure.start.items():
-            values[f"{name}.tool"] = float(tools.index(tool))
+            values[ROBOT_TOOL.of(name)] = float(tools.index(tool))
     return values
 
 

@@ -19,6 +19,7 @@ from twin.simulation.controllers.trainer import MODE, Tips, Trainer, TrainerLimi
 from twin.simulation.machine.modelled import Modelled
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.world import Block, Placed, Signals
+from twin.simulation.world.signal_kinds import CAMERA_VIEW, HAND_FORCE, HAPTICS_ON, ROBOT_CUE
 
 SETTINGS = {MODE: 0.0}
 """Settings of the device of a console with machines."""
@@ -131,17 +132,17 @@ class CueHand(Block):
 
     def __init__(self, hand: str, camera: str, bases: Mapping[str, Array]) -> None:
         """Connect a hand; `bases` are the poses T_world_base (4, 4) of its machines."""
-        self._force = f"{hand}.force"
-        self._view = f"{camera}.view"
+        self._force = HAND_FORCE.of(hand)
+        self._view = CAMERA_VIEW.of(camera)
         self._rotations: dict[str, Array] = {}  # by signal of the cue
         for name, T_world_base in bases.items():
-            self._rotations[f"{name}.cue"] = T_world_base[:3, :3]
+            self._rotations[ROBOT_CUE.of(name)] = T_world_base[:3, :3]
         self.outputs = {self._force: np.zeros(3)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Transform the forces of the cues into the axes of the picture, and add them."""
         force = np.zeros(3)  # in the axes of the World
-        if signals.now["haptics.on"].item() > 0.5:
+        if signals.now[HAPTICS_ON.name].item() > 0.5:
             for name, R_world_base in self._rotations.items():
                 force = force + R_world_base @ signals.now[name]
         R_world_view = signals.now[self._view].reshape(4, 4)[:3, :3]

@@ -18,6 +18,7 @@ from twin.simulation.limits import JointLimits
 from twin.simulation.setup import Setup
 from twin.simulation.trial import INNER
 from twin.simulation.world import Block
+from twin.simulation.world.signal_kinds import DEVICE_SCALE, HAND_HANDLE, PEDALS
 
 HAND = "right"
 """The hand of such a console."""
@@ -50,11 +51,11 @@ def controllers(setup: Setup, table: ConsoleTable, device: Block, q: Array, dt: 
     T_world_view = fixed_view(setup, table)
     law = law_of(table.teleoperation, kin, table.scale, dt)
     blocks: list[Block] = [FixedCamera(setup.scene.cameras[table.camera].robot, T_world_view)]
-    if f"{HAND}.handle" not in device.outputs:
+    if HAND_HANDLE.of(HAND) not in device.outputs:
         R_base_hand = place.T_world_base[:3, :3].T @ T_world_view[:3, :3]
-        blocks.append(PenToHandle(HAND, "pedals", kin, q, R_base_hand, law.dt))
+        blocks.append(PenToHandle(HAND, PEDALS, kin, q, R_base_hand, law.dt))
     limits = JointLimits.of(member.mechanism)
-    blocks.append(HandToTool(name, HAND, kin, q, law, "pedals.scale"))
+    blocks.append(HandToTool(name, HAND, kin, q, law, DEVICE_SCALE.of(PEDALS)))
     blocks.append(PedalFollowing(name, HAND, kin, q, law))
     blocks.append(ToolToJoints(name, kin, q, limits, INNER))
     return blocks

@@ -32,6 +32,7 @@ from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.plants.tissue import Tissues
 from twin.simulation.scene_stage import write_scene
 from twin.simulation.world import Block, Placed, World
+from twin.simulation.world.signal_kinds import ROBOT_Q
 
 RATE = 10.0
 """Rate in Hz at which clearances are measured."""
@@ -254,7 +255,7 @@ def play(
         progress(f"move {name}", i / parts)
         mechanisms[name] = actor.mechanism
         model = ReferenceModel(actor.mechanism)
-        run = model.run(recording[f"{name}.q"])
+        run = model.run(recording[ROBOT_Q.of(name)])
         poses[name] = {}
         for link, Ts in model.link_poses(run.x).items():
             poses[name][link] = actor.place.T_world_base @ Ts

@@ -18,6 +18,7 @@ from twin.simulation.devices.hand import Goal, ScriptedHand
 from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Hazard, Recording, World
+from twin.simulation.world.signal_kinds import HAND_GOAL, HAND_HANDLE, HAND_PEDAL, ROBOT_Q
 
 INNER = 5
 """Number of joint velocity ticks (1 kHz) per tick of the teleoperation (200 Hz); ASSUMED."""
@@ -137,8 +138,8 @@ def operate(
 def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], missed: str = "") -> Record:
     """Convert a recording of a World from `world` to a `Record`; each row is the last tick of a teleoperation tick."""
     last_ticks = slice(INNER - 1, None, INNER)
-    goal = recording["hand.goal"][last_ticks, 0]
-    joints = recording[f"{kin.formula.name}.q"][last_ticks]
+    goal = recording[HAND_GOAL.name][last_ticks, 0]
+    joints = recording[ROBOT_Q.of(kin.formula.name)][last_ticks]
     # Each pose is the start of the search for the next one.
     poses: list[Array] = []
     pose: Array | None = None
@@ -152,8 +153,8 @@ def record_of(recording: Recording, kin: Kinematics, goals: Sequence[Goal], miss
             spans[target.name] = (int(rows[0]), int(rows[-1]))
     return Record(
         t=np.arange(len(goal), dtype=float) * (INNER * recording.dt),
-        handle=recording["hand.handle"][last_ticks],
-        pedal=recording["hand.pedal"][last_ticks, 0] > 0.5,
+        handle=recording[HAND_HANDLE.name][last_ticks],
+        pedal=recording[HAND_PEDAL.name][last_ticks, 0] > 0.5,
         q=joints,
         Ts_base_tool=np.array(poses),
         spans=spans,

@@ -23,6 +23,7 @@ from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.pedals import CAMERA
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import CAMERA_AT, CAMERA_VIEW, CONSOLE_MODE, HAND_POSE, ROBOT_GOAL
 
 X, Y, Z = np.eye(3)
 
@@ -192,8 +193,8 @@ class HandsToCamera(Block):
         """
         self.camera = camera
         self.law = law
-        self._right = f"{right}.pose"
-        self._left = f"{left}.pose"
+        self._right = HAND_POSE.of(right)
+        self._left = HAND_POSE.of(left)
         self._R_view_hand = T_view_hand[:3, :3]
         T_base_world = spatial.inverse(np.eye(4) if T_world_base is None else T_world_base)
         if T_view_tool is None:
@@ -203,14 +204,14 @@ class HandsToCamera(Block):
         T_base_tool = ca.DM(T_base_world) @ T_world_view @ ca.DM(T_view_tool)
         poses = ca.vertcat(symbolic.flat(T_world_view), symbolic.flat(T_base_tool))
         self._z, self._poses = Evaluator("camera_poses", at, poses).bind()
-        self._at = f"{camera}.at"
-        self._view = f"{camera}.view"
-        self._goal = f"{camera}.goal"
+        self._at = CAMERA_AT.of(camera)
+        self._view = CAMERA_VIEW.of(camera)
+        self._goal = ROBOT_GOAL.of(camera)
         self.outputs = self._signals()
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store a view of the signal `console.mode`."""
-        self._mode = signals.now["console.mode"].item
+        self._mode = signals.now[CONSOLE_MODE.name].item
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Move the camera while the camera pedal is pressed."""
@@ -233,7 +234,7 @@ class FixedCamera(Block):
 
     def __init__(self, camera: str, T_world_view: Array) -> None:
         """Name the camera's robot; `T_world_view` (4, 4) is the pose of the picture in the World."""
-        self.outputs = {f"{camera}.view": T_world_view.ravel(), f"{camera}.at": np.zeros(4)}
+        self.outputs = {CAMERA_VIEW.of(camera): T_world_view.ravel(), CAMERA_AT.of(camera): np.zeros(4)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Write nothing: the first values remain."""

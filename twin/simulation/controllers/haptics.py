@@ -20,6 +20,19 @@ from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, F
 from twin.simulation.controllers.passive import require_passive
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CAMERA_VIEW,
+    CONSOLE_TAPS,
+    DEVICE_HAPTICS,
+    DEVICE_SCALE,
+    HAND_ENERGY,
+    HAND_FORCE,
+    HAND_POSE,
+    HAPTICS_ON,
+    OBJECT_HOLDER,
+    ROBOT_ENCODER,
+    ROBOT_FOLLOWS,
+)
 
 PULSE, PULSE_TIME = 1.0, 3e-3
 """Force in N along +x of {H} and duration in s of the pulse when the jaws grasp an object, as printed in the paper."""
@@ -53,15 +66,15 @@ class HapticSwitch(Block):
 
     def __init__(self, device: str, on: bool = True) -> None:
         """Connect to a device."""
-        self._name = f"{device}.haptics"
+        self._name = DEVICE_HAPTICS.of(device)
         self._on = float(on)
-        self.outputs = {"haptics.on": self._on}
+        self.outputs = {HAPTICS_ON.name: self._on}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, float]:
         """Read the switch."""
         if self._name in signals:
-            return {"haptics.on": signals.now[self._name].item()}
-        return {"haptics.on": self._on}
+            return {HAPTICS_ON.name: signals.now[self._name].item()}
+        return {HAPTICS_ON.name: self._on}
 
 
 class HapticHand(Block):
@@ -118,24 +131,29 @@ class HapticHand(Block):
         self._held = False
         self._ended = -np.inf  # end of the last grasp in s
         self._until = -np.inf  # end of the last pulse in s
-        self._force = f"{hand}.force"
-        self._energy = f"{hand}.energy"
+        self._force = HAND_FORCE.of(hand)
+        self._energy = HAND_ENERGY.of(hand)
         self.outputs = {self._force: np.zeros(3), self._energy: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Compile the force of each arm; the compiled function reads its signals directly from their memory."""
         now = signals.now
-        self._taps = now["console.taps"].item
-        self._encoders = [now[f"{a.robot}.encoder"] for a in self._arms]
-        self._holders = [now[f"{name}.holder"] for name in self._objects]
-        self._pose = now[f"{self._hand}.pose"].reshape(4, 4)
+        self._taps = now[CONSOLE_TAPS.name].item
+        self._encoders = [now[ROBOT_ENCODER.of(a.robot)] for a in self._arms]
+        self._holders = [now[OBJECT_HOLDER.of(name)] for name in self._objects]
+        self._pose = now[HAND_POSE.of(self._hand)].reshape(4, 4)
         self._fresh = True
         self._out = memory[self._force], memory[self._energy]
         self._calls = []
         for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
-            names = ("haptics.on", f"{arm.robot}.follows", f"{self._device}.scale", f"{self._hand}.pose")
+            names = (
+                HAPTICS_ON.name,
+                ROBOT_FOLLOWS.of(arm.robot),
+                DEVICE_SCALE.of(self._device),
+                HAND_POSE.of(self._hand),
+            )
             base = np.ascontiguousarray(arm.T_world_base, float).ravel()
-            given = [now[n] for n in (*names, f"{self._camera}.view")]
+            given = [now[n] for n in (*names, CAMERA_VIEW.of(self._camera))]
             more = [now[f"{arm.robot}.{n}"] for n in ("goal", "encoder", *self._sources)]
             self._calls.append(attach(law, self._state, self._pulse, *given, base, tool, *more))
 

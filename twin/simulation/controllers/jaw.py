@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import HAND_GRIP, ROBOT_FOLLOWS, ROBOT_JAW
 
 
 @dataclass(frozen=True)
@@ -78,9 +79,9 @@ class GripToJaw(Block):
     def __init__(self, hand: str, robot: str, jaw: Jaw) -> None:
         """Connect a gripper to a jaw."""
         self.jaw = jaw
-        self._grip = f"{hand}.grip"
-        self._follows = f"{robot}.follows"
-        self._jaw = f"{robot}.jaw"
+        self._grip = HAND_GRIP.of(hand)
+        self._follows = ROBOT_FOLLOWS.of(robot)
+        self._jaw = ROBOT_JAW.of(robot)
         self.outputs = {self._jaw: jaw.angle}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:

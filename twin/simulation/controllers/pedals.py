@@ -8,6 +8,14 @@ from collections.abc import Mapping, Sequence
 from twin.core.spatial import Array
 from twin.simulation.controllers.planned import AIM, HELD
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CONSOLE_MODE,
+    CONSOLE_TAPS,
+    DEVICE_CAMERA,
+    DEVICE_CLUTCH,
+    DEVICE_SILENT,
+    ROBOT_PLANNED,
+)
 
 TOOLS, FREE, CAMERA = 0.0, 1.0, 2.0
 """Values of `console.mode`, for what the hands control: the instruments, nothing (clutch pressed), or the camera."""
@@ -29,12 +37,12 @@ class Pedals(Block):
     def __init__(self, device: str, planned: Sequence[str] = ()) -> None:
         """Connect to the pedals of a device; both pedals start released."""
         self._planned = tuple(planned)
-        self._clutch = f"{device}.clutch"
-        self._camera = f"{device}.camera"
-        self._silent = f"{device}.silent"
+        self._clutch = DEVICE_CLUTCH.of(device)
+        self._camera = DEVICE_CAMERA.of(device)
+        self._silent = DEVICE_SILENT.of(device)
         self._taps = 0
         self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
-        self.outputs = {"console.mode": TOOLS, "console.taps": 0.0}
+        self.outputs = {CONSOLE_MODE.name: TOOLS, CONSOLE_TAPS.name: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
@@ -42,9 +50,9 @@ class Pedals(Block):
         self._clutched = now[self._clutch].item
         self._camera_down = now[self._camera].item
         self._is_silent = now[self._silent].item if self._silent in now else None
-        self._states = [now[f"{n}.planned"] for n in self._planned]
-        self._mode = memory["console.mode"]
-        self._count = memory["console.taps"]
+        self._states = [now[ROBOT_PLANNED.of(n)] for n in self._planned]
+        self._mode = memory[CONSOLE_MODE.name]
+        self._count = memory[CONSOLE_TAPS.name]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Read both pedals."""

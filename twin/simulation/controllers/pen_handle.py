@@ -10,6 +10,21 @@ from twin.kinematics import Kinematics
 from twin.simulation.controllers.pedals import FREE, TOOLS
 from twin.simulation.controllers.teleoperation import Teleoperation
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CONSOLE_MODE,
+    CONSOLE_TAPS,
+    DEVICE_CLUTCH,
+    DEVICE_SILENT,
+    HAND_HANDLE,
+    HAND_JUMPS,
+    HAND_PEDAL,
+    HAND_POSE,
+    ROBOT_ENCODER,
+    ROBOT_FOLLOWS,
+    ROBOT_GOAL,
+    ROBOT_JUMPS,
+    ROBOT_TARGET,
+)
 
 LEAP = (0.03, 0.5)
 """Motion of a hand in m and rad in one tick above which the hand has jumped, as at the other consoles."""
@@ -46,19 +61,19 @@ class PenToHandle(Block):
         self._was_silent = True  # until the first state of the hand
         self._jumps = 0
         self.outputs = {
-            f"{hand}.handle": self._coordinates(np.eye(4)),
-            f"{hand}.pedal": 0.0,
-            f"{hand}.jumps": 0.0,
+            HAND_HANDLE.of(hand): self._coordinates(np.eye(4)),
+            HAND_PEDAL.of(hand): 0.0,
+            HAND_JUMPS.of(hand): 0.0,
         }
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Convert the pen's pose of this tick."""
-        pose = signals[f"{self.hand}.pose"].reshape(4, 4)
-        silent_signal = f"{self.device}.silent"
+        pose = signals[HAND_POSE.of(self.hand)].reshape(4, 4)
+        silent_signal = DEVICE_SILENT.of(self.device)
         silent = silent_signal in signals and signals.now[silent_signal][0] > 0.5
         leaps = self._leaps(pose)
         self._last = pose
-        pressed = signals.now[f"{self.device}.clutch"][0] > 0.5
+        pressed = signals.now[DEVICE_CLUTCH.of(self.device)][0] > 0.5
         if silent or leaps:
             self._free_until = t + self._period
         if leaps and pressed and not silent and not self._was_silent:  # after a silence, a hand may be anywhere
@@ -66,9 +81,9 @@ class PenToHandle(Block):
         self._was_silent = silent
         engaged = pressed and t >= self._free_until
         return {
-            f"{self.hand}.handle": self._coordinates(pose),
-            f"{self.hand}.pedal": float(engaged),
-            f"{self.hand}.jumps": float(self._jumps),
+            HAND_HANDLE.of(self.hand): self._coordinates(pose),
+            HAND_PEDAL.of(self.hand): float(engaged),
+            HAND_JUMPS.of(self.hand): float(self._jumps),
         }
 
     def _leaps(self, pose: Array) -> bool:
@@ -100,30 +115,30 @@ class PedalFollowing(Block):
         self.law = law
         self.period = law.dt
         self._T = kin.forward(q)
-        self._jumps = f"{hand}.jumps"
+        self._jumps = HAND_JUMPS.of(hand)
         self.outputs = {
-            "console.mode": FREE,
-            "console.taps": 0.0,
-            f"{robot}.follows": 0.0,
-            f"{robot}.goal": self._T.ravel(),
-            f"{robot}.jumps": 0.0,
-            f"{robot}.target": np.zeros(17),
+            CONSOLE_MODE.name: FREE,
+            CONSOLE_TAPS.name: 0.0,
+            ROBOT_FOLLOWS.of(robot): 0.0,
+            ROBOT_GOAL.of(robot): self._T.ravel(),
+            ROBOT_JUMPS.of(robot): 0.0,
+            ROBOT_TARGET.of(robot): np.zeros(17),
         }
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Read handle and pedal of this tick."""
-        engaged = signals.now[f"{self.hand}.pedal"][0] > 0.5
+        engaged = signals.now[HAND_PEDAL.of(self.hand)][0] > 0.5
         if engaged:
-            goal = self.kin.program.pose_of_coordinates.one(self.law.goal(signals[f"{self.hand}.handle"]))
+            goal = self.kin.program.pose_of_coordinates.one(self.law.goal(signals[HAND_HANDLE.of(self.hand)]))
         else:
-            self._T = self.kin.forward(signals[f"{self.robot}.encoder"], self._T)
+            self._T = self.kin.forward(signals[ROBOT_ENCODER.of(self.robot)], self._T)
             goal = self._T
         jumps = 0.0
         if self._jumps in signals:  # a simulated hand does not jump
             jumps = float(signals.now[self._jumps][0])
         return {
-            "console.mode": TOOLS if engaged else FREE,
-            f"{self.robot}.follows": float(engaged),
-            f"{self.robot}.goal": goal.ravel(),
-            f"{self.robot}.jumps": jumps,
+            CONSOLE_MODE.name: TOOLS if engaged else FREE,
+            ROBOT_FOLLOWS.of(self.robot): float(engaged),
+            ROBOT_GOAL.of(self.robot): goal.ravel(),
+            ROBOT_JUMPS.of(self.robot): jumps,
         }

@@ -7,6 +7,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.planning.trajectory import Trajectory
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_COMMAND
 
 
 class ProtocolPlayer(Block):
@@ -14,7 +15,7 @@ class ProtocolPlayer(Block):
 
     def __init__(self, robot: str, trajectory: Trajectory) -> None:
         """Start at t = 0."""
-        self.command = f"{robot}.command"
+        self.command = ROBOT_COMMAND.of(robot)
         self.trajectory = trajectory
         self.outputs = {self.command: trajectory.q[0]}
 

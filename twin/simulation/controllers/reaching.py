@@ -15,6 +15,7 @@ from twin.kinematics.compiled import POSE_TOL
 from twin.simulation.controllers.velocity import step
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_GOAL, ROBOT_JAW
 
 _NEAR = 0.05
 """Largest joint step in rad or m per tick for which the closed-form inverse is used.
@@ -37,7 +38,7 @@ class PoseToJoints(Block):
         self.kin = kin
         self.limits = limits
         self._T = kin.forward(q)
-        self._command = f"{robot}.command"
+        self._command = ROBOT_COMMAND.of(robot)
         self._auxiliary = np.flatnonzero(kin.auxiliary)
         self._near = None
         if kin.closed_inverse:
@@ -47,13 +48,13 @@ class PoseToJoints(Block):
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Compile the step, which reads its signals directly from their memory."""
         self._out = memory[self._command]
-        self._goal = signals.now[f"{self.robot}.goal"]
-        self._encoder = signals.now[f"{self.robot}.encoder"]
-        self._rests = f"{self.robot}.jaw" not in signals
+        self._goal = signals.now[ROBOT_GOAL.of(self.robot)]
+        self._encoder = signals.now[ROBOT_ENCODER.of(self.robot)]
+        self._rests = ROBOT_JAW.of(self.robot) not in signals
         if self._rests:
             self._jaw = np.zeros(len(self._auxiliary))
         else:
-            self._jaw = signals.now[f"{self.robot}.jaw"]
+            self._jaw = signals.now[ROBOT_JAW.of(self.robot)]
         self._tick = np.zeros(1)  # duration of a tick in s
         self._given = (b"", b"", b"")
         self._inverse = None

@@ -16,6 +16,7 @@ from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import HAND_HANDLE, HAND_PEDAL, ROBOT_ENCODER, ROBOT_RATE
 
 Clutch = Literal["printed", "corrected"]
 """Reading of eq. (7).
@@ -142,16 +143,16 @@ class HandToTool(Block):
         self.law = law
         self.period = law.dt
         self._T = kin.forward(q)
-        self.outputs = {f"{robot}.rate": np.zeros_like(law.offset)}
+        self.outputs = {ROBOT_RATE.of(robot): np.zeros_like(law.offset)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Evaluate the control law."""
-        self._T = self.kin.forward(signals[f"{self.robot}.encoder"], self._T)
+        self._T = self.kin.forward(signals[ROBOT_ENCODER.of(self.robot)], self._T)
         tool = self.kin.program.coordinates_of_pose.one(self._T.ravel())
-        handle = signals[f"{self.device}.handle"]
+        handle = signals[HAND_HANDLE.of(self.device)]
         if self._scale is not None:
             scale = np.where(self._lengths, signals.now[self._scale][0], 1.0)
             if not np.array_equal(scale, self.law.gains.scale):
                 self.law.rescale(scale, handle)
-        pedal = bool(signals[f"{self.device}.pedal"][0] > 0.5)
-        return {f"{self.robot}.rate": self.law.step(handle, tool, pedal)}
+        pedal = bool(signals[HAND_PEDAL.of(self.device)][0] > 0.5)
+        return {ROBOT_RATE.of(self.robot): self.law.step(handle, tool, pedal)}

@@ -17,6 +17,7 @@ from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_GOAL
 
 _NEAR = 0.05
 """Largest joint step in rad or m per tick; a larger step may belong to another working mode."""
@@ -40,7 +41,7 @@ class ThroughPort(Block):
     def __init__(self, robot: str, kin: Kinematics, q: Array, limits: JointLimits, p_port: Array) -> None:
         """Start at joint values q (n,), with the shaft in the port p_port (3,) in m in base."""
         self.robot, self.kin, self.limits = robot, kin, limits
-        self._command = f"{robot}.command"
+        self._command = ROBOT_COMMAND.of(robot)
         self._pair, self._way = _way(p_port).bind()
         self._z, self._allowed = _allowed(kin, p_port).bind()
         parts = np.cumsum((16, 4, len(q), len(q)))
@@ -50,7 +51,7 @@ class ThroughPort(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Make one step towards the goal."""
-        goal, q = signals[f"{self.robot}.goal"], signals[f"{self.robot}.encoder"]
+        goal, q = signals[ROBOT_GOAL.of(self.robot)], signals[ROBOT_ENCODER.of(self.robot)]
         given = goal.tobytes(), q.tobytes()
         if given == self._given:
             return {}

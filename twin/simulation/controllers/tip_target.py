@@ -9,6 +9,7 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_GOAL, ROBOT_TIP_TARGET
 
 _INSIDE = 10 * MM
 """Minimum distance in m of the tip from the port; at smaller distances, the shaft has no definite direction."""
@@ -27,8 +28,8 @@ class TipTarget(Block):
         Raises:
             WorldError: the tip is too near to the port at the start.
         """
-        self._target = f"{robot}.target"
-        self._goal = f"{robot}.goal"
+        self._target = ROBOT_TIP_TARGET.of(robot)
+        self._goal = ROBOT_GOAL.of(robot)
         self._port = np.array(port, float)
         self._T_base_world = spatial.inverse(T_world_base)
         self._x = T_world_tool[:3, 0].copy()

@@ -24,6 +24,21 @@ from twin.simulation.controllers.pedals import TOOLS
 from twin.simulation.controllers.pivot import InstrumentPivot
 from twin.simulation.controllers.planned import AIM, OFF, RUN
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CAMERA_VIEW,
+    CONSOLE_MODE,
+    CONSOLE_TAPS,
+    DEVICE_FULCRUM,
+    DEVICE_SCALE,
+    HAND_GRIP,
+    HAND_POSE,
+    ROBOT_ENCODER,
+    ROBOT_FOLLOWS,
+    ROBOT_GOAL,
+    ROBOT_JUMPS,
+    ROBOT_PLANNED,
+    ROBOT_TARGET,
+)
 
 SCALE = (0.05, 1.0)
 """Smallest and largest motion scale."""
@@ -252,34 +267,34 @@ class HandToPose(Block):
         self._states = [OFF] * len(self.arms)
         self.outputs = {}
         for arm, T_base_tool in zip(arms, self._tools, strict=True):
-            self.outputs[f"{arm.robot}.goal"] = T_base_tool.ravel()
-            self.outputs[f"{arm.robot}.follows"] = 0.0
-            self.outputs[f"{arm.robot}.jumps"] = 0.0
+            self.outputs[ROBOT_GOAL.of(arm.robot)] = T_base_tool.ravel()
+            self.outputs[ROBOT_FOLLOWS.of(arm.robot)] = 0.0
+            self.outputs[ROBOT_JUMPS.of(arm.robot)] = 0.0
             if plans:
-                self.outputs[f"{arm.robot}.target"] = [0, *T_base_tool.ravel()]
+                self.outputs[ROBOT_TARGET.of(arm.robot)] = [0, *T_base_tool.ravel()]
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
         now = signals.now
-        self._pose = now[f"{self.hand}.pose"].reshape(4, 4)
-        self._grip = now[f"{self.hand}.grip"].item
-        self._scale = now[f"{self.device}.scale"].item
-        self._mode = now["console.mode"].item
-        self._taps = now["console.taps"].item
+        self._pose = now[HAND_POSE.of(self.hand)].reshape(4, 4)
+        self._grip = now[HAND_GRIP.of(self.hand)].item
+        self._scale = now[DEVICE_SCALE.of(self.device)].item
+        self._mode = now[CONSOLE_MODE.name].item
+        self._taps = now[CONSOLE_TAPS.name].item
         self._fulcrum = None
-        if f"{self.device}.fulcrum" in signals:
-            self._fulcrum = now[f"{self.device}.fulcrum"].item
+        if DEVICE_FULCRUM.of(self.device) in signals:
+            self._fulcrum = now[DEVICE_FULCRUM.of(self.device)].item
         if isinstance(self.view, str):
-            self._camera = now[f"{self.view}.view"]
+            self._camera = now[CAMERA_VIEW.of(self.view)]
         else:
             self._camera = self.view
         self._out = []
         for arm in self.arms:
-            goal = memory[f"{arm.robot}.goal"].reshape(4, 4)
-            self._out.append((goal, memory[f"{arm.robot}.follows"], memory[f"{arm.robot}.jumps"]))
+            goal = memory[ROBOT_GOAL.of(arm.robot)].reshape(4, 4)
+            self._out.append((goal, memory[ROBOT_FOLLOWS.of(arm.robot)], memory[ROBOT_JUMPS.of(arm.robot)]))
         if self._plans:
-            self._planned = [now[f"{a.robot}.planned"] for a in self.arms]
-            targets = [memory[f"{a.robot}.target"] for a in self.arms]
+            self._planned = [now[ROBOT_PLANNED.of(a.robot)] for a in self.arms]
+            targets = [memory[ROBOT_TARGET.of(a.robot)] for a in self.arms]
             self._aims = [target[:1] for target in targets]
             self._targets = [target[1:].reshape(4, 4) for target in targets]
 
@@ -314,7 +329,7 @@ class HandToPose(Block):
 
     def _at(self, i: int, signals: Signals) -> Array:
         """Return the present pose (4, 4) of the tool of an arm."""
-        return self.arms[i].kin.forward(signals[f"{self.arms[i].robot}.encoder"], self._tools[i])
+        return self.arms[i].kin.forward(signals[ROBOT_ENCODER.of(self.arms[i].robot)], self._tools[i])
 
     def _state(self, i: int, signals: Signals) -> float:
         """Return the state of an arm's plan (`controllers.planned`); if it has changed, couple the hand again."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import HAND_GRIP, ROBOT_FOLLOWS, ROBOT_OPENING, ROBOT_PEDAL
 
 HALF = 20 * DEG
 """Angle of a gripper in rad above which it is open: half of its travel."""
@@ -25,10 +26,10 @@ class GripToTool(Block):
 
     def __init__(self, hand: str, robot: str) -> None:
         """Connect a gripper to a tool."""
-        self._grip = f"{hand}.grip"
-        self._follows = f"{robot}.follows"
-        self._opening = f"{robot}.opening"
-        self._pedal = f"{robot}.pedal"
+        self._grip = HAND_GRIP.of(hand)
+        self._follows = ROBOT_FOLLOWS.of(robot)
+        self._opening = ROBOT_OPENING.of(robot)
+        self._pedal = ROBOT_PEDAL.of(robot)
         self._open = True
         self._controlled = False  # whether the gripper controls the jaws
         self._was_closed = False  # whether the gripper was closed since the robot last followed the hand

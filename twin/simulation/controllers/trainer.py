@@ -27,11 +27,24 @@ from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import PATIENCE
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CONSOLE_MODE,
+    CONSOLE_VIEW,
+    DEVICE_CAMERA,
+    DEVICE_SILENT,
+    DEVICE_TRAINING,
+    PEDALS,
+    ROBOT_GIVEN,
+    ROBOT_JAW,
+    ROBOT_PACKET,
+    ROBOT_PHASE,
+    ROBOT_PLANNED,
+)
 
-MODE = "pedals.training"
+MODE = DEVICE_TRAINING.of(PEDALS)
 """Name of the device's setting that requests a mode, see `asked`."""
 
-VIEW = "console.view"
+VIEW = CONSOLE_VIEW.name
 """Signal that selects what the viewer draws as a solid: the machine (0) or its model (1)."""
 
 FIELDS = 9
@@ -165,7 +178,7 @@ class ViewSwitch(Block):
 
     def __init__(self, device: str, tap: float) -> None:
         """Connect to a device; `tap`: longest duration of a quick tap in s."""
-        self._camera = f"{device}.camera"
+        self._camera = DEVICE_CAMERA.of(device)
         self._tap = tap
         self._view = 0.0
         self._since: float | None = None  # time in s at which the pedal was pressed
@@ -324,9 +337,9 @@ class Trainer(Block):
         self._dt = dt
         self._names = {n: f"{robot}.{n}" for n in ("goal", "follows", "run", "measured", "model", "deviation")}
         self._names["ghost"] = f"{robot}{MODEL}.q"
-        self._jaw = f"{robot}.jaw"
-        self._silent = f"{device}.silent"
-        self._planned = f"{robot}.planned"
+        self._jaw = ROBOT_JAW.of(robot)
+        self._silent = DEVICE_SILENT.of(device)
+        self._planned = ROBOT_PLANNED.of(robot)
         self._smooth = Smooth(bounds, grasp_step, dt)
         self._setting = 0.0  # of the device, see `asked`
         self._phase = TrainerPhase.TELEOPERATE
@@ -342,9 +355,9 @@ class Trainer(Block):
         self._since = 0.0  # time in s at which machine and model last were in PEDAL_DN in the replay
         self._heard = 0.0  # time in s at which the hands last were not silent
         self.outputs = {
-            f"{robot}.packet": _STILL,
-            f"{robot}.given": np.append(_STILL, 0.0),
-            f"{robot}.phase": [0, 0, 0],
+            ROBOT_PACKET.of(robot): _STILL,
+            ROBOT_GIVEN.of(robot): np.append(_STILL, 0.0),
+            ROBOT_PHASE.of(robot): [0, 0, 0],
         }
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
@@ -371,9 +384,9 @@ class Trainer(Block):
             self._moving = False
         given = np.append(model, float(self._sync))
         return {
-            f"{self.robot}.packet": machine,
-            f"{self.robot}.given": given,
-            f"{self.robot}.phase": np.array([self._phase, self._why, self._value]),
+            ROBOT_PACKET.of(self.robot): machine,
+            ROBOT_GIVEN.of(self.robot): given,
+            ROBOT_PHASE.of(self.robot): np.array([self._phase, self._why, self._value]),
         }
 
     def _is_silent(self, signals: Signals) -> bool:
@@ -497,7 +510,7 @@ class Trainer(Block):
         silent = self._is_silent(signals)
         if not silent:
             self._heard = t
-        clutched = not silent and signals.now["console.mode"].item() not in (TOOLS, CAMERA)
+        clutched = not silent and signals.now[CONSOLE_MODE.name].item() not in (TOOLS, CAMERA)
         stopped = clutched or t - self._heard > _SILENCE
         # A replay does not begin while the clutch cannot be read.
         waits = self._k == 0 and silent and not stopped

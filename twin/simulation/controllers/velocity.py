@@ -22,6 +22,7 @@ from twin.formula.flow import Evaluator
 from twin.kinematics import Kinematics
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_RATE
 
 Solver = Literal["slsqp", "damped"]
 
@@ -126,16 +127,16 @@ class ToolToJoints(Block):
         self._T = kin.forward(q)
         self._start = np.zeros(0)  # coordinates of the tool when the rate arrived
         self._count = 0
-        self.outputs = {f"{robot}.command": q}
+        self.outputs = {ROBOT_COMMAND.of(robot): q}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Make the next step along the line."""
         done = self._count % self.ticks
         self._count += 1
-        rate = signals[f"{self.robot}.rate"]
+        rate = signals[ROBOT_RATE.of(self.robot)]
         if not rate.any():
             return {}
-        q = signals[f"{self.robot}.encoder"]
+        q = signals[ROBOT_ENCODER.of(self.robot)]
         kin = self.kin
         if done == 0:
             self._T = kin.forward(q, self._T)
@@ -143,7 +144,7 @@ class ToolToJoints(Block):
         displacement = rate * (self.ticks * dt) * (done + 1) / self.ticks
         T = kin.program.pose_of_coordinates.one(self._start + displacement)
         result = step(kin, q, T, dt, self.limits, self.solver, seed=self._T)
-        return {f"{self.robot}.command": result.q}
+        return {ROBOT_COMMAND.of(self.robot): result.q}
 
 
 def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:

@@ -15,6 +15,17 @@ from numpy.typing import ArrayLike
 from twin.core.errors import WorldError, unknown
 from twin.core.spatial import Array
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    DEVICE_CAMERA,
+    DEVICE_CLUTCH,
+    DEVICE_HAPTICS,
+    DEVICE_IGNORED,
+    DEVICE_SCALE,
+    DEVICE_SILENT,
+    HAND_GRIP,
+    HAND_LOST,
+    HAND_POSE,
+)
 
 _LEAP = 1000
 """Largest gap in the sequence numbers of received states that counts as packet loss.
@@ -150,7 +161,7 @@ class GivenHands(Block):
         values = self._signals(t)
         if self._left:
             self._left = False
-            values[f"{self.device}.silent"] = 1.0
+            values[DEVICE_SILENT.of(self.device)] = 1.0
         return values
 
     def _accept(self, state: HandState, t: float) -> None:
@@ -176,19 +187,19 @@ class GivenHands(Block):
         camera = False
         for name, last, lost in zip(self.hands, self._last, self._lost, strict=True):
             if last is None:
-                values[f"{name}.pose"] = np.eye(4).ravel()
-                values[f"{name}.grip"] = 0.0
+                values[HAND_POSE.of(name)] = np.eye(4).ravel()
+                values[HAND_GRIP.of(name)] = 0.0
             else:
-                values[f"{name}.pose"] = last.pose.ravel()
-                values[f"{name}.grip"] = last.grip
+                values[HAND_POSE.of(name)] = last.pose.ravel()
+                values[HAND_GRIP.of(name)] = last.grip
                 clutch = clutch or last.clutch
                 camera = camera or last.camera
-            values[f"{name}.lost"] = float(lost)
-        values[f"{self.device}.clutch"] = float(clutch)
-        values[f"{self.device}.camera"] = float(camera)
-        values[f"{self.device}.silent"] = float(self.any_silent(t))
-        values[f"{self.device}.haptics"] = float(self._haptics)
+            values[HAND_LOST.of(name)] = float(lost)
+        values[DEVICE_CLUTCH.of(self.device)] = float(clutch)
+        values[DEVICE_CAMERA.of(self.device)] = float(camera)
+        values[DEVICE_SILENT.of(self.device)] = float(self.any_silent(t))
+        values[DEVICE_HAPTICS.of(self.device)] = float(self._haptics)
         values.update(self._settings)
-        values[f"{self.device}.scale"] = self._scale
-        values[f"{self.device}.ignored"] = float(self._ignored)
+        values[DEVICE_SCALE.of(self.device)] = self._scale
+        values[DEVICE_IGNORED.of(self.device)] = float(self._ignored)
         return values

@@ -18,6 +18,7 @@ from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import HAND_GOAL, HAND_HANDLE, HAND_PEDAL, ROBOT_Q
 
 _STALLED = 12
 """Number of strokes (single hand motions) without progress after which the operator gives up."""
@@ -142,7 +143,7 @@ class ScriptedHand(Block):
         self._T: Array | None = None
         self.missed = ""
         self._pedals = self._work()
-        self.outputs = {"hand.handle": self._handle, "hand.pedal": 0.0, "hand.goal": -1.0}
+        self.outputs = {HAND_HANDLE.name: self._handle, HAND_PEDAL.name: 0.0, HAND_GOAL.name: -1.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
         """Return the signals of this tick; None after the last goal."""
@@ -154,7 +155,7 @@ class ScriptedHand(Block):
         axes = self._linear[:3]  # only translations tremble
         handle[axes] += self._tremor.output(self._count)[: len(axes)]
         self._count += 1
-        return {"hand.handle": handle, "hand.pedal": float(pedal), "hand.goal": float(self._goal)}
+        return {HAND_HANDLE.name: handle, HAND_PEDAL.name: float(pedal), HAND_GOAL.name: float(self._goal)}
 
     def _coordinates(self, goal: Goal) -> Array:
         program = self.kin.program
@@ -165,7 +166,7 @@ class ScriptedHand(Block):
         return wanted
 
     def _tool(self) -> Array:
-        self._T = self.kin.forward(self._signals[f"{self.robot}.q"], self._T)
+        self._T = self.kin.forward(self._signals[ROBOT_Q.of(self.robot)], self._T)
         return self.kin.program.coordinates_of_pose.one(self._T.ravel())
 
     def _work(self) -> Iterator[bool]:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from twin.core.spatial import Array
 from twin.simulation.machine.state_packets import State
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_DESIRED, ROBOT_MEASURED, ROBOT_RUN
 
 ANSWERS, LEVEL, SEQUENCE, TICK = range(4)
 """Indices in `<robot>.run`: whether the machine answers (0 or 1); run level; numbers of the last packet and tick."""
@@ -18,9 +19,9 @@ class MachineStates(Block):
 
     def __init__(self, robot: str, q: Array) -> None:
         """Start at joint values q (n,), with a machine that does not answer."""
-        self._measured = f"{robot}.measured"
-        self._desired = f"{robot}.desired"
-        self._run = f"{robot}.run"
+        self._measured = ROBOT_MEASURED.of(robot)
+        self._desired = ROBOT_DESIRED.of(robot)
+        self._run = ROBOT_RUN.of(robot)
         self._state: State | None = None
         self.outputs = {self._measured: q, self._desired: q, self._run: np.zeros(4)}
 

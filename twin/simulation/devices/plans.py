@@ -21,6 +21,15 @@ from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CONSOLE_MODE,
+    DEVICE_SILENT,
+    ROBOT_ENCODER,
+    ROBOT_MODEL,
+    ROBOT_PHASE,
+    ROBOT_PLANNED,
+    ROBOT_RUN,
+)
 
 _BEHIND = 0.5
 """Largest delay in s of a tip behind its plan: the tip is compared with the newest poses over this time."""
@@ -66,7 +75,7 @@ class Plans(Block):
     def __init__(self, device: str, arms: Mapping[str, PlannedArm]) -> None:
         """Connect to `arms`, {name of a place: its arm}, and to `device`, the name of the device of the pedals."""
         self._arms = dict(arms)
-        self._silent = f"{device}.silent"
+        self._silent = DEVICE_SILENT.of(device)
         self._heard = 0.0  # time at which the hands were heard last, in a motion
         self.robot = ""
         self.state = OFF
@@ -76,7 +85,7 @@ class Plans(Block):
         self._Ts = np.zeros((0, 4, 4))
         self._k = 0
         self._since = 0.0  # time of the last pose
-        self.outputs = {f"{robot}.planned": _values(OFF) for robot in arms}
+        self.outputs = {ROBOT_PLANNED.of(robot): _values(OFF) for robot in arms}
         self._new: dict[str, Array] = {}
 
     @property
@@ -119,7 +128,7 @@ class Plans(Block):
         self._since = np.nan  # the first tick of the motion sets the time
         self.off = 0.0
         self._set(self.robot, RUN)
-        self._new[f"{self.robot}.planned"] = _values(RUN, Ts[0])
+        self._new[ROBOT_PLANNED.of(self.robot)] = _values(RUN, Ts[0])
 
     def stop(self, why: str = "") -> None:
         """End planning or motion: the arm stays where it is, and the hands move all arms again."""
@@ -133,7 +142,7 @@ class Plans(Block):
         self._new = {}
         for name in self._arms:
             state_of_arm = state if name == robot else resting
-            self._new[f"{name}.planned"] = _values(state_of_arm)
+            self._new[ROBOT_PLANNED.of(name)] = _values(state_of_arm)
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
         """Write the states and, while an arm moves, the next pose."""
@@ -157,11 +166,11 @@ class Plans(Block):
             return self.stop(
                 f"The motion of {robot} was stopped: no state of the hands was received for {_SILENCE:g} s; plan again"
             )
-        if not silent and signals["console.mode"][0] == FREE:
+        if not silent and signals[CONSOLE_MODE.name][0] == FREE:
             return self.stop(f"The motion of {robot} was stopped by the clutch; plan again")
         if arm.machine and not self._is_down(signals, t):
             return
-        tip = arm.kin.forward(signals[f"{robot}.encoder"])[:3, 3]
+        tip = arm.kin.forward(signals[ROBOT_ENCODER.of(robot)])[:3, 3]
         newest = min(self._k, len(self._Ts) - 1)
         oldest = max(0, newest - round(_BEHIND / dt))
         path = self._Ts[oldest : newest + 1, :3, 3]
@@ -174,7 +183,7 @@ class Plans(Block):
             )
         if self._k == len(self._Ts):
             return self._settle(tip, t)
-        self._new[f"{robot}.planned"] = _values(RUN, self._Ts[self._k])
+        self._new[ROBOT_PLANNED.of(robot)] = _values(RUN, self._Ts[self._k])
         self._k += 1
         self._since = t
         return None
@@ -197,9 +206,9 @@ class Plans(Block):
         In a rehearsal of the trainer, only the model counts.
         """
         name = self.robot
-        run = signals[f"{name}.run"]
-        level = signals[f"{name}.model"][0]
-        uses_machine = signals[f"{name}.phase"][0] != TrainerPhase.REHEARSE
+        run = signals[ROBOT_RUN.of(name)]
+        level = signals[ROBOT_MODEL.of(name)][0]
+        uses_machine = signals[ROBOT_PHASE.of(name)][0] != TrainerPhase.REHEARSE
         silent = uses_machine and run[ANSWERS] < 0.5
         if silent:
             level = Level.E_STOP

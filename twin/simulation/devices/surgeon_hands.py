@@ -22,6 +22,15 @@ from twin.core.units import DEG
 from twin.kinematics import Kinematics
 from twin.simulation.devices.hand import HandMotion, Tremor, minimum_jerk
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CAMERA_VIEW,
+    DEVICE_CAMERA,
+    DEVICE_CLUTCH,
+    DEVICE_SCALE,
+    HAND_GRIP,
+    HAND_POSE,
+    ROBOT_Q,
+)
 
 _STALLED = 8
 """Number of strokes without progress after which the surgeon gives up a movement."""
@@ -165,18 +174,18 @@ class SurgeonHands(SimulatedHands):
             pose = _EYE.copy()
             pose[:3, :3] = self._R[hand]
             pose[:3, 3] = self._p[hand] + self._tremors[hand].output(k)
-            values[f"{hand}.pose"] = pose.ravel()
-            values[f"{hand}.grip"] = self._grip[hand]
-        values[f"{self.device}.clutch"] = float(self._clutch)
-        values[f"{self.device}.camera"] = float(self._camera)
-        values[f"{self.device}.scale"] = self.scale
+            values[HAND_POSE.of(hand)] = pose.ravel()
+            values[HAND_GRIP.of(hand)] = self._grip[hand]
+        values[DEVICE_CLUTCH.of(self.device)] = float(self._clutch)
+        values[DEVICE_CAMERA.of(self.device)] = float(self._camera)
+        values[DEVICE_SCALE.of(self.device)] = self.scale
         return values
 
     # -- perception -----------------------------------------------------------------------------------
 
     def _view(self) -> Array:
         """Return the frame (4, 4) of the picture in the World."""
-        return self._signals[f"{self.camera}.view"].reshape(4, 4)
+        return self._signals[CAMERA_VIEW.of(self.camera)].reshape(4, 4)
 
     def _in_picture(self, points: Mapping[str, Array]) -> dict[str, Array]:
         """Transform points (3,) from the World to the frame of the picture."""
@@ -187,7 +196,7 @@ class SurgeonHands(SimulatedHands):
         """Return the pose (4, 4) of the tool of a hand in the World."""
         eye = self.arms[hand]
         # the last pose is the start of the search, if the equations have no closed forward solution
-        T_base_tool = eye.kin.forward(self._signals[f"{eye.robot}.q"], self._T.get(hand))
+        T_base_tool = eye.kin.forward(self._signals[ROBOT_Q.of(eye.robot)], self._T.get(hand))
         self._T[hand] = T_base_tool
         return eye.T_world_base @ T_base_tool
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from twin.core.spatial import Array
 from twin.simulation.controllers.trainer import MODE, Mode, TrainerPhase
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
+from twin.simulation.world.signal_kinds import ROBOT_PHASE
 
 _STROKE = 0.045
 """Length in m of a stroke of a hand."""
@@ -44,7 +45,7 @@ class Trainee(SurgeonHands):
             machines: names of the machines.
             triangles: number of triangles by teleoperation.
         """
-        self._phases = [f"{machine}.phase" for machine in machines]
+        self._phases = [ROBOT_PHASE.of(machine) for machine in machines]
         self._triangles = triangles
         self._mode = Mode.TELEOPERATE
         self.doing = "teleoperate"

@@ -21,6 +21,18 @@ from twin.simulation.machine.itp import ahead, number_of, pack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.simulated_machine import Machine, Parts
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    ROBOT_APART,
+    ROBOT_CUE,
+    ROBOT_DEVIATION,
+    ROBOT_ENCODER,
+    ROBOT_GIVEN,
+    ROBOT_MEASURED,
+    ROBOT_MODEL,
+    ROBOT_PHASE,
+    ROBOT_Q,
+    ROBOT_RUN,
+)
 
 _KEPT = 4096
 """Number of the latest packets for which the model's joint values after the packet are stored."""
@@ -58,13 +70,13 @@ class Modelled(Block):
         self._tip = self._forward(q)[:3, 3]
         self._speed = np.zeros(3)
         self.outputs = {
-            f"{robot}.q": q,
-            f"{robot}.encoder": q,
+            ROBOT_Q.of(robot): q,
+            ROBOT_ENCODER.of(robot): q,
             f"{robot}{MODEL}.q": q,
-            f"{robot}.model": [float(Level.PEDAL_UP), 0.0, 0.0],
-            f"{robot}.deviation": np.zeros(2),
-            f"{robot}.apart": np.zeros(len(q)),
-            f"{robot}.cue": np.zeros(3),
+            ROBOT_MODEL.of(robot): [float(Level.PEDAL_UP), 0.0, 0.0],
+            ROBOT_DEVIATION.of(robot): np.zeros(2),
+            ROBOT_APART.of(robot): np.zeros(len(q)),
+            ROBOT_CUE.of(robot): np.zeros(3),
         }
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
@@ -72,10 +84,10 @@ class Modelled(Block):
         now = signals.now
         name = self.robot
         model = self._model
-        given = now[f"{name}.given"]
-        run = now[f"{name}.run"]
-        measured = now[f"{name}.measured"]
-        phase = int(now[f"{name}.phase"][0])
+        given = now[ROBOT_GIVEN.of(name)]
+        run = now[ROBOT_RUN.of(name)]
+        measured = now[ROBOT_MEASURED.of(name)]
+        phase = int(now[ROBOT_PHASE.of(name)][0])
         answers = run[ANSWERS] > 0.5
         alone = phase in (TrainerPhase.REHEARSE, TrainerPhase.JUDGED)
         down = answers and run[LEVEL] < Level.PEDAL_UP and not alone  # the machine is stopped or moves to home
@@ -101,13 +113,13 @@ class Modelled(Block):
         model_speed = float(np.linalg.norm(self._speed))
         machine_speed = float(np.linalg.norm(comparison.speeds[0]))
         return {
-            f"{name}.q": measured,
-            f"{name}.encoder": model.q if alone else measured,
+            ROBOT_Q.of(name): measured,
+            ROBOT_ENCODER.of(name): model.q if alone else measured,
             f"{name}{MODEL}.q": model.q,
-            f"{name}.model": np.array([model.plc.level, model_speed, model.held]),
-            f"{name}.deviation": np.array([comparison.deviation, machine_speed]),
-            f"{name}.apart": comparison.joints,
-            f"{name}.cue": force,
+            ROBOT_MODEL.of(name): np.array([model.plc.level, model_speed, model.held]),
+            ROBOT_DEVIATION.of(name): np.array([comparison.deviation, machine_speed]),
+            ROBOT_APART.of(name): comparison.joints,
+            ROBOT_CUE.of(name): force,
         }
 
     def _stand(self, measured: Array) -> None:

@@ -9,6 +9,7 @@ from twin.simulation.machine.itp import number_of, pack
 from twin.simulation.machine.settings import Settings
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_PACKET
 
 
 class Outbox(Block):
@@ -29,7 +30,7 @@ class Outbox(Block):
         self._count += 1
         sequence = number_of(self._count)
         for name, settings in self._settings.items():
-            values = signals.now[f"{name}.packet"]
+            values = signals.now[ROBOT_PACKET.of(name)]
             self._packets[name].append(pack(sequence, settings.arm, values, settings.packet_version))
         return {}
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from twin.core.spatial import Array
 from twin.model.deformable import Deformable
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import DEFORMABLE_VERTICES
 
 
 class Field(Block):
@@ -14,7 +15,7 @@ class Field(Block):
 
     def __init__(self, deformable: Deformable, motion: Callable[[Array, float], Array]) -> None:
         """Store the deformable and `motion`: (vertices at rest (n, 3) in m, time in s) -> vertices (n, 3) in m."""
-        self.name = f"{deformable.name}.vertices"
+        self.name = DEFORMABLE_VERTICES.of(deformable.name)
         self.rest = deformable.mesh.vertices
         self.motion = motion
         self.outputs = {self.name: self.rest}

@@ -11,6 +11,7 @@ from twin.core.spatial import Array
 from twin.formula.flow import attach
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_Q
 
 
 class Kinematic(Block):
@@ -24,9 +25,9 @@ class Kinematic(Block):
         """Start at joint values q (n,) in m or rad."""
         self.q = np.array(q, float)
         self._tick = np.zeros(1)
-        self._command = f"{robot}.command"
-        self._q = f"{robot}.q"
-        self._encoder = f"{robot}.encoder"
+        self._command = ROBOT_COMMAND.of(robot)
+        self._q = ROBOT_Q.of(robot)
+        self._encoder = ROBOT_ENCODER.of(robot)
         self._limits = limits
         self.outputs = {self._q: self.q.copy(), self._encoder: self.q.copy()}
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.simulation.world.signal_kinds import HAND_FORCE, HAPTICS_ON
 from twin.simulation.world.signals import columns
 
-_SWITCH = "haptics.on"
+_SWITCH = HAPTICS_ON.name
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class ForceMeter:
         self._ticks += len(rows)
         self._on += int(np.count_nonzero(rows[:, self._columns[_SWITCH]] > 0.5))
         for hand in self._hands:
-            forces = np.linalg.norm(rows[:, self._columns[f"{hand}.force"]], axis=1)
+            forces = np.linalg.norm(rows[:, self._columns[HAND_FORCE.of(hand)]], axis=1)
             self._felt[hand] += int(np.count_nonzero(forces))
             self._largest[hand] = max(self._largest[hand], float(forces.max()))
 

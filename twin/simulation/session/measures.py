@@ -13,6 +13,17 @@ from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.session import movement
 from twin.simulation.world import Recording
+from twin.simulation.world.signal_kinds import (
+    CAMERA_AT,
+    CONSOLE_MODE,
+    CONSOLE_TAPS,
+    DEVICE_CAMERA,
+    DEVICE_CLUTCH,
+    DEVICE_SCALE,
+    DEVICE_SILENT,
+    HAND_GRIP,
+    ROBOT_FOLLOWS,
+)
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,7 @@ def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
     for first, last in parts:
         rests[first : last + 1] = False
         smoothness.append(movement.spectral_arc_length(v[first : last + 1], dt))
-    idle = rests & (kept["console.mode"][:, 0] == TOOLS)
+    idle = rests & (kept[CONSOLE_MODE.name][:, 0] == TOOLS)
     return ArmMeasures(
         hand,
         robot,
@@ -104,7 +115,7 @@ def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
         _duration(idle, dt),
         movement.economy(p, parts),
         float(np.mean(smoothness)) if smoothness else np.nan,
-        _grasps(kept[f"{hand}.grip"][:, 0]),
+        _grasps(kept[HAND_GRIP.of(hand)][:, 0]),
     )
 
 
@@ -132,23 +143,23 @@ def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: floa
         duration: duration of the session in s.
     """
     dt = kept.dt
-    mode = kept["console.mode"][:, 0]
+    mode = kept[CONSOLE_MODE.name][:, 0]
     silent = np.zeros(len(mode), bool)
-    if f"{PEDALS}.silent" in kept.sizes:  # a simulated surgeon is never silent, and has no such signal
-        silent = kept[f"{PEDALS}.silent"][:, 0] > 0.5
-    clutch = (kept[f"{PEDALS}.clutch"][:, 0] > 0.5) & ~silent
+    if DEVICE_SILENT.of(PEDALS) in kept.sizes:  # a simulated surgeon is never silent, and has no such signal
+        silent = kept[DEVICE_SILENT.of(PEDALS)][:, 0] > 0.5
+    clutch = (kept[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5) & ~silent
     # At a console with teleoperation by rates, the pedal lets the robot follow; at the others, it lets the hands go.
     clutched_mode = FREE if table.teleoperation is None else TOOLS
-    scale = kept[f"{PEDALS}.scale"]
+    scale = kept[DEVICE_SCALE.of(PEDALS)]
     follows = np.zeros(len(mode), bool)
     for robot in (*table.right, *table.left):
-        follows |= kept[f"{robot}.follows"][:, 0] > 0.5
+        follows |= kept[ROBOT_FOLLOWS.of(robot)][:, 0] > 0.5
     begun = np.flatnonzero(follows)
     time = duration - float(kept.t[begun[0]]) if len(begun) else 0.0
-    camera_pedal = (kept[f"{PEDALS}.camera"][:, 0] > 0.5) & ~silent
+    camera_pedal = (kept[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5) & ~silent
     camera_moves = 0
     for first, last in movement.runs(camera_pedal):
-        positions = kept[f"{camera}.at"][first : last + 1]
+        positions = kept[CAMERA_AT.of(camera)][first : last + 1]
         if np.ptp(positions, axis=0).any():
             camera_moves += 1
     return ConsoleMeasures(
@@ -159,6 +170,6 @@ def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: floa
         camera_moves,
         _duration(mode == CAMERA, dt),
         _duration(silent, dt),
-        int(kept["console.taps"][-1, 0]),
+        int(kept[CONSOLE_TAPS.name][-1, 0]),
         (float(scale.min()), float(scale.max())),
     )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
 from twin.simulation.world import Block, Recording, Signals
+from twin.simulation.world.signal_kinds import ROBOT_FOLLOWS, ROBOT_MEETS, ROBOT_TOUCHES
 
 Tone = Literal["good", "plain", "bad"]
 
@@ -98,7 +99,7 @@ class InstrumentReferee(Block):
         """Names of the signals that the referee reads."""
         names = []
         for robot in self._names:
-            names += [f"{robot}.touches", f"{robot}.meets", f"{robot}.follows"]
+            names += [ROBOT_TOUCHES.of(robot), ROBOT_MEETS.of(robot), ROBOT_FOLLOWS.of(robot)]
         return names
 
     def see_all(self, kept: Recording) -> None:
@@ -110,13 +111,13 @@ class InstrumentReferee(Block):
         """Judge one sample, `period` after the sample before."""
         k = self._samples
         self._samples += 1
-        if self._begun < 0 and any(now[f"{name}.follows"][0] > 0.5 for name in self._names):
+        if self._begun < 0 and any(now[ROBOT_FOLLOWS.of(name)][0] > 0.5 for name in self._names):
             self._begun = k
         self._see_task(k, now)
         met = False
         for name, hits in zip(self._names, self._hits, strict=True):
-            met |= bool(now[f"{name}.meets"][0] > 0.5)
-            if hits.see(k, bool(now[f"{name}.touches"][0] > 0.5)):
+            met |= bool(now[ROBOT_MEETS.of(name)][0] > 0.5)
+            if hits.see(k, bool(now[ROBOT_TOUCHES.of(name)][0] > 0.5)):
                 self._tell(k, "bad", f"{self.called[name]} touched {self._touched}")
         if self._meetings.see(k, met):
             both = " and ".join(self.called[name] for name in self._names)

@@ -26,14 +26,51 @@ from twin.simulation.session.play import play_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Recording, World
+from twin.simulation.world.signal_kinds import (
+    CAMERA_AT,
+    HAND_FORCE,
+    HAND_GRIP,
+    HAND_POSE,
+    OBJECT_HOLDER,
+    OBJECT_POSE,
+    OBJECT_RUBS,
+    ROBOT_APART,
+    ROBOT_CUE,
+    ROBOT_DEVIATION,
+    ROBOT_FOLLOWS,
+    ROBOT_JAW,
+    ROBOT_MEETS,
+    ROBOT_PHASE,
+    ROBOT_Q,
+    ROBOT_RUN,
+    ROBOT_TOUCHES,
+    SURGEON_TARGET,
+)
 from twin.simulation.world.signals import columns
 
 SAMPLE = 5e-3
 """Time in s between two kept rows of signals."""
 
-_KEPT = (".q", ".follows", ".jaw", ".grip", ".pose", ".at", ".holder", ".touches", ".meets", ".rubs", ".force")
-_KEPT += (".deviation", ".apart", ".phase", ".run", ".cue")
-"""Ends of the names of signals that are kept."""
+_KEPT_KINDS = (
+    ROBOT_Q,
+    ROBOT_FOLLOWS,
+    ROBOT_JAW,
+    ROBOT_TOUCHES,
+    ROBOT_MEETS,
+    ROBOT_DEVIATION,
+    ROBOT_APART,
+    ROBOT_PHASE,
+    ROBOT_RUN,
+    ROBOT_CUE,
+    HAND_GRIP,
+    HAND_POSE,
+    HAND_FORCE,
+    CAMERA_AT,
+    OBJECT_POSE,
+    OBJECT_HOLDER,
+    OBJECT_RUBS,
+)
+"""Kinds of signals that are kept, with others of the same name, such as the force on an organ."""
 
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
 """Prefixes of the names of signals that are kept."""
@@ -102,7 +139,7 @@ class Keep:
             kept_columns.append(np.arange(found.start, found.stop))
         self._columns = np.concatenate(kept_columns)
         self._rows: list[Array] = []
-        felt = [hand for hand in HANDS if f"{hand}.force" in all_sizes]
+        felt = [hand for hand in HANDS if HAND_FORCE.of(hand) in all_sizes]
         self.forces = ForceMeter(all_sizes, world.dt, felt)
         self.ticks = 0
 
@@ -120,7 +157,8 @@ class Keep:
 
 def kept(world: World) -> list[str]:
     """Return the names of the signals that measures and exports use."""
-    return [name for name in world.signals.sizes if name.endswith(_KEPT) or name.startswith(_KEPT_OF)]
+    endings = tuple(f".{kind.what}" for kind in _KEPT_KINDS)
+    return [name for name in world.signals.sizes if name.endswith(endings) or name.startswith(_KEPT_OF)]
 
 
 def task_of(scene: Scene, name: str | None) -> ConsoleTask:
@@ -202,7 +240,7 @@ def perform(
             rows = tape.take()
             writer.add(rows)
             keep.add(rows)
-            target = int(world.signals["surgeon.target"][0])
+            target = int(world.signals[SURGEON_TARGET.name][0])
             i = min(max(target, 0), len(names) - 1)
             progress(names[i], i / len(names))
     return Ran(

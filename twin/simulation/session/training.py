@@ -21,6 +21,7 @@ from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.session import movement
 from twin.simulation.world import Recording
+from twin.simulation.world.signal_kinds import ROBOT_CUE, ROBOT_DEVIATION, ROBOT_PHASE, ROBOT_Q, ROBOT_RUN
 
 _LAG = 0.3
 """Maximum delay in s between record and replay that the comparison of their paths compensates."""
@@ -148,12 +149,12 @@ def _shown(distance: float) -> str:
 
 def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
     """Return the measures of a machine from the kept signals of a session; `kin`: the machine's equations."""
-    force = np.linalg.norm(kept[f"{robot}.cue"], axis=1)
+    force = np.linalg.norm(kept[ROBOT_CUE.of(robot)], axis=1)
     cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * kept.dt))
-    alone = np.isin(kept[f"{robot}.phase"][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
-    deviation = np.where(alone, np.nan, kept[f"{robot}.deviation"][:, 0])
+    alone = np.isin(kept[ROBOT_PHASE.of(robot)][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
+    deviation = np.where(alone, np.nan, kept[ROBOT_DEVIATION.of(robot)][:, 0])
     steps = _steps(kept, table, robot, kin, deviation)
-    run = kept[f"{robot}.run"]
+    run = kept[ROBOT_RUN.of(robot)]
     answers = run[:, ANSWERS] > 0.5
     first = int(np.argmax(answers)) if answers.any() else len(kept.t)
     stopped = (run[first:, LEVEL] == Level.E_STOP) & answers[first:]
@@ -167,8 +168,8 @@ def _steps(
 ) -> tuple[TrainingSpan, ...]:
     """Return the phases in order; deviation (k,) in m, nan while the model moves alone."""
     t = kept.t
-    phase = kept[f"{robot}.phase"]
-    tip = kin.forward_many(kept[f"{robot}.q"])[:, :3, 3]
+    phase = kept[ROBOT_PHASE.of(robot)]
+    tip = kin.forward_many(kept[ROBOT_Q.of(robot)])[:, :3, 3]
     model = kin.forward_many(kept[f"{robot}{MODEL}.q"])[:, :3, 3]
     bounds = machine_scene.bounds(table)
     longest_lag = round(_LAG / kept.dt)

@@ -18,6 +18,7 @@ from twin.reference import Assembly, ReferenceModel
 from twin.simulation.frame import WorldFrame
 from twin.simulation.world.block import Block, Hazard
 from twin.simulation.world.recording import Recording
+from twin.simulation.world.signal_kinds import OBJECT_POSE, ROBOT_Q
 from twin.simulation.world.signals import Signals, put
 
 
@@ -100,12 +101,12 @@ class World:
         self._devices = [self._run(block, hazards) for block in devices]
         self._moved = [self._run(block, hazards) for block in (*controllers, *plants)]
         for robot in robots:
-            self._need(f"{robot.name}.q", len(robot.mechanism.active), f"robot '{robot.name}'")
+            self._need(ROBOT_Q.of(robot.name), len(robot.mechanism.active), f"robot '{robot.name}'")
         for deformable in deformables:
             self._need(deformable.signal, deformable.size, f"'{deformable.name}'")
             self._pinned(deformable)
         for item in objects:
-            self._need(f"{item.name}.pose", 16, f"object '{item.name}'")
+            self._need(OBJECT_POSE.of(item.name), 16, f"object '{item.name}'")
         for run in (*self._devices, *self._moved):
             run.block.attach(self.signals, run.memory)
         self._log: list[Array] = []
@@ -245,12 +246,12 @@ class World:
         for placed in (*self._robots, *self._props):
             poses[placed.name] = self._poses(placed)
         for item in self._objects:
-            T_world_object = self.signals[f"{item.name}.pose"].reshape(4, 4)
+            T_world_object = self.signals[OBJECT_POSE.of(item.name)].reshape(4, 4)
             poses[item.name] = {item.name: T_world_object}
         return poses
 
     def _poses(self, placed: Placed) -> dict[str, Array]:
-        signal = f"{placed.name}.q"
+        signal = ROBOT_Q.of(placed.name)
         if placed.links is not None:
             links = placed.links(self.signals[signal])
         else:

@@ -8,6 +8,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
+from twin.simulation.world.signal_kinds import ROBOT_Q
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.operation import DEVIATIONS
 from twin.ui.headset.posed import Posed
@@ -77,7 +78,7 @@ class Mirrored:
             robots = {mirror.name: {"tip": round(deviation["tip"], 7), "joints": joints, "cue": 0.0}}
             self.send({"type": "deviations", "time": round(server_time, 3), "robots": robots})
         signals = mirror.world.signals
-        values = [signals[f"{name}.q"] for name in self._posed.bodies]
+        values = [signals[ROBOT_Q.of(name)] for name in self._posed.bodies]
         row = np.concatenate(values)
         if self._shown is not None and np.array_equal(row, self._shown) and tick - self._tick_of_frame < HEARTBEAT:
             return None

@@ -24,6 +24,7 @@ from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
+from twin.simulation.world.signal_kinds import HAND_FORCE, ROBOT_Q
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import protocol as wire
@@ -266,7 +267,7 @@ class Operation(LiveConsole):
         robots = []
         for name in self._posed.bodies:
             # the movable objects are sent as a robot without joints
-            q = signals[f"{name}.q"] if name in self.shown else np.zeros(0)
+            q = signals[ROBOT_Q.of(name)] if name in self.shown else np.zeros(0)
             robots.append(self._posed.pack(name, seq, server_time, q))
         return pack_scene(seq, server_time, self.world.t, 0, robots, bends)
 
@@ -344,7 +345,7 @@ class Operation(LiveConsole):
         elif udp and packets.silent(t):
             self.release(UDP)
         if self.owner == UDP:
-            forces = [self.world.signals[f"{hand}.force"] for hand in self.table.hands]
+            forces = [self.world.signals[HAND_FORCE.of(hand)] for hand in self.table.hands]
             packets.answer(forces, t)
         return accepted
 

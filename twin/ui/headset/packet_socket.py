@@ -17,6 +17,7 @@ from twin.core.spatial import Array
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import HAND, Packets
 from twin.simulation.world import Signals
+from twin.simulation.world.signal_kinds import DEVICE_IGNORED, HAND_LOST
 from twin.ui.headset.problem_reports import ProblemReports
 
 UDP = "udp"
@@ -204,8 +205,8 @@ class PacketHands:
         for hand, name in enumerate(device.hands):
             sender = self.socket.sender(hand, t)
             senders[name] = None if sender is None else _text(sender)
-            lost[name] = int(signals[f"{name}.lost"][0])
-        ignored = int(signals[f"{device.device}.ignored"][0])
+            lost[name] = int(signals[HAND_LOST.of(name)][0])
+        ignored = int(signals[DEVICE_IGNORED.of(device.device)][0])
         return {
             "port": self.socket.port,
             "from": senders,

@@ -15,6 +15,7 @@ from twin.api.procedure import ProcedureSession
 from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM
+from twin.simulation.world.signal_kinds import ORGAN_DEPTH, ORGAN_FREED, ORGAN_NODES, ROBOT_PULL, VESSEL_SEEN
 from twin.ui.report.curves import thin
 from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, operator, styled
 
@@ -87,13 +88,13 @@ def _rows(found: ProcedureSession) -> list[_Measured]:
     procedure = found.procedure
     organ = spoken(procedure.organ)
     vessel = spoken(procedure.vessel)
-    nodes = kept[f"{procedure.organ}.nodes"].reshape(len(kept.t), -1, 3)
+    nodes = kept[ORGAN_NODES.of(procedure.organ)].reshape(len(kept.t), -1, 3)
     middle = np.einsum("j,tjk->tk", found.organ.weights.mean(axis=0), nodes)
     lift = (middle[:, 2] - middle[0, 2]) / MM
-    pulls = [np.linalg.norm(kept[f"{robot}.pull"], axis=1) for robot in found.measures.paths]
-    depths = [kept[f"{spared}.depth"][:, 0] for spared in procedure.spare]
-    seen = kept[f"{procedure.vessel}.seen"][:, 0]
-    freed = kept[f"{procedure.organ}.freed"].mean(axis=1)
+    pulls = [np.linalg.norm(kept[ROBOT_PULL.of(robot)], axis=1) for robot in found.measures.paths]
+    depths = [kept[ORGAN_DEPTH.of(spared)][:, 0] for spared in procedure.spare]
+    seen = kept[VESSEL_SEEN.of(procedure.vessel)][:, 0]
+    freed = kept[ORGAN_FREED.of(procedure.organ)].mean(axis=1)
     return [
         _Measured(f"{organ} raised [mm]", lift, None, procedure.lift_mm),
         _Measured("pull [N]", np.max(pulls, axis=0), None, 1.0),

@@ -24,6 +24,18 @@ from twin.simulation.tasks.target.play import TargetOutcome
 from twin.simulation.tasks.target.task import Targets
 from twin.simulation.tasks.transfer.play import BoardOutcome
 from twin.simulation.tasks.transfer.task import Transfers
+from twin.simulation.world.signal_kinds import (
+    DEVICE_CAMERA,
+    DEVICE_CLUTCH,
+    DEVICE_SILENT,
+    HAND_GRIP,
+    OBJECT_HOLDER,
+    OBJECT_POSE,
+    OBJECT_RUBS,
+    ROBOT_FOLLOWS,
+    ROBOT_MEETS,
+    ROBOT_TOUCHES,
+)
 from twin.ui.report.curves import thin
 from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, operator, sheet, styled
 
@@ -203,7 +215,7 @@ def _path(ax: Axes, points: Array, **style: Any) -> None:
 
 def _positions(found: ConsoleSession, ring: str) -> Array:
     """Return the positions (k, 3) of a ring in m, in the World."""
-    poses = found.ran.kept[f"{ring}.pose"].reshape(-1, 4, 4)
+    poses = found.ran.kept[OBJECT_POSE.of(ring)].reshape(-1, 4, 4)
     return poses[:, :3, 3]
 
 
@@ -220,19 +232,19 @@ def _rows(found: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
     """Return the bands of pedals and states."""
     kept = found.ran.kept
     rows = [
-        _Band("clutch", kept[f"{PEDALS}.clutch"][:, 0] > 0.5, NEAR),
-        _Band("camera", kept[f"{PEDALS}.camera"][:, 0] > 0.5, PALETTE[3]),
+        _Band("clutch", kept[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5, NEAR),
+        _Band("camera", kept[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5, PALETTE[3]),
     ]
-    if f"{PEDALS}.silent" in kept.sizes:
-        rows.append(_Band("silent", kept[f"{PEDALS}.silent"][:, 0] > 0.5, INK))
+    if DEVICE_SILENT.of(PEDALS) in kept.sizes:
+        rows.append(_Band("silent", kept[DEVICE_SILENT.of(PEDALS)][:, 0] > 0.5, INK))
     for hand in console_scene.console_of(found.scene).hands:
         rows.append(_Band(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)))
     guide = goal_of(found.task, GuideTable)
     if guide is not None:
         ring = guide.ring
-        touches = kept[f"{ring}.rubs"][:, 0] > 0.5
+        touches = kept[OBJECT_RUBS.of(ring)][:, 0] > 0.5
         # the number of the holding instrument; negative: none
-        held = kept[f"{ring}.holder"][:, 0] >= 0
+        held = kept[OBJECT_HOLDER.of(ring)][:, 0] >= 0
         rows.append(_Band("wire touched", touches & held, INK))
     if found.task is not None and found.task.kind.grasps:
         # the session has contacts of instruments with props and objects
@@ -253,7 +265,7 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], rows: l
         ax.broken_barh(spans, (k - 0.35, 0.7), color=row.color, lw=0)
         names.append(row.name)
     for hand in console_scene.console_of(found.scene).hands:
-        grip = kept[f"{hand}.grip"][:, 0]
+        grip = kept[HAND_GRIP.of(hand)][:, 0]
         span = float(np.ptp(grip))
         opening = (grip - grip.min()) / max(span, 1e-9)
         times, shown = thin(t, opening, _POINTS)
@@ -270,15 +282,15 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], rows: l
 
 def _hits(found: ConsoleSession, robot: str) -> np.ndarray:
     """Return (k,) bool: whether a robot's instrument touches a fixed part or the other instrument at each tick."""
-    touches = found.ran.kept[f"{robot}.touches"][:, 0] > 0.5
-    meets = found.ran.kept[f"{robot}.meets"][:, 0] > 0.5
+    touches = found.ran.kept[ROBOT_TOUCHES.of(robot)][:, 0] > 0.5
+    meets = found.ran.kept[ROBOT_MEETS.of(robot)][:, 0] > 0.5
     return touches | meets
 
 
 def _leads(found: ConsoleSession, hand: str) -> np.ndarray:
     """Return (k,) bool: whether an arm of a hand follows the hand at each tick."""
     names = getattr(console_scene.console_of(found.scene), hand)
-    follows = [found.ran.kept[f"{name}.follows"][:, 0] > 0.5 for name in names]
+    follows = [found.ran.kept[ROBOT_FOLLOWS.of(name)][:, 0] > 0.5 for name in names]
     return np.any(follows, axis=0)
 
 

@@ -18,6 +18,25 @@ from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.controllers.pivot import FULCRUMS
 from twin.simulation.setup import Member, Setup
 from twin.simulation.world import Block, Signals, World
+from twin.simulation.world.signal_kinds import (
+    CAMERA_AT,
+    CONSOLE_MODE,
+    DEVICE_SCALE,
+    DEVICE_SILENT,
+    HAND_FORCE,
+    HAPTICS_ON,
+    ROBOT_CARRIES,
+    ROBOT_FOLLOWS,
+    ROBOT_GOAL,
+    ROBOT_HOLDS,
+    ROBOT_JUMPS,
+    ROBOT_OPENING,
+    ROBOT_PEDAL,
+    ROBOT_Q,
+    ROBOT_TARGET,
+    ROBOT_TIP,
+    ROBOT_TOOL,
+)
 
 _STUCK = 30.0
 """Time in s after which a pedal that is still pressed is reported, because it may be stuck (ASSUMED)."""
@@ -44,8 +63,8 @@ class ConsoleState:
     def read(self, arms: Mapping[str, str]) -> JsonObject:
         """Return the present state; `arms` maps each hand to the name of the robot that this hand controls."""
         signals = self._world.signals
-        mode = float(signals["console.mode"][0])
-        silent = bool(signals[f"{PEDALS}.silent"][0])
+        mode = float(signals[CONSOLE_MODE.name][0])
+        silent = bool(signals[DEVICE_SILENT.of(PEDALS)][0])
         fulcrum = None
         if self._table.instrument_mm:
             fulcrum = FULCRUMS[int(signals[console_scene.FULCRUM][0])]
@@ -55,8 +74,8 @@ class ConsoleState:
         return {
             "silent": silent,
             "mode": _mode_name(mode),
-            "scale": float(signals[f"{PEDALS}.scale"][0]),
-            "haptics": bool(signals["haptics.on"][0]),
+            "scale": float(signals[DEVICE_SCALE.of(PEDALS)][0]),
+            "haptics": bool(signals[HAPTICS_ON.name][0]),
             "fulcrum": fulcrum,
             "hands": hands,
             "camera": self._camera_limit(mode),
@@ -68,7 +87,7 @@ class ConsoleState:
         if mode != CAMERA:
             return None
         robot = self._scene.cameras[self._table.camera].robot
-        at = self._world.signals[f"{robot}.at"]
+        at = self._world.signals[CAMERA_AT.of(robot)]
         return camera_limit(at, console_scene.drag(self._table))
 
     def _stuck_pedal(self, mode: float, silent: bool) -> str | None:
@@ -84,15 +103,15 @@ class ConsoleState:
 
     def _hand(self, hand: str, arm: str) -> JsonObject:
         signals = self._world.signals
-        follows = bool(signals[f"{arm}.follows"][0])
+        follows = bool(signals[ROBOT_FOLLOWS.of(arm)][0])
         limit = None
         if follows:
-            goal = signals[f"{arm}.goal"].reshape(4, 4)
-            limit = arm_limit(self._members[arm], signals[f"{arm}.q"], goal)
-        moves_target = bool(signals[f"{arm}.target"][0])
+            goal = signals[ROBOT_GOAL.of(arm)].reshape(4, 4)
+            limit = arm_limit(self._members[arm], signals[ROBOT_Q.of(arm)], goal)
+        moves_target = bool(signals[ROBOT_TARGET.of(arm)][0])
         jumps = 0
         for robot in getattr(self._table, hand):
-            jumps += int(signals[f"{robot}.jumps"][0])
+            jumps += int(signals[ROBOT_JUMPS.of(robot)][0])
         state = {"robot": arm, "follows": follows or moves_target, "wall": limit, "jumps": jumps}
         if self._scene.tools:
             state |= self._tools(arm)
@@ -102,26 +121,26 @@ class ConsoleState:
         """Return an arm's chosen tool; in a procedure also the mounted tool, and why the two tools still differ."""
         signals = self._world.signals
         names = list(self._scene.tools)
-        tool = names[int(signals[f"{arm}.tool"][0])]
-        if f"{arm}.carries" not in signals or self._procedure is None:
+        tool = names[int(signals[ROBOT_TOOL.of(arm)][0])]
+        if ROBOT_CARRIES.of(arm) not in signals or self._procedure is None:
             return {"tool": tool}
-        carries = names[int(signals[f"{arm}.carries"][0])]
+        carries = names[int(signals[ROBOT_CARRIES.of(arm)][0])]
         waits = None
         if carries != tool:
             title = self._scene.tools[tool].title
             waits = f"{title} is not taken yet: {self._before_change(arm, self._procedure.change_mm)}"
-        pressed = bool(signals[f"{arm}.pedal"][0] > 0.5)
-        opened = bool(signals[f"{arm}.opening"][0] > 0.5)
+        pressed = bool(signals[ROBOT_PEDAL.of(arm)][0] > 0.5)
+        opened = bool(signals[ROBOT_OPENING.of(arm)][0] > 0.5)
         active = pressed and self._scene.tools[carries].kind == "cautery"
         return {"tool": tool, "carries": carries, "waits": waits, "open": opened, "active": active}
 
     def _before_change(self, arm: str, change_mm: float) -> str:
         """Return a text on what the user must do before the tool of an arm is changed."""
         signals = self._world.signals
-        if signals[f"{arm}.holds"][0] >= 0:  # the number of the held object, or -1
+        if signals[ROBOT_HOLDS.of(arm)][0] >= 0:  # the number of the held object, or -1
             return "first release the held object"
         port = self._port(arm)
-        distance = float(np.linalg.norm(signals[f"{arm}.tip"] - port)) / MM
+        distance = float(np.linalg.norm(signals[ROBOT_TIP.of(arm)] - port)) / MM
         return f"draw the tip back to at most {change_mm:g} mm from its port, now {distance:.0f} mm"
 
     def _port(self, arm: str) -> Array:
@@ -208,7 +227,7 @@ class ForcePeaks(Block):
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Update the largest forces with the forces of this tick."""
         for hand, peak in self._peaks.items():
-            force = signals.now[f"{hand}.force"]
+            force = signals.now[HAND_FORCE.of(hand)]
             if force @ force > peak @ peak:
                 self._peaks[hand] = force.copy()
         return {}

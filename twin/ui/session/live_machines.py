@@ -15,6 +15,7 @@ from twin.simulation.machine.exchange import Exchange
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.world import World
+from twin.simulation.world.signal_kinds import ROBOT_APART, ROBOT_CUE, ROBOT_DEVIATION, ROBOT_PHASE, ROBOT_RUN
 
 
 class LiveMachines:
@@ -72,8 +73,8 @@ class LiveMachines:
         bounds = machine_scene.bounds(self._trainer)
         robots = {}
         for name, link in self._machines.links.items():
-            phase, reason, value = signals[f"{name}.phase"]
-            run = signals[f"{name}.run"]
+            phase, reason, value = signals[ROBOT_PHASE.of(name)]
+            run = signals[ROBOT_RUN.of(name)]
             level = None
             if run[ANSWERS] > 0.5:
                 level = Level(int(run[LEVEL])).name
@@ -95,8 +96,8 @@ class LiveMachines:
         deviations = {}
         for name in self._machines.links:
             deviations[name] = {
-                "tip": float(world.signals[f"{name}.deviation"][0]),
-                "joints": world.signals[f"{name}.apart"],
-                "cue": float(np.linalg.norm(world.signals[f"{name}.cue"])),
+                "tip": float(world.signals[ROBOT_DEVIATION.of(name)][0]),
+                "joints": world.signals[ROBOT_APART.of(name)],
+                "cue": float(np.linalg.norm(world.signals[ROBOT_CUE.of(name)])),
             }
         return deviations

@@ -17,6 +17,7 @@ from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.state_packets import State
 from twin.simulation.world import Block, Placed, Signals, World
+from twin.simulation.world.signal_kinds import ROBOT_APART, ROBOT_DESIRED, ROBOT_MEASURED, ROBOT_Q, ROBOT_RUN
 
 _TICK = 1 / 60
 """Duration in s of a tick of the World."""
@@ -41,11 +42,11 @@ class _Shown(Block):
     """Reads `<robot>.measured` and `<robot>.desired`; writes `<robot>.q`, `<robot>_model.q` and `<robot>.apart`."""
 
     def __init__(self, robot: str, q: Array) -> None:
-        self._measured = f"{robot}.measured"
-        self._desired = f"{robot}.desired"
-        self._q = f"{robot}.q"
+        self._measured = ROBOT_MEASURED.of(robot)
+        self._desired = ROBOT_DESIRED.of(robot)
+        self._q = ROBOT_Q.of(robot)
         self._ghost = f"{robot}{MODEL}.q"
-        self._apart = f"{robot}.apart"
+        self._apart = ROBOT_APART.of(robot)
         self.outputs = {self._q: q, self._ghost: q, self._apart: np.zeros(len(q))}
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
@@ -114,12 +115,15 @@ class Mirror:
         """Distance in m between the tips of robot and ghost ("tip"), and desired minus measured q (n,) ("joints")."""
         body, T = self._tool
         tips = [(self.links[n][body] @ T)[:3, 3] for n in (self.name, self.ghost)]
-        return {"tip": float(np.linalg.norm(tips[1] - tips[0])), "joints": self.world.signals[f"{self.name}.apart"]}
+        return {
+            "tip": float(np.linalg.norm(tips[1] - tips[0])),
+            "joints": self.world.signals[ROBOT_APART.of(self.name)],
+        }
 
     @property
     def level(self) -> str | None:
         """Run level of the machine; None: the machine does not answer."""
-        run = self.world.signals[f"{self.name}.run"]
+        run = self.world.signals[ROBOT_RUN.of(self.name)]
         if run[ANSWERS] <= 0.5:
             return None
         return Level(int(run[LEVEL])).name

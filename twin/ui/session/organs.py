@@ -15,6 +15,7 @@ from twin.simulation.console_scene import ORGANS
 from twin.simulation.frame import WorldFrame
 from twin.simulation.plants.tissue import Organs, Tool
 from twin.simulation.world import World
+from twin.simulation.world.signal_kinds import ORGAN_FREED, ORGAN_NODES
 from twin.ui.session.feed import FieldSurface
 
 _MOST_STEPS = 2
@@ -113,7 +114,7 @@ class WorldFeed:
             mesh = deformable.mesh
             self.surfaces[deformable.name] = FieldSurface(mesh.triangles, mesh.color_rgba[:3])
             self._signals.append(deformable.signal)
-        self._signals.append(f"{organ.name}.freed")
+        self._signals.append(ORGAN_FREED.of(organ.name))
         marks = [_OCTAHEDRON_FACES + len(_OCTAHEDRON) * cell for cell in range(len(organ.held))]
         self.surfaces[self._bed] = FieldSurface(np.concatenate(marks), _BED_COLOR)
         self._shown = b""
@@ -130,9 +131,9 @@ class WorldFeed:
         """Return the present vertices as a frame of time `t` in s."""
         world = self._world()
         name = self._organ.name
-        nodes = world.signals[f"{name}.nodes"].reshape(-1, 3)
+        nodes = world.signals[ORGAN_NODES.of(name)].reshape(-1, 3)
         cells = nodes[self._organ.held]
-        attached = world.signals[f"{name}.freed"] < 0.5
+        attached = world.signals[ORGAN_FREED.of(name)] < 0.5
         # The octahedron of a cell that is free shrinks to a point: the triangles of a surface never change.
         marks = cells[:, None] + attached[:, None, None] * _OCTAHEDRON
         return WorldFrame(t, {}, world.fields() | {self._bed: marks.reshape(-1, 3)})

@@ -30,6 +30,7 @@ from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.setup import Member
 from twin.simulation.world import World
+from twin.simulation.world.signal_kinds import ROBOT_ENCODER, ROBOT_PHASE, ROBOT_Q, ROBOT_TARGET
 from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck, work
 
 PlanPhase = Literal["off", "aim", "plan", "preview", "run"]
@@ -164,7 +165,7 @@ class PlanMode:
                 "hands of the console"
             )
         if robot in self._machines:
-            trainer = self._world().signals[f"{robot}.phase"]
+            trainer = self._world().signals[ROBOT_PHASE.of(robot)]
             phase = TrainerPhase(int(trainer[0]))
             if phase > TrainerPhase.REHEARSE:
                 name = phase.name.lower()
@@ -238,7 +239,7 @@ class PlanMode:
         signals = self._world().signals
         motions = {}
         for name, q in self._q_others.items():
-            motions[name] = np.abs(signals[f"{name}.q"] - q)
+            motions[name] = np.abs(signals[ROBOT_Q.of(name)] - q)
         motions[self.robot] = np.abs(self._q_of(self.robot) - self._start)
         for name, motion in motions.items():
             k = int(np.argmax(motion))
@@ -349,7 +350,7 @@ class PlanMode:
 
     def _follow(self) -> None:
         """Move the ghost to the target. Test a new target; if the target is at rest and free, begin the search."""
-        target = self._world().signals[f"{self.robot}.target"][1:].reshape(4, 4)
+        target = self._world().signals[ROBOT_TARGET.of(self.robot)][1:].reshape(4, 4)
         if self.plans.state != OFF and not _near(target, self._target, *_NEAR):
             self._move_ghost(target)
         if not self.ready or self._checks:
@@ -447,18 +448,18 @@ class PlanMode:
     def _q_of(self, robot: str) -> Array:
         """Return the present joint values (n,) of an arm, as measured if it has encoders."""
         signals = self._world().signals
-        encoder = f"{robot}.encoder"
+        encoder = ROBOT_ENCODER.of(robot)
         if encoder in signals:
             return signals[encoder]
-        return signals[f"{robot}.q"]
+        return signals[ROBOT_Q.of(robot)]
 
     def _enter(self) -> None:
         """Store the joints of the other robots; if a robot has moved since the last plan, load the geometry again."""
         signals = self._world().signals
         q_others = {}
         for place in self._scene.places:
-            if place.name != self.robot and f"{place.name}.q" in signals:
-                q_others[place.name] = signals[f"{place.name}.q"]
+            if place.name != self.robot and ROBOT_Q.of(place.name) in signals:
+                q_others[place.name] = signals[ROBOT_Q.of(place.name)]
         if self._is_loaded_for(q_others):
             return
         self._q_others = q_others

@@ -37,6 +37,16 @@ from twin.simulation.session.run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Member, Setup
 from twin.simulation.world import Block, World
+from twin.simulation.world.signal_kinds import (
+    CAMERA_AT,
+    CAMERA_VIEW,
+    CONSOLE_TAPS,
+    OBJECT_POSE,
+    ROBOT_GOAL,
+    ROBOT_Q,
+    ROBOT_TARGET,
+    ROBOT_TOOL,
+)
 from twin.ui.session.console_state import ConsoleState, ForcePeaks, log_changes
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.feed import Feed
@@ -161,9 +171,9 @@ class LiveConsole:
     def state_row(self) -> Array:
         """Return the joint values of all displayed robots, and the poses of the movable objects, in one row."""
         signals = self.world.signals
-        values = [signals[f"{name}.q"] for name in self.shown]
+        values = [signals[ROBOT_Q.of(name)] for name in self.shown]
         for item in self.objects:
-            values.append(signals[f"{item.name}.pose"])
+            values.append(signals[OBJECT_POSE.of(item.name)])
         return np.concatenate(values)
 
     # -- the task -------------------------------------------------------------------------------------
@@ -261,7 +271,7 @@ class LiveConsole:
         procedure = self._setup.procedure
         if procedure is not None:
             for robot in procedure.start:
-                self.device.set(f"{robot}.tool", self._first_settings[f"{robot}.tool"])
+                self.device.set(ROBOT_TOOL.of(robot), self._first_settings[ROBOT_TOOL.of(robot)])
         self._begin()
         if self._forms is not None:
             self._forms.restart()
@@ -527,7 +537,7 @@ class LiveConsole:
         carriers = tools[tool].robots
         if robot not in carriers:
             raise TwinError(f"{robot} cannot carry '{tool}'; only {', '.join(carriers)} can carry it")
-        self.device.set(f"{robot}.tool", list(tools).index(tool))
+        self.device.set(ROBOT_TOOL.of(robot), list(tools).index(tool))
 
     def train(self, client: str, mode: Mode) -> None:
         """Request a mode of the machines' trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay.
@@ -602,14 +612,14 @@ class LiveConsole:
     def arm(self, hand: str) -> str:
         """Return the name of the robot that a hand ("right" or "left") controls now."""
         arms = getattr(self.table, hand)
-        taps = int(self.world.signals["console.taps"][0])  # each tap of the clutch chooses the next arm
+        taps = int(self.world.signals[CONSOLE_TAPS.name][0])  # each tap of the clutch chooses the next arm
         return arms[taps % len(arms)]
 
     def tool(self, hand: str) -> Array:
         """Return the present pose (4, 4) in the World of the tool that a hand controls."""
         name = self.arm(hand)
-        q = self.world.signals[f"{name}.q"]
-        goal = self.world.signals[f"{name}.goal"].reshape(4, 4)
+        q = self.world.signals[ROBOT_Q.of(name)]
+        goal = self.world.signals[ROBOT_GOAL.of(name)].reshape(4, 4)
         T_base_tool = self.members[name].kin.forward(q, goal)
         return self._places[name].T_world_base @ T_base_tool
 
@@ -619,7 +629,7 @@ class LiveConsole:
             return self.tool(hand)
         name = self.planning.robot
         # The first value of the signal says whether there is a target.
-        target = self.world.signals[f"{name}.target"][1:].reshape(4, 4)
+        target = self.world.signals[ROBOT_TARGET.of(name)][1:].reshape(4, 4)
         return self.place(name) @ target
 
     def place(self, robot: str) -> Array:
@@ -629,12 +639,12 @@ class LiveConsole:
     def goal(self, hand: str) -> Array:
         """Return the commanded pose (4, 4) in the World of the tool that a hand controls."""
         name = self.arm(hand)
-        return self._places[name].T_world_base @ self.world.signals[f"{name}.goal"].reshape(4, 4)
+        return self._places[name].T_world_base @ self.world.signals[ROBOT_GOAL.of(name)].reshape(4, 4)
 
     @property
     def view(self) -> Array:
         """Pose (4, 4) of the endoscope's picture in the World: x right, y up, z out of the picture."""
-        return self.world.signals[f"{self._camera}.view"].reshape(4, 4)
+        return self.world.signals[CAMERA_VIEW.of(self._camera)].reshape(4, 4)
 
     def forces(self) -> dict[str, Array]:
         """Return, for each hand, the largest force (3,) in N since the last call, in {H}, the axes of the picture."""
@@ -643,7 +653,7 @@ class LiveConsole:
     @property
     def camera_at(self) -> Array:
         """Present pan, tilt, depth and roll (4,) of the camera; the depth is in m, the angles are in rad."""
-        return self.world.signals[f"{self._camera}.at"]
+        return self.world.signals[CAMERA_AT.of(self._camera)]
 
     def _read(self) -> JsonObject:
         arms = {hand: self.arm(hand) for hand in self.table.hands}

@@ -19,8 +19,9 @@ from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.plants.contact.levers import ToolLevers
 from twin.simulation.proxy import proxy
+from twin.simulation.world.signal_kinds import ROBOT_PLANES
 
-NAME = "planes"
+NAME = ROBOT_PLANES.what
 """Last part of the name of the signal with the planes of a robot."""
 
 _NEAR = 0.2e-3
@@ -114,7 +115,7 @@ class Feel:
             # Different phases: the instruments do not compute their levers in the same step.
             self._levers.append(ToolLevers(gripper, 2 * k))
             self._proxies.append(_Proxy())
-            self.outputs[f"{gripper.robot}.{NAME}"] = np.zeros(SIZE)
+            self.outputs[ROBOT_PLANES.of(gripper.robot)] = np.zeros(SIZE)
         self._items = [m.body(name).id for name in objects]
         self._grasps: dict[int, _Grasp] = {}
         self._step = 0
@@ -164,7 +165,7 @@ class Feel:
                     values = rows([*arm_proxy.found, *planes], self._tool(d, arm))
                 else:
                     values = arm_proxy.planes.copy()
-                signals[f"{self._grippers[arm].robot}.{NAME}"] = values
+                signals[ROBOT_PLANES.of(self._grippers[arm].robot)] = values
             self._pushed[arm] = bool(planes)
         return signals
 

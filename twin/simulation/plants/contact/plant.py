@@ -18,6 +18,14 @@ from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner, Sol
 from twin.simulation.plants.contact.feel import Feel
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    OBJECT_HOLDER,
+    OBJECT_POSE,
+    OBJECT_RUBS,
+    ROBOT_MEETS,
+    ROBOT_Q,
+    ROBOT_TOUCHES,
+)
 
 _LINK_MASS = 10.0
 _LINK_INERTIA = 0.1
@@ -194,7 +202,7 @@ class Contact(Block):
         self._links = _Links(self._grippers, self._model, self._data, q_start, self.period)
         self._q_names: list[str] = []
         for gripper in self._grippers:
-            self._q_names.append(f"{gripper.robot}.q")
+            self._q_names.append(ROBOT_Q.of(gripper.robot))
         self._R = np.zeros(9)
         self._places: list[tuple[str, Array]] = []  # name of the signal, view on the object's pose in qpos
         for item in self._objects:
@@ -202,7 +210,7 @@ class Contact(Block):
             place = self._data.qpos[start : start + 7]
             place[:3] = item.T_world_object[:3, 3]
             place[3:] = spatial.quat_from_matrix_wxyz(item.T_world_object[:3, :3])
-            self._places.append((f"{item.name}.pose", place))
+            self._places.append((OBJECT_POSE.of(item.name), place))
         self._last_places = [b""] * len(self._places)
 
     def _sort(self) -> list[GeomOwner]:
@@ -278,13 +286,13 @@ class Contact(Block):
             return changed
         self._last_contacts = contacts
         for item, holder in zip(self._objects, contacts.holders, strict=True):
-            changed[f"{item.name}.holder"] = float(holder)
+            changed[OBJECT_HOLDER.of(item.name)] = float(holder)
         for k, gripper in enumerate(self._grippers):
-            changed[f"{gripper.robot}.touches"] = float(k in contacts.touches)
-            changed[f"{gripper.robot}.meets"] = float(k in contacts.meets)
+            changed[ROBOT_TOUCHES.of(gripper.robot)] = float(k in contacts.touches)
+            changed[ROBOT_MEETS.of(gripper.robot)] = float(k in contacts.meets)
         if self._rubbed:
             for k, item in enumerate(self._objects):
-                changed[f"{item.name}.rubs"] = float(k in contacts.rubs)
+                changed[OBJECT_RUBS.of(item.name)] = float(k in contacts.rubs)
         return changed
 
     def _contacts(self) -> _Contacts:

@@ -30,6 +30,23 @@ from twin.simulation.plants.tissue.sight import Sight
 from twin.simulation.plants.tissue.tubes import Held, Tube
 from twin.simulation.tasks.procedure.task import ProcedureTable
 from twin.simulation.world import Signals
+from twin.simulation.world.signal_kinds import (
+    ORGAN_DEPTH,
+    ORGAN_ENERGY,
+    ORGAN_FREED,
+    ROBOT_CARRIES,
+    ROBOT_HOLDS,
+    ROBOT_LIFTED,
+    ROBOT_OPENING,
+    ROBOT_PEDAL,
+    ROBOT_PULL,
+    ROBOT_SLIPPED,
+    ROBOT_TIP,
+    ROBOT_TOOL,
+    VESSEL_CUT,
+    VESSEL_NODES,
+    VESSEL_SEEN,
+)
 
 
 class ClipPlace(IntEnum):
@@ -271,7 +288,7 @@ class Operating(Tissues):
         state.T = instrument.T_world_tip()
         self._change_tool(instrument, state, signals)
         tool = self._tools[state.tool]
-        opened = bool(signals.now[f"{robot}.opening"][0] > 0.5)
+        opened = bool(signals.now[ROBOT_OPENING.of(robot)][0] > 0.5)
         if state.opened and not opened:
             match tool.kind:
                 case "grasper":
@@ -286,7 +303,7 @@ class Operating(Tissues):
             self._open(k, instrument, state)
         state.opened = opened
         tip = state.T[:3, 3]
-        if tool.kind == "cautery" and signals.now[f"{robot}.pedal"][0] > 0.5:
+        if tool.kind == "cautery" and signals.now[ROBOT_PEDAL.of(robot)][0] > 0.5:
             self._burn(tip, tool)
         held = self._held(k, state)
         if held is not None:
@@ -296,7 +313,7 @@ class Operating(Tissues):
 
     def _change_tool(self, instrument: OperatingRobot, state: _State, signals: Signals) -> None:
         """Change to the requested tool, if the jaws hold nothing and the instrument is drawn back to its port."""
-        requested = signals.now[f"{instrument.robot}.tool"][0]
+        requested = signals.now[ROBOT_TOOL.of(instrument.robot)][0]
         wanted = self._tool_names[int(np.clip(requested, 0, len(self._tool_names) - 1))]
         if wanted == state.tool or state.holds >= 0:
             return
@@ -432,14 +449,14 @@ class Operating(Tissues):
         for k, instrument in enumerate(self._instruments):
             self._add_instrument(values, k, instrument.robot)
         organ = self._organ.name
-        values[f"{organ}.energy"] = self._energy.copy()
-        values[f"{organ}.freed"] = self._freed.copy()
+        values[ORGAN_ENERGY.of(organ)] = self._energy.copy()
+        values[ORGAN_FREED.of(organ)] = self._freed.copy()
         for name, depth in self._depths.items():
-            values[f"{name}.depth"] = depth
+            values[ORGAN_DEPTH.of(name)] = depth
         for tube in self._tubes:
-            values[f"{tube.vessel.name}.nodes"] = tube.nodes().ravel()
-            values[f"{tube.vessel.name}.cut"] = tube.cut.astype(float)
-        values[f"{self._procedure.vessel}.seen"] = self._seen
+            values[VESSEL_NODES.of(tube.vessel.name)] = tube.nodes().ravel()
+            values[VESSEL_CUT.of(tube.vessel.name)] = tube.cut.astype(float)
+        values[VESSEL_SEEN.of(self._procedure.vessel)] = self._seen
         self._add_clips(values)
         return values
 
@@ -458,12 +475,12 @@ class Operating(Tissues):
             else:
                 p = self._tubes[state.holds - 1].points[held.node]
             lifted = p - state.rest
-        values[f"{robot}.tip"] = state.T[:3, 3]
-        values[f"{robot}.carries"] = float(self._tool_names.index(state.tool))
-        values[f"{robot}.holds"] = float(state.holds)
-        values[f"{robot}.pull"] = pull
-        values[f"{robot}.lifted"] = lifted
-        values[f"{robot}.slipped"] = slipped
+        values[ROBOT_TIP.of(robot)] = state.T[:3, 3]
+        values[ROBOT_CARRIES.of(robot)] = float(self._tool_names.index(state.tool))
+        values[ROBOT_HOLDS.of(robot)] = float(state.holds)
+        values[ROBOT_PULL.of(robot)] = pull
+        values[ROBOT_LIFTED.of(robot)] = lifted
+        values[ROBOT_SLIPPED.of(robot)] = slipped
 
     def _add_clips(self, values: dict[str, ArrayLike]) -> None:
         """Add the signals of the clips; a clip on a vessel moves with the vessel."""

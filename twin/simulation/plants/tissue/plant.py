@@ -15,6 +15,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.tissue import Tissue
 from twin.simulation.plants.tissue.organs import PERIOD, SLOWEST, Organs, Tool
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import ORGAN_FORCE, ORGAN_NODES, ORGAN_TOUCHED, ROBOT_Q
 
 
 class Links:
@@ -31,7 +32,7 @@ class Links:
         for name in bodies:
             if name not in known:
                 raise WorldError(unknown(f"body of {robot}", name, known))
-        self.signal = f"{robot}.q"
+        self.signal = ROBOT_Q.of(robot)
         self.tools = [Tool(robot, known[name]) for name in bodies]
         self._T_world_base = np.array(T_world_base, float)
         self._loops = LinkPoses(LoopSolver(mechanism))
@@ -96,7 +97,7 @@ class Tissues(Block):
         values: dict[str, ArrayLike] = {}
         nodes = self.organs.nodes
         for name, touch in self.organs.touches().items():
-            values[f"{name}.nodes"] = nodes[name].ravel()
-            values[f"{name}.force"] = touch.force
-            values[f"{name}.touched"] = float(touch.triangle)
+            values[ORGAN_NODES.of(name)] = nodes[name].ravel()
+            values[ORGAN_FORCE.of(name)] = touch.force
+            values[ORGAN_TOUCHED.of(name)] = float(touch.triangle)
         return values

@@ -15,6 +15,7 @@ from twin.core.spatial import Array
 from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.pedals import CAMERA
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import CAMERA_AT, CONSOLE_MODE, DEVICE_CAMERA
 
 
 class CameraReferee(Block):
@@ -35,7 +36,7 @@ class CameraReferee(Block):
         self.period = period
         self.moves = 0
         self.time = 0.0
-        self._at_name = f"{camera}.at"
+        self._at_name = CAMERA_AT.of(camera)
         self._at: Array | None = None
         self._begun: float | None = None
         self._moved = False
@@ -45,10 +46,10 @@ class CameraReferee(Block):
         at = signals.now[self._at_name].copy()
         before = self._at
         self._at = at
-        pressed = signals.now[f"{PEDALS}.camera"].item() > 0.5
+        pressed = signals.now[DEVICE_CAMERA.of(PEDALS)].item() > 0.5
         if not pressed:
             self._moved = False
-        if signals.now["console.mode"].item() != CAMERA:
+        if signals.now[CONSOLE_MODE.name].item() != CAMERA:
             return {}
         if self._begun is None:
             self._begun = t

@@ -17,6 +17,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
+from twin.simulation.world.signal_kinds import SURGEON_TARGET
 
 _STROKES = 25
 """Maximum number of strokes per press of the pedal."""
@@ -61,7 +62,7 @@ class CameraSurgeon(SurgeonHands):
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         values = super()._said(k)
-        values["surgeon.target"] = 0.0
+        values[SURGEON_TARGET.name] = 0.0
         return values
 
     def _work(self) -> Iterator[None]:

@@ -18,6 +18,7 @@ from twin.simulation.tasks.align import aligned, picture, upper_side
 from twin.simulation.tasks.align.picture import ColouredSurface
 from twin.simulation.tasks.align.task import RECTANGLE, Alignment
 from twin.simulation.world import Recording
+from twin.simulation.world.signal_kinds import CONSOLE_MODE, HAND_POSE
 
 AGREE = 0.05 * DEG
 """Largest difference in rad between the angle by projection and the angle in the picture."""
@@ -70,7 +71,7 @@ def measure(
         sight: all surfaces, and the pose of the camera, at the end of the session; computed from the mechanisms.
         lens: (k, 3) position of the lens in m.
     """
-    driven = kept["console.mode"][:, 0] == CAMERA
+    driven = kept[CONSOLE_MODE.name][:, 0] == CAMERA
     time = _time(kept.t, driven, lens)
     course = np.array([aligned.seen_ends(alignment, T, view) for T in Ts_world_picture])
     angle = aligned.angle(course[-1])
@@ -79,7 +80,7 @@ def measure(
     driven_steps = driven[1:] & driven[:-1]
     hands = {}
     for hand in HANDS:
-        p = kept[f"{hand}.pose"].reshape(-1, 4, 4)[:, :3, 3]
+        p = kept[HAND_POSE.of(hand)].reshape(-1, 4, 4)[:, :3, 3]
         steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
         hands[hand] = float(steps[driven_steps].sum())
     path = movement.path_length(lens)

@@ -25,6 +25,7 @@ from twin.simulation.session.referee import BEGIN, InstrumentReferee, Runs
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.guide.task import STEPS, GuideTable
 from twin.simulation.tasks.transfer.rings import crossing
+from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE, OBJECT_RUBS, ROBOT_Q
 
 _TITLES = {
     "picked up": "Pick the ring up",
@@ -168,9 +169,9 @@ class GuidingReferee(InstrumentReferee):
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         name = self._ring.name
-        T = now[f"{name}.pose"]
-        self._holder = int(now[f"{name}.holder"][0])
-        if self._holder >= 0 and now[f"{name}.rubs"][0] > 0.5:
+        T = now[OBJECT_POSE.of(name)]
+        self._holder = int(now[OBJECT_HOLDER.of(name)][0])
+        if self._holder >= 0 and now[OBJECT_RUBS.of(name)][0] > 0.5:
             self._rubbing += 1
             if self._rubs.see(k, True):
                 self._tell(k, "bad", f"{name} touched the wire")
@@ -253,7 +254,7 @@ class GuidingReferee(InstrumentReferee):
     def _are_outside(self, now: Mapping[str, Array]) -> bool:
         """Return whether all tools are far enough outside of the dome."""
         for robot in self._names:
-            p = self._tools[robot](now[f"{robot}.q"])
+            p = self._tools[robot](now[ROBOT_Q.of(robot)])
             if self.course.outside(p) < self._guide.outside_mm * MM:
                 return False
         return True
@@ -300,9 +301,9 @@ class GuidingReferee(InstrumentReferee):
     def signals(self) -> list[str]:
         """Names of the signals that the referee reads."""
         ring = self._ring.name
-        names = [*super().signals, f"{ring}.pose", f"{ring}.holder", f"{ring}.rubs"]
+        names = [*super().signals, OBJECT_POSE.of(ring), OBJECT_HOLDER.of(ring), OBJECT_RUBS.of(ring)]
         for robot in self._names:
-            names.append(f"{robot}.q")
+            names.append(ROBOT_Q.of(robot))
         return names
 
     @property

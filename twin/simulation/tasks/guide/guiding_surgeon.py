@@ -25,6 +25,7 @@ from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.tasks.guide.task import KIND, Mistake
 from twin.simulation.tasks.guide.ways import Ways
+from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE, ROBOT_Q, SURGEON_TARGET
 
 _TRIES = 3
 """Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""
@@ -118,17 +119,17 @@ class GuidingSurgeon(SurgeonHands):
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         values = super()._said(k)
-        values["surgeon.target"] = float(self._stage)
+        values[SURGEON_TARGET.name] = float(self._stage)
         return values
 
     # -- what the surgeon sees ------------------------------------------------------------------------
 
     def _pose(self) -> Array:
         """Return the pose (4, 4) of the ring in the World."""
-        return self._signals[f"{self.ring.name}.pose"].reshape(4, 4)
+        return self._signals[OBJECT_POSE.of(self.ring.name)].reshape(4, 4)
 
     def _holder(self) -> int:
-        return int(self._signals[f"{self.ring.name}.holder"].item())
+        return int(self._signals[OBJECT_HOLDER.of(self.ring.name)].item())
 
     def _axis(self, towards: Array) -> Array:
         """Return the axis (3,) of the ring, with the sign that makes `axis . towards` non-negative."""
@@ -191,7 +192,7 @@ class GuidingSurgeon(SurgeonHands):
     def _room(self, hand: str, places: Sequence[tuple[Array, Array]], flip: float) -> float:
         """Return the smallest distance from joint limits in all of the grasps, see `Ways.room`; -inf: out of reach."""
         robot = self.arms[hand].robot
-        q = self._signals[f"{robot}.q"]
+        q = self._signals[ROBOT_Q.of(robot)]
         room = np.inf
         for centre, n in places:
             try:
@@ -218,7 +219,7 @@ class GuidingSurgeon(SurgeonHands):
         yield from self._rest(0.3)
         yield from self._show()
         for hand, eye in self.arms.items():
-            self._rests[hand] = self._signals[f"{eye.robot}.q"].copy()
+            self._rests[hand] = self._signals[ROBOT_Q.of(eye.robot)].copy()
         for stage, step in enumerate((self._enter, self._pick_up, self._hand_over, self._guide, self._retract)):
             self._stage = stage
             yield from step()
@@ -353,9 +354,9 @@ class GuidingSurgeon(SurgeonHands):
         eye = self.arms[hand]
         robot = eye.robot
         # copies, because the signals go on while the arm moves
-        q_now = {self.camera: self._signals[f"{self.camera}.q"].copy()}
+        q_now = {self.camera: self._signals[ROBOT_Q.of(self.camera)].copy()}
         for arm in self.arms.values():
-            q_now[arm.robot] = self._signals[f"{arm.robot}.q"].copy()
+            q_now[arm.robot] = self._signals[ROBOT_Q.of(arm.robot)].copy()
         objects = {self.ring.name: self._pose().copy()}
         problem: Exception | None = None
         for trial in range(_TRIES):

@@ -11,6 +11,17 @@ from twin.kinematics import Kinematics
 from twin.simulation.devices.hand import ScriptedHand
 from twin.simulation.devices.surgeon_hands import Seat, SimulatedHands
 from twin.simulation.world import Signals
+from twin.simulation.world.signal_kinds import (
+    DEVICE_CAMERA,
+    DEVICE_CLUTCH,
+    DEVICE_SCALE,
+    HAND_GOAL,
+    HAND_GRIP,
+    HAND_HANDLE,
+    HAND_PEDAL,
+    HAND_POSE,
+    SURGEON_TARGET,
+)
 
 
 class ScriptedPen(SimulatedHands):
@@ -38,7 +49,7 @@ class ScriptedPen(SimulatedHands):
         self._scale = seat.scale
         self._R_base_hand = R_base_hand
         self._R_start = R_start
-        handle = operator.outputs["hand.handle"]
+        handle = operator.outputs[HAND_HANDLE.name]
         self.outputs = self._signals(np.asarray(handle, float), 0.0, -1.0)
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
@@ -48,9 +59,9 @@ class ScriptedPen(SimulatedHands):
             self.missed = [self.operator.missed]
         if values is None:
             return None
-        handle = np.asarray(values["hand.handle"], float)
-        pedal = float(np.asarray(values["hand.pedal"]))
-        goal = float(np.asarray(values["hand.goal"]))
+        handle = np.asarray(values[HAND_HANDLE.name], float)
+        pedal = float(np.asarray(values[HAND_PEDAL.name]))
+        goal = float(np.asarray(values[HAND_GOAL.name]))
         return self._signals(handle, pedal, goal)
 
     def _signals(self, handle: Array, pedal: float, goal: float) -> dict[str, ArrayLike]:
@@ -59,12 +70,12 @@ class ScriptedPen(SimulatedHands):
         R_hand_base = self._R_base_hand.T
         pose = spatial.pose(R_hand_base @ turn @ self._R_base_hand, R_hand_base @ T[:3, 3])
         return {
-            f"{self.hand}.handle": handle,
-            f"{self.hand}.pedal": pedal,
-            f"{self.hand}.pose": pose.ravel(),
-            f"{self.hand}.grip": 0.0,
-            f"{self._device}.clutch": pedal,
-            f"{self._device}.camera": 0.0,
-            f"{self._device}.scale": self._scale,
-            "surgeon.target": goal,
+            HAND_HANDLE.of(self.hand): handle,
+            HAND_PEDAL.of(self.hand): pedal,
+            HAND_POSE.of(self.hand): pose.ravel(),
+            HAND_GRIP.of(self.hand): 0.0,
+            DEVICE_CLUTCH.of(self._device): pedal,
+            DEVICE_CAMERA.of(self._device): 0.0,
+            DEVICE_SCALE.of(self._device): self._scale,
+            SURGEON_TARGET.name: goal,
         }

@@ -28,6 +28,7 @@ from twin.simulation.tasks.holes.operator import ScriptedPen
 from twin.simulation.tasks.holes.referee import HoleJudge, HoleReferee
 from twin.simulation.trial import INNER
 from twin.simulation.world import Recording
+from twin.simulation.world.signal_kinds import CONSOLE_MODE
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class _HolePlay(Play):
     def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> HoleOutcome:
         goals = hole_goals(setup, task)
         judge = HoleJudge(goals.holes, goals.contact, kept.dt)
-        pressed = kept["console.mode"][:, 0] == TOOLS
+        pressed = kept[CONSOLE_MODE.name][:, 0] == TOOLS
         for tip, down in zip(arms[goals.robot].tip, pressed, strict=True):
             judge.see(tip, bool(down))
         return HoleOutcome(judge)

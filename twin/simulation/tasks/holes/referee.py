@@ -14,6 +14,7 @@ from twin.kinematics import Kinematics
 from twin.simulation.session.referee import Event, Tone
 from twin.simulation.tasks.holes.geometry import Hole, HoleGoals
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import HAND_PEDAL, ROBOT_Q
 
 _NEVER = -1
 
@@ -131,8 +132,8 @@ class HoleReferee(Block):
         """Begin with no sample; the tip is computed from the robot's equations every `period` s."""
         self.period = period
         self.judge = HoleJudge(goals.holes, goals.contact, period)
-        self._q = f"{goals.robot}.q"
-        self._pedal = f"{hand}.pedal"
+        self._q = ROBOT_Q.of(goals.robot)
+        self._pedal = HAND_PEDAL.of(hand)
         self._kin = kin
         self._T_world_base = T_world_base
         self._T_tool_tip = goals.T_tool_tip

@@ -8,11 +8,12 @@ from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session.play import Play
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_guide import ProcedureGuide
+from twin.simulation.world.signal_kinds import CLIP_ON
 
 
 class _ProcedurePlay(Play):
     def referee(self, setup: Setup, task: ConsoleTask, period: float) -> ProcedureGuide:
-        switches = [f"{clip.name}.on" for clip in clips_of(setup.scene.tools)]
+        switches = [CLIP_ON.of(clip.name) for clip in clips_of(setup.scene.tools)]
         return ProcedureGuide(setup, switches, console_scene.ORGANS)
 
     def identity(self, setup: Setup, task: ConsoleTask) -> list[object]:

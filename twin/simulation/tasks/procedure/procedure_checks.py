@@ -19,6 +19,23 @@ from twin.simulation import operating_scene
 from twin.simulation.plants.tissue.operating import ClipPlace, Grasped
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Recording, Signals
+from twin.simulation.world.signal_kinds import (
+    CLIP_AT,
+    CLIP_COVER,
+    CLIP_ON,
+    ORGAN_DEPTH,
+    ORGAN_ENERGY,
+    ORGAN_FREED,
+    ORGAN_NODES,
+    ROBOT_FOLLOWS,
+    ROBOT_HOLDS,
+    ROBOT_LIFTED,
+    ROBOT_PULL,
+    ROBOT_SLIPPED,
+    ROBOT_TIP,
+    VESSEL_CUT,
+    VESSEL_SEEN,
+)
 
 _SHUT = 1 - 1e-9
 """A clip closes a vessel if at least this fraction of the vessel's width is between the legs of the clip."""
@@ -174,46 +191,46 @@ class ProcedureReferee(Block):
     def see(self, now: Mapping[str, Array], t: float) -> None:
         """Judge a sample at a time t in s, `period` after the sample before."""
         self.t = t
-        if self.begun is None and any(now[f"{robot}.follows"][0] > 0.5 for robot in self.robots):
+        if self.begun is None and any(now[ROBOT_FOLLOWS.of(robot)][0] > 0.5 for robot in self.robots):
             self.begun = t
         self._see_clips(now)
         self.lift = self._lift(now)
-        self.seen = float(now[f"{self.procedure.vessel}.seen"][0])
+        self.seen = float(now[VESSEL_SEEN.of(self.procedure.vessel)][0])
         if not self.closed:
             self._before_clips()
         for k, vessel in enumerate(self._vessels):
             # copied, because the World writes the next values into the same memory
-            self._cuts[k] = now[f"{vessel.name}.cut"].copy()
+            self._cuts[k] = now[VESSEL_CUT.of(vessel.name)].copy()
         if not self.cut and self._cuts[self._number].any():
             self._t_cut = t
         self._see_organ(now)
         for name in self.procedure.spare:
-            self._depths[name] = max(self._depths[name], float(now[f"{name}.depth"][0]))
+            self._depths[name] = max(self._depths[name], float(now[ORGAN_DEPTH.of(name)][0]))
         for robot in self.robots:
-            tip = now[f"{robot}.tip"].copy()
+            tip = now[ROBOT_TIP.of(robot)].copy()
             previous = self._tips.get(robot, tip)  # in the first sample, the path has no length
             self._paths[robot] += float(np.linalg.norm(tip - previous))
             self._tips[robot] = tip
-            self._pull = max(self._pull, float(np.linalg.norm(now[f"{robot}.pull"])))
-            self._slipped = max(self._slipped, float(now[f"{robot}.slipped"][0]))
+            self._pull = max(self._pull, float(np.linalg.norm(now[ROBOT_PULL.of(robot)])))
+            self._slipped = max(self._slipped, float(now[ROBOT_SLIPPED.of(robot)][0]))
 
     def _see_clips(self, now: Mapping[str, Array]) -> None:
         """Move the clips that have left their appliers to the closed ones."""
         for name in list(self._clips):
-            on = round(float(now[f"{name}.on"][0]))
+            on = round(float(now[CLIP_ON.of(name)][0]))
             if on == ClipPlace.UNUSED:
                 continue
             self._clips.remove(name)
-            at = float(now[f"{name}.at"][0])
-            cover = float(now[f"{name}.cover"][0])
+            at = float(now[CLIP_AT.of(name)][0])
+            cover = float(now[CLIP_COVER.of(name)][0])
             self.closed.append(Closed(self.t, on, at, cover))
 
     def _lift(self, now: Mapping[str, Array]) -> float:
         """Return the largest height in m by which a robot has lifted the organ; 0: no robot holds it."""
         lift = 0.0
         for robot in self.robots:
-            if now[f"{robot}.holds"][0] == Grasped.ORGAN:
-                lift = max(lift, float(now[f"{robot}.lifted"][2]))
+            if now[ROBOT_HOLDS.of(robot)][0] == Grasped.ORGAN:
+                lift = max(lift, float(now[ROBOT_LIFTED.of(robot)][2]))
         return lift
 
     def _before_clips(self) -> None:
@@ -232,9 +249,9 @@ class ProcedureReferee(Block):
     def _see_organ(self, now: Mapping[str, Array]) -> None:
         p = self.procedure
         organ = self._organ.name
-        self.freed = now[f"{organ}.freed"] > 0.5
-        self.energy = now[f"{organ}.energy"].copy()
-        middle = self._middle @ now[f"{organ}.nodes"].reshape(-1, 3)
+        self.freed = now[ORGAN_FREED.of(organ)] > 0.5
+        self.energy = now[ORGAN_ENERGY.of(organ)].copy()
+        middle = self._middle @ now[ORGAN_NODES.of(organ)].reshape(-1, 3)
         self.out = float(np.linalg.norm(middle - self._ports, axis=1).min())
         is_free = bool(self.freed.all()) and bool(self.energy.min() >= p.bed_j)
         self.removed = is_free and self.out <= p.out_mm * MM
@@ -391,10 +408,11 @@ def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:
     """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
     clips = []
     for name in sorted(kept.sizes):
-        if name.startswith("clip_") and name.endswith(".on"):
+        clip = CLIP_ON.owner_of(name)
+        if clip is not None and clip.startswith("clip_"):
             clips.append(name)
     robots = operating_scene.procedure_of(setup.scene, setup.task).start
-    by_hand = all(f"{robot}.follows" in kept.sizes for robot in robots)
+    by_hand = all(ROBOT_FOLLOWS.of(robot) in kept.sizes for robot in robots)
     referee = ProcedureReferee(setup, clips, kept.dt, by_hand)
     for t, now in zip(kept.t.tolist(), kept.samples(kept.sizes), strict=True):
         referee.see(now, t)

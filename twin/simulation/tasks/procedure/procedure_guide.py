@@ -15,6 +15,7 @@ from twin.simulation.plants.tissue.operating import Grasped
 from twin.simulation.session.referee import BEGIN, Event
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_checks import Closed, ProcedureCheck, ProcedureReferee
+from twin.simulation.world.signal_kinds import ROBOT_CARRIES, ROBOT_HOLDS
 
 _TITLES = {
     "expose": "Expose the organ",
@@ -93,8 +94,8 @@ class ProcedureGuide(ProcedureReferee):
     def _see_robot(self, robot: str, now: Mapping[str, Array]) -> None:
         """Read the tool of a robot and what it holds; add an event if it has grasped or released something."""
         before = self._holds[robot]
-        holds = round(float(now[f"{robot}.holds"][0]))
-        self._carried[robot] = round(float(now[f"{robot}.carries"][0]))
+        holds = round(float(now[ROBOT_HOLDS.of(robot)][0]))
+        self._carried[robot] = round(float(now[ROBOT_CARRIES.of(robot)][0]))
         self._holds[robot] = holds
         if holds == before:
             return

@@ -17,6 +17,7 @@ from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureSurgeon
 from twin.simulation.tasks.procedure.task import Mistake, ProcedureTable
 from twin.simulation.world import Recording, World
+from twin.simulation.world.signal_kinds import DEVICE_CLUTCH, ORGAN_NODES, SURGEON_STAGE
 
 _SAMPLE = 8e-3
 """Time in s between two kept rows, equal to the time between two steps of the organs."""
@@ -26,12 +27,12 @@ _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
 
 def by_hand(session: Session) -> bool:
     """Return whether a procedure was performed at a console by hand; otherwise, a simulated surgeon performed it."""
-    return f"{console_scene.PEDALS}.clutch" in file.sizes(session.head.device)
+    return DEVICE_CLUTCH.of(console_scene.PEDALS) in file.sizes(session.head.device)
 
 
 def keep_for(world: World, procedure: ProcedureTable, sample: float = _SAMPLE) -> Keep:
     """Return a `Keep` of the measures' signals, with the nodes of the removed organ only; one row every `sample` s."""
-    nodes = f"{procedure.organ}.nodes"
+    nodes = ORGAN_NODES.of(procedure.organ)
     unused = (".nodes", ".pose", ".goal", ".command")
     names = []
     for name in world.signals.sizes:
@@ -67,7 +68,7 @@ def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", p
             rows = tape.take()
             writer.add(rows)
             keep.add(rows)
-            stage = int(world.signals["surgeon.stage"][0])
+            stage = int(world.signals[SURGEON_STAGE.name][0])
             progress(_STAGES[stage], stage / len(_STAGES))
     return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed))
 

@@ -26,6 +26,19 @@ from twin.simulation.procedure_scene import TICK
 from twin.simulation.setup import Member, Setup
 from twin.simulation.tasks.procedure.task import KIND, Mistake
 from twin.simulation.world import Block, Signals
+from twin.simulation.world.signal_kinds import (
+    CLIP_COVER,
+    ORGAN_FREED,
+    ORGAN_NODES,
+    ROBOT_HOLDS,
+    ROBOT_OPENING,
+    ROBOT_PEDAL,
+    ROBOT_TIP_TARGET,
+    ROBOT_TOOL,
+    SURGEON_STAGE,
+    VESSEL_CUT,
+    VESSEL_NODES,
+)
 
 _TRIES = 3
 """Number of attempts at a grasp, a clip, a cut or a cell of the bed before the surgeon goes on."""
@@ -172,23 +185,23 @@ class ProcedureSurgeon(Block):
 
     def _said(self, still: bool = False) -> dict[str, ArrayLike]:
         """Return the signals; `still`: without tremor."""
-        values: dict[str, ArrayLike] = {"surgeon.stage": float(self._stage)}
+        values: dict[str, ArrayLike] = {SURGEON_STAGE.name: float(self._stage)}
         for robot, p in self._at.items():
             if still:
-                values[f"{robot}.target"] = p.copy()
+                values[ROBOT_TIP_TARGET.of(robot)] = p.copy()
             else:
-                values[f"{robot}.target"] = p + self._tremors[robot].output(self._k)
+                values[ROBOT_TIP_TARGET.of(robot)] = p + self._tremors[robot].output(self._k)
         for robot in self._arms:
-            values[f"{robot}.opening"] = self._opening[robot]
-            values[f"{robot}.tool"] = float(self._tool[robot])
-            values[f"{robot}.pedal"] = self._pedal[robot]
+            values[ROBOT_OPENING.of(robot)] = self._opening[robot]
+            values[ROBOT_TOOL.of(robot)] = float(self._tool[robot])
+            values[ROBOT_PEDAL.of(robot)] = self._pedal[robot]
         return values
 
     # -- what the surgeon sees ---------------------------------------------------------------------------------
 
     def _line(self, vessel: str) -> Array:
         """Return the nodes (n + 1, 3) of a vessel's centre line as they are now."""
-        rings = self._now[f"{vessel}.nodes"].reshape(-1, 2, 3, 3)
+        rings = self._now[VESSEL_NODES.of(vessel)].reshape(-1, 2, 3, 3)
         return np.vstack([rings[:, 0, 0], rings[-1:, 1, 0]])
 
     def _place(self, vessel: str, s: float) -> tuple[Array, Array]:
@@ -203,7 +216,7 @@ class ProcedureSurgeon(Block):
 
     def _bed(self) -> Array:
         """Return the cells (n, 3) of the bed as they are now."""
-        nodes = self._now[f"{self._organ.name}.nodes"].reshape(-1, 3)
+        nodes = self._now[ORGAN_NODES.of(self._organ.name)].reshape(-1, 3)
         return nodes[self._organ.held]
 
     def _inwards(self, robot: str, p: Array) -> Array:
@@ -280,7 +293,7 @@ class ProcedureSurgeon(Block):
         holder = self._holder
         root = self._line(self.procedure.vessel)[0]
         for _ in range(_TRIES):
-            vertices = organ.weights @ self._now[f"{organ.name}.nodes"].reshape(-1, 3)
+            vertices = organ.weights @ self._now[ORGAN_NODES.of(organ.name)].reshape(-1, 3)
             heights = vertices[:, 2]
             high = np.flatnonzero(heights > np.quantile(heights, 0.8))  # the grasper comes from above
             distances = np.linalg.norm(vertices[high] - root, axis=1)
@@ -288,7 +301,7 @@ class ProcedureSurgeon(Block):
             yield from self._to(holder, self._aimed(point))
             self._opening[holder] = 0.0
             yield from self._wait(self.manner.press)
-            if self._now[f"{holder}.holds"][0] == Grasped.ORGAN:
+            if self._now[ROBOT_HOLDS.of(holder)][0] == Grasped.ORGAN:
                 break
             self._opening[holder] = 1.0
             yield from self._back(holder)
@@ -335,7 +348,7 @@ class ProcedureSurgeon(Block):
         """Return the number of clips that are closed on a vessel."""
         count = 0
         for name, value in self._now.items():
-            if name.endswith(".cover") and float(value[0]) >= 1 - 1e-9:
+            if CLIP_COVER.owner_of(name) is not None and float(value[0]) >= 1 - 1e-9:
                 count += 1
         return count
 
@@ -360,7 +373,7 @@ class ProcedureSurgeon(Block):
             s = manner.kept * vessel.arc[-1] + self.procedure.clips_kept * manner.apart
         for _ in range(_TRIES):
             yield from self._close_at(vessel.name, s)
-            if self._now[f"{vessel.name}.cut"].any():
+            if self._now[VESSEL_CUT.of(vessel.name)].any():
                 return
         self.missed.append("cut")
 
@@ -385,7 +398,7 @@ class ProcedureSurgeon(Block):
                 yield from self._wait(heating_time + 0.2)
                 self._pedal[robot] = 0.0
                 yield from self._wait(TICK)
-                if self._now[f"{organ}.freed"][cell] > 0.5:
+                if self._now[ORGAN_FREED.of(organ)][cell] > 0.5:
                     break
             else:
                 self.missed.append(f"cell {cell + 1} of the bed")

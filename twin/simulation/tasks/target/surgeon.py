@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
+from twin.simulation.world.signal_kinds import SURGEON_TARGET
 
 _STALLED = 12
 """Number of strokes without progress after which the surgeon gives up a target."""
@@ -57,7 +58,7 @@ class ScriptedSurgeon(SurgeonHands):
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         values = super()._said(k)
-        values["surgeon.target"] = float(self._target)
+        values[SURGEON_TARGET.name] = float(self._target)
         return values
 
     def _missing(self, points: Mapping[str, Array]) -> dict[str, Array]:

@@ -19,6 +19,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
+from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE, SURGEON_TARGET
 
 _TRIES = 3
 """Number of grasps of a ring after which the surgeon gives up this ring."""
@@ -100,17 +101,17 @@ class RingSurgeon(SurgeonHands):
 
     def _said(self, k: int) -> dict[str, ArrayLike]:
         values = super()._said(k)
-        values["surgeon.target"] = float(self._done)
+        values[SURGEON_TARGET.name] = float(self._done)
         return values
 
     # -- what the surgeon sees ------------------------------------------------------------------------
 
     def _ring(self, ring: Ring) -> Array:
         """Return the pose (4, 4) of a ring in the World."""
-        return self._signals[f"{ring.name}.pose"].reshape(4, 4)
+        return self._signals[OBJECT_POSE.of(ring.name)].reshape(4, 4)
 
     def _holds(self, hand: str, ring: Ring) -> bool:
-        holder = int(self._signals[f"{ring.name}.holder"].item())
+        holder = int(self._signals[OBJECT_HOLDER.of(ring.name)].item())
         return holder == self._numbers[self.arms[hand].robot]
 
     def _lies(self, ring: Ring) -> bool:

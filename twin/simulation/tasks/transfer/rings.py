@@ -18,6 +18,7 @@ from twin.simulation.contact_scene import Peg
 from twin.simulation.session.referee import BEGIN, InstrumentReferee, Tone
 from twin.simulation.tasks.transfer.task import Transfers
 from twin.simulation.world import Recording
+from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE
 
 _FALL = 10 * MM
 """Minimum fall in m of a ring that is not held, to count as a drop; ASSUMED."""
@@ -122,8 +123,8 @@ class RingsReferee(InstrumentReferee):
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         for ring in self._rings:
-            holder = int(now[f"{ring.name}.holder"][0])
-            news = ring.see(k, now[f"{ring.name}.pose"], holder)
+            holder = int(now[OBJECT_HOLDER.of(ring.name)][0])
+            news = ring.see(k, now[OBJECT_POSE.of(ring.name)], holder)
             if news is None:
                 continue
             tone, text = news
@@ -137,7 +138,7 @@ class RingsReferee(InstrumentReferee):
         """Names of the signals that the referee reads."""
         names = super().signals
         for ring in self._rings:
-            names += [f"{ring.name}.pose", f"{ring.name}.holder"]
+            names += [OBJECT_POSE.of(ring.name), OBJECT_HOLDER.of(ring.name)]
         return names
 
     @property

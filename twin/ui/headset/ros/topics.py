@@ -21,6 +21,7 @@ from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.devices.packets import grip_angle, handle_pose
 from twin.simulation.world import Signals
+from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_FOLLOWS, ROBOT_GOAL
 from twin.ui.headset.ros.hands import ROS, RosHands
 from twin.ui.headset.ros.operations import Float64, JointState, Joy, PoseStamped, checked_message
 from twin.ui.headset.ros.topic_table import InputTopic, OutputTopic, TopicTable
@@ -132,19 +133,19 @@ class ConsoleTopics(TopicTable):
             return lambda: ros.joint_state(self.t, names, self._signals[signal][chosen])
 
         def measured_cp() -> JsonObject:
-            q = self._signals[f"{robot}.encoder"]
-            goal = self._signals[f"{robot}.goal"].reshape(4, 4)
+            q = self._signals[ROBOT_ENCODER.of(robot)]
+            goal = self._signals[ROBOT_GOAL.of(robot)].reshape(4, 4)
             return ros.pose_stamped(self.t, _base(robot), member.kin.forward(q, goal))
 
         def setpoint_cp() -> JsonObject:
-            return ros.pose_stamped(self.t, _base(robot), self._signals[f"{robot}.goal"].reshape(4, 4))
+            return ros.pose_stamped(self.t, _base(robot), self._signals[ROBOT_GOAL.of(robot)].reshape(4, 4))
 
         def state() -> JsonObject:
             return ros.operating_state(self.t, self._state(), self._follows(robot))
 
         joint_type = "sensor_msgs/JointState"
         pose_type = "geometry_msgs/PoseStamped"
-        for kind, signal in (("measured", f"{robot}.encoder"), ("setpoint", f"{robot}.command")):
+        for kind, signal in (("measured", ROBOT_ENCODER.of(robot)), ("setpoint", ROBOT_COMMAND.of(robot))):
             self.outputs[f"{name}/{kind}_js"] = OutputTopic(joint_type, joint_states(signal, arm_joints, arm))
             if jaw_joints:
                 self.outputs[f"{name}/jaw/{kind}_js"] = OutputTopic(joint_type, joint_states(signal, jaw_joints, jaw))
@@ -189,7 +190,7 @@ class ConsoleTopics(TopicTable):
         return self._console.world.signals
 
     def _follows(self, robot: str) -> bool:
-        name = f"{robot}.follows"
+        name = ROBOT_FOLLOWS.of(robot)
         return name in self._signals and bool(self._signals[name][0])
 
     def _state(self) -> str:
