@@ -57,14 +57,14 @@ class SampledMotions:
             _compare_joints(entry["mechanism"], mechanism)
             _compare_driven(entry["mechanism"], mechanism)
         values = sampled(ReferenceModel(mechanism), trajectory, path).values
-        found = {}
+        extremes = {}
         for key, numbers in values.items():
             # outside the phases with an RCM there is no distance, which is nothing unknown
             known = numbers[~np.isnan(numbers)]
             unknown = 0 if key[0] == "RCM" else len(numbers) - len(known)
             smallest, largest = (float(known.min()), float(known.max())) if len(known) else (math.nan, math.nan)
-            found[key] = smallest, largest, unknown
-        return found
+            extremes[key] = smallest, largest, unknown
+        return extremes
 
 
 def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
@@ -107,15 +107,15 @@ def _compare_joints(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
     if [joint["name"] for joint in joints] != names or len(stated["tree"]) != len(mechanism.tree):
         raise TwinError("its joints are not those of the CAD")
     for joint in joints:
-        own = mechanism.joint(joint["name"])
+        own_joint = mechanism.joint(joint["name"])
         frames = (
-            (joint["on_parent"], own.T_parent_joint, 0.0),
-            (joint["on_child"], own.T_child_joint, 0.0),
-            (joint["child_in_joint"], spatial.inverse(own.T_child_joint), _ROUNDING),
+            (joint["on_parent"], own_joint.T_parent_joint, 0.0),
+            (joint["on_child"], own_joint.T_child_joint, 0.0),
+            (joint["child_in_joint"], spatial.inverse(own_joint.T_child_joint), _ROUNDING),
         )
-        same = (joint["type"], joint["parent"], joint["child"]) == (own.type, own.parent, own.child)
+        same = (joint["type"], joint["parent"], joint["child"]) == (own_joint.type, own_joint.parent, own_joint.child)
         if not same or any(not _equal(one, other[:3], within) for one, other, within in frames):
-            raise TwinError(f"joint {own.name} is not that of the CAD")
+            raise TwinError(f"joint {own_joint.name} is not that of the CAD")
     tool = mechanism.frame(mechanism.tool)
     if stated["base"] != mechanism.base:
         raise TwinError(f"its base is not {mechanism.base}")
@@ -136,9 +136,9 @@ def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
         raise TwinError("its couplings are not those of the CAD")
     for row, coupling in zip(stated["couplings"], mechanism.couplings, strict=True):
         scale = _ARM if mechanism.joint(coupling.joints[0]).is_angle else 1.0
-        own = scale * np.array([*coupling.ratios, coupling.total])
+        own_row = scale * np.array([*coupling.ratios, coupling.total])
         same = list(row["coordinates"]) == [first[name] for name in coupling.joints]
-        if not same or not _equal([*row["ratios"], row["total"]], own, _ROUNDING):
+        if not same or not _equal([*row["ratios"], row["total"]], own_row, _ROUNDING):
             raise TwinError(f"coupling {coupling.name} is not that of the CAD")
 
 

@@ -102,16 +102,16 @@ class MechanismKinematics:
         """
         T = np.asarray(T_base_tool, float)
         try:
-            found = self._model.solve_pose(T, start)
+            assembly = self._model.solve_pose(T, start)
         except AssemblyError as error:
-            found = error.best
-        if isinstance(found, Assembly) and self._is_at(found.T_base_tool, T):
-            return found
+            assembly = error.best
+        if isinstance(assembly, Assembly) and self._is_at(assembly.T_base_tool, T):
+            return assembly
         for X in (start.x[None], self._spread):
             x = self._nearest(X, T, start, same_branch)
             if x is not None:
                 return self._model.state(x)
-        raise KinematicsError(self._unreached(found, T))
+        raise KinematicsError(self._unreached(assembly, T))
 
     def _nearest(self, X: Array, T: Array, start: Assembly, same_branch: bool) -> Array | None:
         """Return the configuration (nq,) at a pose, found from rows of X, whose joints are nearest to the start."""

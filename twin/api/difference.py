@@ -76,22 +76,22 @@ class ResultDifference(Result):
 
         A warning says that the results are of two protocols.
         """
-        found = []
+        findings = []
         before, after = self.verdicts
         if before != after:
-            found.append(disagreement("diff.verdict", self.files[1], f"the verdict was {before} and is {after}"))
+            findings.append(disagreement("diff.verdict", self.files[1], f"the verdict was {before} and is {after}"))
         for finding in self.appeared:
             where = str(finding.get("where", ""))
-            found.append(disagreement("diff.finding", where, f"new finding: {finding.get('message', '')}"))
+            findings.append(disagreement("diff.finding", where, f"new finding: {finding.get('message', '')}"))
         for row in self.residuals:
             if row.lost:
                 was = _shown(row.before, row.unit)
-                found.append(disagreement("diff.residual", row.name, f"{row.name}: it was {was} and is not finite"))
+                findings.append(disagreement("diff.residual", row.name, f"{row.name}: it was {was} and is not finite"))
         if self.protocols[0] != self.protocols[1]:
             first, second = self.protocols
             text = f"the first result is of protocol '{first}', the second of '{second}'"
-            found.append(warning("diff.protocol", self.files[1], text))
-        return tuple(found)
+            findings.append(warning("diff.protocol", self.files[1], text))
+        return tuple(findings)
 
     def content(self) -> JsonMapping:
         """Return files, verdicts and differences as plain data."""

@@ -237,14 +237,14 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
         session = AttackedSession(
             partial(plan.faults, drawn), drawn.start, drawn.length, drawn.mass, drawn.friction, drawn.scale
         )
-        found = arena.run(session)
+        outcome = arena.run(session)
         response = None
-        if found.noticeable and index < plan.table.trained:
+        if outcome.noticeable and index < plan.table.trained:
             response = arena.respond(session, plan.reaction(index))
         response_data = None
         if response is not None:
             response_data = asdict(response)
-        yield {**asdict(drawn), **asdict(found), "response": response_data}
+        yield {**asdict(drawn), **asdict(outcome), "response": response_data}
 
 
 @lru_cache(maxsize=1)

@@ -332,31 +332,35 @@ def _clearances(
 
     progress("clearance: shapes of the bodies", 0.0)
     space = kinematics.space("", _CLEARANCE, keep)
-    out = []
+    clearances = []
     open_phases = {}
     for k, span in enumerate(trajectory.phases):
         progress(f"clearance: phase {span.name}", k / len(trajectory.phases))
         assert span.curve is not None  # see `_timed_phase`
         within = _WITHIN
         try:
-            found = space.certify(span.curve.joints, within)
+            certificate = space.certify(span.curve.joints, within)
             # nearer bodies need a smaller difference
-            if np.isfinite(found.found) and found.found > _TIGHT * found.proven and found.found > 1e-6:
-                within = found.found * (1.0 - 1.0 / _TIGHT)
-                found = space.certify(span.curve.joints, within)
+            if (
+                np.isfinite(certificate.found)
+                and certificate.found > _TIGHT * certificate.proven
+                and certificate.found > 1e-6
+            ):
+                within = certificate.found * (1.0 - 1.0 / _TIGHT)
+                certificate = space.certify(span.curve.joints, within)
         except MechanismError as problem:
             open_phases[span.name] = str(problem)
             continue
-        if np.isfinite(found.found):
-            out.append(ProvedClearance(span.name, found.proven, found.found, found.bodies))
+        if np.isfinite(certificate.found):
+            clearances.append(ProvedClearance(span.name, certificate.proven, certificate.found, certificate.bodies))
         else:
             open_phases[span.name] = ""
-    return tuple(out), open_phases
+    return tuple(clearances), open_phases
 
 
 def _clearance_findings(motion: ProvedMotion) -> list[Finding]:
     """Return an error for each phase in which bodies may touch, and a note where no bodies are compared."""
-    out = []
+    findings = []
     for clearance in motion.clearances:
         if not clearance.proved > 0:
             names = " and ".join(clearance.bodies)
@@ -364,25 +368,25 @@ def _clearance_findings(motion: ProvedMotion) -> list[Finding]:
                 f"{motion.protocol}: not proved: distance between {names}; the bound is "
                 f"{shown(clearance.proved, 'm')}, and {shown(clearance.found, 'm')} was found"
             )
-            out.append(error("prove.open", motion.protocol, text, when=f"phase '{clearance.phase}'"))
+            findings.append(error("prove.open", motion.protocol, text, when=f"phase '{clearance.phase}'"))
     apart = []
     for phase, reason in motion.open_phases.items():
         if reason:
             text = f"{motion.protocol}: not proved: distance between bodies; {reason}"
-            out.append(error("prove.open", motion.protocol, text, when=f"phase '{phase}'"))
+            findings.append(error("prove.open", motion.protocol, text, when=f"phase '{phase}'"))
         else:
             apart.append(phase)
     if apart:
         text = (
             f"{motion.protocol}: no two bodies are compared in phase {', '.join(apart)}: nothing is said of collisions"
         )
-        out.append(info("prove.clearance", motion.protocol, text))
-    return out
+        findings.append(info("prove.clearance", motion.protocol, text))
+    return findings
 
 
 def _findings(motion: ProvedMotion) -> list[Finding]:
     """Return the findings of one protocol."""
-    out = []
+    findings = []
     unproved: dict[str, list[str]] = {}
     for claim in motion.proof.claims:
         name = label(claim)
@@ -395,7 +399,7 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
             if claim.unit != "1":
                 size = si(reached, claim.unit)
             text += f", beyond its limit {limit}"
-            out.append(disagreement("prove.limit", claim.name, text, size, when=when, word=""))
+            findings.append(disagreement("prove.limit", claim.name, text, size, when=when, word=""))
         elif claim.status == "unproved":
             unproved.setdefault(claim.reason, []).append(name)
         value = motion.extreme(claim)
@@ -406,13 +410,13 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
                     f"{motion.protocol}: {name}: a sample is {shown(value, claim.unit)}, beyond the proved bound "
                     f"{shown(claim.bound, claim.unit)}: the path that is proved is not the path that was sampled"
                 )
-                out.append(error("prove.inconsistent", claim.name, text, when=when))
+                findings.append(error("prove.inconsistent", claim.name, text, when=when))
     for reason, names in unproved.items():
         text = f"{motion.protocol}: not proved: {', '.join(names[:4])}"
         if len(names) > 4:
             text += f" and {len(names) - 4} more"
-        out.append(error("prove.open", motion.protocol, f"{text}; {reason}"))
-    return out
+        findings.append(error("prove.open", motion.protocol, f"{text}; {reason}"))
+    return findings
 
 
 def _word(claim: MotionClaim) -> str:

@@ -72,8 +72,8 @@ def _planned(
         values["gap", name] = np.abs(q[:, i] - q[:, j])
     limits = np.full((len(rows), 2), np.inf)
     for span, phase in zip(trajectory.phases, path.phases, strict=True):
-        own = (rows >= span.start) & (rows <= span.stop)
-        limits[own] = (phase.tip_speed, phase.rotation_speed)
+        is_of_phase = (rows >= span.start) & (rows <= span.stop)
+        limits[is_of_phase] = (phase.tip_speed, phase.rotation_speed)
     values["tool speed", "tip"] = np.linalg.norm(trajectory.tip_velocity[rows], axis=1) / limits[:, 0]
     turning = np.linalg.norm(trajectory.angular_velocity[rows], axis=1)
     values["tool speed", "rotation"] = turning / limits[:, 1]
@@ -96,9 +96,9 @@ def _of_model(
         for span, phase in zip(trajectory.phases, path.phases, strict=True):
             if phase.rcm is None or phase.enforced != enforced:
                 continue
-            own = (rows > span.start) & (rows <= span.stop)
-            axis = Ts[own, :3, :3] @ path.shaft_axis
-            distance[own] = spatial.point_to_line(phase.rcm, Ts[own, :3, 3], axis)
+            is_of_phase = (rows > span.start) & (rows <= span.stop)
+            axis = Ts[is_of_phase, :3, :3] @ path.shaft_axis
+            distance[is_of_phase] = spatial.point_to_line(phase.rcm, Ts[is_of_phase, :3, 3], axis)
         values["RCM", name] = distance
     tree = model.tree
     if not tree.loops.names:

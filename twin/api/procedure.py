@@ -296,5 +296,5 @@ def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:
     head = read_session(Path(path)).head
     if head.task is None:
         return False
-    found = load_scene(scene or head.scene).tasks.get(head.task)
-    return found is not None and not found.kind.console
+    task = load_scene(scene or head.scene).tasks.get(head.task)
+    return task is not None and not task.kind.console

@@ -246,7 +246,7 @@ def motion_files(protocols: Sequence[str]) -> list[str]:
     Characters other than letters, digits, "-" and "_" become "_", and only the first 100 are kept: the name of a
     protocol is any text, and must not lead to another folder.
     """
-    found: list[str] = []
+    names_of_files: list[str] = []
     taken: set[str] = set()
     for protocol in protocols:
         plain = re.sub(r"[^A-Za-z0-9_-]", "_", protocol)[:_LONGEST_NAME]
@@ -256,8 +256,8 @@ def motion_files(protocols: Sequence[str]) -> list[str]:
             count += 1
             name = f"motion-{plain}-{count}"
         taken.add(name.lower())
-        found.append(f"{name}.json")
-    return found
+        names_of_files.append(f"{name}.json")
+    return names_of_files
 
 
 def _listed(values: Sequence[str]) -> str:

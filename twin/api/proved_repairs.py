@@ -28,10 +28,10 @@ class ProverOfRepairs:
     def proof(self, formula: Formula) -> ProofOfRepair:
         """Return the verdict on a repaired formula."""
         try:
-            found = prove(formula, self.variants, self.robot.mechanism)
+            proof = prove(formula, self.variants, self.robot.mechanism)
         except TwinError as error:
             return ProofOfRepair(f"not judged by the prover: {error}", False)
-        return ProofOfRepair(_verdict(found), bool(found.claims) and found.count("proved") == len(found.claims))
+        return ProofOfRepair(_verdict(proof), bool(proof.claims) and proof.count("proved") == len(proof.claims))
 
     def same(self, first: Formula, second: Formula) -> bool:
         """Return whether two repaired formulas have the same values at every pose, by a proof of each output."""

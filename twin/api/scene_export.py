@@ -57,13 +57,13 @@ class SceneBundle(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings on the bundles of all robots and on the scene's USD stage."""
-        found: list[Finding] = []
+        findings: list[Finding] = []
         for bundle in self.bundles.values():
-            found += bundle.findings
+            findings += bundle.findings
         for check in self.checks:
             if check["verdict"] != "agree":
-                found.append(_finding(check))
-        return tuple(found)
+                findings.append(_finding(check))
+        return tuple(findings)
 
     def content(self) -> JsonObject:
         """Return the bundles and checks as plain data; the keys of quantities end with the unit."""

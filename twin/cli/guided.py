@@ -177,7 +177,7 @@ def _left(parts: Sequence[GuidedPart], table: TrialTable, folder: Path, particip
                 f"{file} is left from a session that was interrupted: move it to another folder, and this command "
                 "repeats its part"
             )
-    left = []
+    remaining = []
     omitted = []
     for part in parts:
         before = unanswered(table, "before", part.before)
@@ -196,13 +196,13 @@ def _left(parts: Sequence[GuidedPart], table: TrialTable, folder: Path, particip
         if is_done:
             omitted.append(part)
         else:
-            left.append(replace(part, before=before, after=after))
+            remaining.append(replace(part, before=before, after=after))
     if omitted:
         print(f"  the run of participant {participant} is continued without:")
         for part in omitted:
             print(f"    {part.heading}")
         print("  to repeat a part, end the run by Ctrl-C and move the session of the part to another folder")
-    return left
+    return remaining
 
 
 def _recorded(part: GuidedPart, folder: Path, participant: int) -> list[Path]:

@@ -24,16 +24,16 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
     """
     from twin.simulation.machine.link import Address
 
-    out: dict[str, Address] = {}
+    addresses: dict[str, Address] = {}
     for text in given or ():
         name, equal, where = text.partition("=")
         if not equal or not name:
             form = "ROBOT=HOST:PORT:STATEPORT, such as raven_left=127.0.0.1:36000:36001"
             raise TwinError(f"--machine {text}: give {form}")
-        if name in out:
+        if name in addresses:
             raise TwinError(f"--machine {text}: {name} is given twice; give each robot once")
-        out[name] = Address.parse(where)
-    return out
+        addresses[name] = Address.parse(where)
+    return addresses
 
 
 def driven(robot: Robot, given: Sequence[str] | None) -> DrivenMachine | None:

@@ -40,10 +40,10 @@ def tissues(scene: Scene) -> tuple[Tissue, ...]:
 
 def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedScene:
     """Return a scene with its soft organs. The World simulates them in a procedure; otherwise, the `feed` does."""
-    found = tissues(loaded.scene)
+    organs = tissues(loaded.scene)
     if task is not None and not task.kind.console:
-        return replace(loaded, organs=found)
-    if not found:
+        return replace(loaded, organs=organs)
+    if not organs:
         return loaded
     from twin.simulation import tissue_scene
     from twin.ui.session.organs import OrganFeed
@@ -52,7 +52,7 @@ def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedS
     for name, bodies in tissue_scene.touching(loaded.scene).items():
         mechanism = loaded.robots[name].mechanism
         links[name] = [mechanism.body(body) for body in bodies]
-    return replace(loaded, feed=OrganFeed(found, links))
+    return replace(loaded, feed=OrganFeed(organs, links))
 
 
 def run(file: Path, args: argparse.Namespace) -> int:

@@ -179,9 +179,9 @@ def folder(args: argparse.Namespace, *default: str) -> Path:
     Raises:
         OutputError: the folder cannot be written.
     """
-    out = Path(args.out) if args.out else Path("twin-out", *default)
-    assets.require_writable(out)
-    return out
+    path = Path(args.out) if args.out else Path("twin-out", *default)
+    assets.require_writable(path)
+    return path
 
 
 def store(result: Result, args: argparse.Namespace, out: Path, more: Iterable[str] = ()) -> int:

@@ -362,7 +362,7 @@ class _Writer:
 
 def _radicands(function: ca.Function) -> set[int]:
     """Return the instructions that add or subtract terms of what a square root is taken of."""
-    found: set[int] = set()
+    instructions: set[int] = set()
     rooted: set[int] = set()  # places of the work vector whose next reader is a root, seen from the end
     for k in reversed(range(function.n_instructions())):
         op = function.instruction_id(k)
@@ -372,10 +372,10 @@ def _radicands(function: ca.Function) -> set[int]:
         holds_term = target in rooted and op in _TERMS
         rooted.discard(target)
         if holds_term:
-            found.add(k)
+            instructions.add(k)
         if holds_term or op == ca.OP_SQRT:
             rooted.update(function.instruction_input(k))
-    return found
+    return instructions
 
 
 def _sines(width: int) -> _Writer:

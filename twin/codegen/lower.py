@@ -77,8 +77,8 @@ def _atan2(y: ca.SX, x: ca.SX) -> ca.SX:
     correction = t * (z * _horner(_ABOVE, z) / _horner(_BELOW, z)) + rest
     angle = start + (t + correction)  # small terms first
     # the sign bit, because the angle of (0, -0.0) is pi
-    left = ca.copysign(1, x) < 0
-    angle = ca.if_else(left, (math.pi - angle) + 2 * _REST_OF_HALF_PI, angle)
+    is_left = ca.copysign(1, x) < 0
+    angle = ca.if_else(is_left, (math.pi - angle) + 2 * _REST_OF_HALF_PI, angle)
     return ca.copysign(angle, y)
 
 

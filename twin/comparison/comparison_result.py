@@ -54,14 +54,14 @@ class Comparison(Result):
     @property
     def findings(self) -> list[Finding]:
         """One finding for each convention, difference and property that differs."""
-        found: list[Finding] = []
+        findings: list[Finding] = []
         for pair in self.pairs:
-            found += self._findings(pair)
+            findings += self._findings(pair)
         lonely = self.alone
         if lonely is not None:
             text = f"{lonely} stands alone: the other sides agree with each other, and not with it"
-            found.append(info("compare.alone", lonely, text))
-        return found
+            findings.append(info("compare.alone", lonely, text))
+        return findings
 
     def _findings(self, pair: SidePair) -> Iterator[Finding]:
         where = f"{pair.first.label} and {pair.second.label}"
@@ -99,9 +99,9 @@ class Comparison(Result):
             return None
         lonely = []
         for side in self.sides:
-            own = [pair for pair in self.pairs if side in (pair.first, pair.second)]
-            others = [pair for pair in self.pairs if pair not in own]
-            if not any(pair.agrees for pair in own) and all(pair.agrees for pair in others):
+            own_pairs = [pair for pair in self.pairs if side in (pair.first, pair.second)]
+            others = [pair for pair in self.pairs if pair not in own_pairs]
+            if not any(pair.agrees for pair in own_pairs) and all(pair.agrees for pair in others):
                 lonely.append(side.label)
         if len(lonely) == 1:
             return lonely[0]
@@ -279,10 +279,10 @@ def _item_text(item: ComparedItem, pair: SidePair) -> Iterator[str]:
 
 def _by_side(edits: Sequence[NumberEdit]) -> dict[str, list[NumberEdit]]:
     """Return {label of a side: its edits}."""
-    found: dict[str, list[NumberEdit]] = {}
+    edits_of_side: dict[str, list[NumberEdit]] = {}
     for edit in edits:
-        found.setdefault(edit.side, []).append(edit)
-    return found
+        edits_of_side.setdefault(edit.side, []).append(edit)
+    return edits_of_side
 
 
 def _suggestion(item: ComparedItem) -> str:

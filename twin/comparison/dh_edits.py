@@ -117,10 +117,10 @@ def _moved(axis: Axis, W: Array) -> Axis:
 
 def cells(side: RobotSide) -> list[CellStatement]:
     """Return the parameters of the table of a side; [] if it is no table."""
-    found = []
+    cells_of_table = []
     for row in side.rows:
         for parameter, value in row.values.items():
             shown = value / row.units[parameter]
             what = f"row '{row.joint}' {parameter}"
-            found.append(CellStatement(row.file, row.line, what, (shown,), row, parameter))
-    return found
+            cells_of_table.append(CellStatement(row.file, row.line, what, (shown,), row, parameter))
+    return cells_of_table

@@ -133,7 +133,7 @@ def with_edits(
         return list(items)
     moved_tools = [gap.joint for gap in leaf_gaps(problem, solution.unknowns) if gap.differs(problem)]
     common = _common_edits(problem, matching, items, known)
-    out = []
+    items_with_edits = []
     for item in items:
         edits: list[NumberEdit] = []
         others = moved_tools
@@ -144,12 +144,14 @@ def with_edits(
         if u is not None:
             for edited in (0, 1):
                 case = _Case(problem, matching, u, edited, others)
-                found = common[edited] + [edit for edit in _edits(case, known[edited]) if edit not in common[edited]]
-                if not found:
-                    found = _reread(case, [item], known[edited])
-                edits += found
-        out.append(item.with_edits(edits))
-    return out
+                edits_of_side = common[edited] + [
+                    edit for edit in _edits(case, known[edited]) if edit not in common[edited]
+                ]
+                if not edits_of_side:
+                    edits_of_side = _reread(case, [item], known[edited])
+                edits += edits_of_side
+        items_with_edits.append(item.with_edits(edits))
+    return items_with_edits
 
 
 def _common_edits(
@@ -162,14 +164,14 @@ def _common_edits(
     moved = [item for item in items if item.kind not in ("name", "order")]
     if len(moved) < 2:
         return [[], []]
-    found = []
+    edits_of_sides = []
     for edited in (0, 1):
         case = _Case(problem, matching, problem.start, edited, ())
         edits = _edits(case, known[edited], placed=False)
         if not edits and not known[edited]:
             edits = _reread(case, moved, ())
-        found.append(edits)
-    return found
+        edits_of_sides.append(edits)
+    return edits_of_sides
 
 
 def _reread(
@@ -259,27 +261,27 @@ def _edits(case: _Case, known: Sequence[NumberStatement | CellStatement], *, pla
     """
     side = case.side
     before = case.residual(side)
-    found: list[tuple[int, NumberEdit]] = []
+    ranked: list[tuple[int, NumberEdit]] = []
     for statement in known:
         for k in range(len(statement.values)):
             values = _solved(case, statement, [k], before)
             if values is not None:
-                found.append((case.moved_frames(statement, values), _edit(side, statement, k, values)))
-    of_one_number = bool(found)
-    named = {(edit.file, edit.line, edit.what.partition("[")[0]) for _, edit in found}
+                ranked.append((case.moved_frames(statement, values), _edit(side, statement, k, values)))
+    of_one_number = bool(ranked)
+    named = {(edit.file, edit.line, edit.what.partition("[")[0]) for _, edit in ranked}
     for statement in known:
         # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
         if (of_one_number and statement.role != "axis") or (statement.file, statement.line, statement.what) in named:
             continue
         if len(statement.values) > 1:
-            found += _whole(case, statement, before)
-    if not found and placed:
+            ranked += _whole(case, statement, before)
+    if not ranked and placed:
         for place in places(known):
-            found += _whole(case, place, before)
+            ranked += _whole(case, place, before)
     # frames of inner links that agree as well, and a round number, make an edit likelier
-    found.sort(key=lambda pair: (pair[0], len(pair[1].new)))
+    ranked.sort(key=lambda pair: (pair[0], len(pair[1].new)))
     # a value that changes less than its text shows is no edit
-    changes = [edit for _, edit in found if edit.old != edit.new]
+    changes = [edit for _, edit in ranked if edit.old != edit.new]
     return changes[:_MOST]
 
 
@@ -323,49 +325,49 @@ def _starts(case: _Case, statement: Statement, columns: Sequence[int], before: A
     """
     values = np.array(statement.values)
     yield values, before
-    found = []
+    better = []
     for candidate in _candidates(statement, columns):
         side = statement.applied(case.side, candidate)
         if side is not None:
             r = case.residual(side)
             if np.linalg.norm(r) < np.linalg.norm(before):
-                found.append((float(np.linalg.norm(r)), candidate, r))
-    found.sort(key=lambda one: one[0])
-    for _, candidate, r in found[:_OTHER_STARTS]:
+                better.append((float(np.linalg.norm(r)), candidate, r))
+    better.sort(key=lambda one: one[0])
+    for _, candidate, r in better[:_OTHER_STARTS]:
         yield candidate, r
 
 
 def _candidates(statement: Statement, columns: Sequence[int]) -> list[Array]:
     """Return the usual other values: opposite signs, directions along x, y and z, and quarter turns."""
     values = np.array(statement.values)
-    found = []
+    candidates = []
     if statement.role == "shift":
-        return found
+        return candidates
     if statement.role != "place":
         opposite = values.copy()
         opposite[columns] *= -1.0
-        found.append(opposite)
+        candidates.append(opposite)
     if statement.role == "axis":
         if len(columns) == 3:
-            found += [*np.eye(3), *-np.eye(3)]
-        return found
+            candidates += [*np.eye(3), *-np.eye(3)]
+        return candidates
     angles = _angles(statement, columns)
     if not angles:
-        return found
+        return candidates
     quarter = np.pi / 2 / _unit(statement)
     if len(angles) == 1:
         for turns in (1, -1, 2):
             turned = values.copy()
             turned[angles] += turns * quarter
-            found.append(turned)
-        return found
+            candidates.append(turned)
+        return candidates
     for turns in itertools.product((0, 1, 2, -1), (0, 1, -1), (0, 1, 2, -1)):
         if turns[1] and turns[0]:
             continue  # at a pitch of 90 degrees, roll and yaw are turns about one line
         turned = values.copy()
         turned[angles] = np.array(turns) * quarter
-        found.append(turned)
-    return found
+        candidates.append(turned)
+    return candidates
 
 
 def _angles(statement: Statement, columns: Sequence[int]) -> list[int]:
@@ -388,12 +390,12 @@ def _unit(statement: Statement) -> float:
 
 def _wrapped(statement: Statement, columns: Sequence[int], values: Array) -> Array:
     """Return values whose changed angles are at most half a turn."""
-    out = values.copy()
+    wrapped = values.copy()
     turn = 2 * np.pi / _unit(statement)
     for k in _angles(statement, columns):
-        if abs(out[k]) > turn / 2 * (1 + 1e-6):
-            out[k] -= turn * np.round(out[k] / turn)
-    return out
+        if abs(wrapped[k]) > turn / 2 * (1 + 1e-6):
+            wrapped[k] -= turn * np.round(wrapped[k] / turn)
+    return wrapped
 
 
 def _improved(case: _Case, statement: Statement, columns: Sequence[int], start: Array, r: Array) -> Array | None:

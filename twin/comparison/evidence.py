@@ -86,25 +86,25 @@ class StatedEvidence:
     @cached_property
     def partners(self) -> dict[int, int]:
         """{group of the first side: group of the second side}."""
-        found = {0: 0}
+        partners = {0: 0}
         for i, axis in enumerate(self.problem.axes):
             if not axis.closing:
-                found[axis.child] = self.problem.second.axes[i].child
-        return found
+                partners[axis.child] = self.problem.second.axes[i].child
+        return partners
 
     def known(self, signs: Array) -> list[Evidence]:
         """Return the pieces of evidence that some values of the conventions make equal."""
         problem = self.problem
-        found = [Evidence("base", 0, CONVENTION)]
+        evidence = [Evidence("base", 0, CONVENTION)]
         for i in problem.signed:
-            found.append(Evidence("zero", i, CONVENTION))
+            evidence.append(Evidence("zero", i, CONVENTION))
             if self.limit_zero(i, signs) is not None:
-                found.append(Evidence("limits", i, PROPERTY))
+                evidence.append(Evidence("limits", i, PROPERTY))
         for joint in sorted({gap.joint for gap in self.frames}):
-            found.append(Evidence("tool", joint, CONVENTION))
+            evidence.append(Evidence("tool", joint, CONVENTION))
         for group in self._inertias:
-            found.append(Evidence("inertia", group, INERTIA))
-        return found
+            evidence.append(Evidence("inertia", group, INERTIA))
+        return evidence
 
     def limit_zero(self, i: int, signs: Array) -> float | None:
         """Return the zero in m or rad with which the limits of a joint are equal; None if there is none."""
@@ -119,7 +119,7 @@ class StatedEvidence:
     @cached_property
     def _inertias(self) -> list[int]:
         """Groups of the first side whose inertias could be equal: same mass, same principal moments."""
-        found = []
+        groups = []
         for group, partner in self.partners.items():
             first = self.problem.first.groups[group].inertia
             second = self.problem.second.groups[partner].inertia
@@ -130,8 +130,8 @@ class StatedEvidence:
             moments = np.linalg.eigvalsh(first.I_com)
             others = np.linalg.eigvalsh(second.I_com)
             if np.linalg.norm(moments - others) <= RELATIVE * max(np.linalg.norm(moments), np.linalg.norm(others)):
-                found.append(group)
-        return found
+                groups.append(group)
+        return groups
 
     def residuals(self, known: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[int]) -> Array:
         """Return (k, rows) of pieces of evidence in m and rad for `values` (k, unknowns)."""
@@ -195,14 +195,14 @@ class StatedEvidence:
         if evidence.kind != "tool":
             return True
         key = (evidence.index, tuple(u.signs), u.deviating)
-        found = self._possible_tools.get(key)
-        if found is None:
+        possible = self._possible_tools.get(key)
+        if possible is None:
             own = [gap for gap in self.frames if gap.joint == evidence.index]
             Ts_first = np.array([self._placed_first[gap.name] for gap in own])
             Ts_second = np.array([gap.T_base_second for gap in own])
-            found = may_agree(self.problem, evidence.index, Ts_first, Ts_second, u.signs, u.deviating)
-            self._possible_tools[key] = found
-        return found
+            possible = may_agree(self.problem, evidence.index, Ts_first, Ts_second, u.signs, u.deviating)
+            self._possible_tools[key] = possible
+        return possible
 
     def _distance(self, i: int, difference: Array) -> Array:
         """Return a difference of zeros in m or rad, for angles without full turns."""
@@ -214,11 +214,11 @@ class StatedEvidence:
         """Return the pieces of evidence in which the two sides differ."""
         values = values_of(u)[None]
         _, _, motions = self.problem.motions(u.signs, values, u.deviating)
-        found = []
+        violated = []
         for evidence in known:
             if not self._holds(evidence, self._rows(evidence, u.signs, values, motions)[0]):
-                found.append(evidence)
-        return found
+                violated.append(evidence)
+        return violated
 
     def rows(self, evidence: Evidence) -> int:
         """Return the number of rows of a piece of evidence in `residuals`."""
@@ -266,8 +266,8 @@ class StatedEvidence:
 
 def turning_columns(problem: Problem) -> list[int]:
     """Return the indices of the unknowns that turn: rotation of the base, zeros of joints that turn."""
-    found = [0, 1, 2]
+    columns = [0, 1, 2]
     for i in problem.signed:
         if problem.kinds[i] in ONE_COORDINATE and problem.axes[i].is_angle:
-            found.append(6 + i)
-    return found
+            columns.append(6 + i)
+    return columns

@@ -388,8 +388,8 @@ class Problem:
                 damping = max(100 * damping, _LEAST_DAMPING)
                 if damping > 1e3:
                     break
-        found = with_values(u, x)
-        return FitSolution(found, self.gap(found))
+        refined = with_values(u, x)
+        return FitSolution(refined, self.gap(refined))
 
     def solve(self, signs: Array, deviating: tuple[int, ...] = ()) -> FitSolution:
         """Return the best fit with these signs and deviating joints, from two starts."""
@@ -400,9 +400,9 @@ class Problem:
             start = self.initial(signs, deviating, aligned)
             if start is None:
                 continue
-            found = self.refine(start)
-            if best is None or size_of(found.gap) < size_of(best.gap):
-                best = found
+            fit = self.refine(start)
+            if best is None or size_of(fit.gap) < size_of(best.gap):
+                best = fit
         assert best is not None
         return best
 
@@ -412,10 +412,10 @@ class Problem:
         """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
         X = np.eye(4)
         if aligned:
-            found = self._aligned_base(signs, deviating)
-            if found is None:
+            aligned_base = self._aligned_base(signs, deviating)
+            if aligned_base is None:
                 return None
-            X = found
+            X = aligned_base
         groups: dict[int, Array] = {0: X}
         neutral = self.displacements(signs, np.zeros(self.count))
         displacements = neutral.copy()
@@ -493,11 +493,11 @@ class Problem:
         while below:
             children = [k for k in below if not self._deviates(k, deviating)]
             if kind == "prismatic":
-                found = self._slide(parent, axis, children)
+                displacement = self._slide(parent, axis, children)
             else:
-                found = self._turned(i, parent, axis, children, signs)
-            if found is not None:
-                return found
+                displacement = self._turned(i, parent, axis, children, signs)
+            if displacement is not None:
+                return displacement
             # no line of these joints changes, as behind a slide along the same axis: those behind them may
             below = [k for child in children for k in self.below[child]]
         return neutral
@@ -556,11 +556,11 @@ def _ahead(directions: Array, target: Array) -> Array:
 
 def _cross(a: Array, b: Array) -> Array:
     """Return the cross products (..., 3); np.cross takes most of its time for a choice of axes."""
-    out = np.zeros(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return out
+    product = np.zeros(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
 def _least_step(J: Array, r: Array, damping: float) -> Array:
@@ -569,9 +569,9 @@ def _least_step(J: Array, r: Array, damping: float) -> Array:
         J = np.concatenate([J, np.sqrt(damping) * np.eye(J.shape[1])])
         r = np.concatenate([r, np.zeros(J.shape[1])])
     # A pivoted QR decomposition takes a fifth of the time of singular values, whose threads also wait for each other.
-    found = linalg.lstsq(J, -r, cond=_RANK, lapack_driver="gelsy")
-    assert found is not None
-    return np.asarray(found[0], float)
+    solution = linalg.lstsq(J, -r, cond=_RANK, lapack_driver="gelsy")
+    assert solution is not None
+    return np.asarray(solution[0], float)
 
 
 def open_directions(J: Array) -> Array:

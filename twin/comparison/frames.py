@@ -61,7 +61,7 @@ def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[Fra
     group_of_joint[BASE] = 0
     # a tool that a reader has chosen is no statement of the file
     guessed = {side.tool for side in (problem.first, problem.second) if side.guessed_tool}
-    found = []
+    gaps = []
     for name, (group, T) in problem.first.frames.items():
         partner = problem.second.frames.get(name)
         joint = carrier.get(group)
@@ -69,14 +69,14 @@ def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[Fra
             continue
         if name in guessed or not (inner or _on_leaf(problem, joint)):
             continue
-        found.append(_gap(problem, motions, name, joint, (group, T), partner))
+        gaps.append(_gap(problem, motions, name, joint, (group, T), partner))
     # a tool whose name both sides have is among the frames; others are compared also if their link has such frames
     named = problem.second.tool in problem.first.frames or problem.first.tool in problem.second.frames
-    if not guessed and not (named and any(gap.leaf for gap in found)):
+    if not guessed and not (named and any(gap.leaf for gap in gaps)):
         tool = _tools(problem, motions, carrier)
         if tool is not None and (inner or tool.leaf):
-            found.append(tool)
-    return found
+            gaps.append(tool)
+    return gaps
 
 
 def carriers(problem: Problem) -> dict[int, int]:

@@ -91,12 +91,12 @@ class JointNeighbours:
 
     def _feet(self) -> tuple[float, float] | None:
         """Return how far the feet of the normals are apart along the joint, for each side."""
-        found = []
+        feet = []
         for normals in (self.first, self.second):
             if normals[0].foot is None or normals[1].foot is None:
                 return None
-            found.append(normals[1].foot - normals[0].foot)
-        return found[0], found[1]
+            feet.append(normals[1].foot - normals[0].foot)
+        return feet[0], feet[1]
 
     def possible(self, signs: tuple[float, float, float]) -> bool:
         """Return whether the lines can coincide with these signs of the three joints."""
@@ -333,10 +333,10 @@ def _turned_alone(
     `i` and `k` are the joints of the lines, `target` is what `_invariants` returns of their targets, and `turning`
     says whether the lines of both joints have a place.
     """
-    found = set()
+    axes = set()
     for joint, other in ((i, k), (k, i)):
         if not turning:
-            found.add(problem.turned_axis(joint))
+            axes.add(problem.turned_axis(joint))
             continue
         between = problem.points[joint] - problem.points[other]
         largest = float(np.linalg.norm(np.cross(between, problem.directions[other])))
@@ -348,8 +348,8 @@ def _turned_alone(
         distance = abs(target[2])
         if distance > largest + limit or (parallel and distance < largest - limit):
             continue
-        found.add(problem.turned_axis(joint))
-    return frozenset(found)
+        axes.add(problem.turned_axis(joint))
+    return frozenset(axes)
 
 
 def _product(

@@ -105,19 +105,19 @@ class ComparedItem:
 def items(problem: Problem, matching: Matching, solution: FitSolution) -> list[ComparedItem]:
     """Return the conventions and the differences of a solution, differences last."""
     u = solution.unknowns
-    found = _names(problem, matching)
-    found += _base(problem, u)
-    found += _joints(problem, u)
-    found += _tools(problem, u)
-    found += _links(problem, u)
-    return found
+    items_of_solution = _names(problem, matching)
+    items_of_solution += _base(problem, u)
+    items_of_solution += _joints(problem, u)
+    items_of_solution += _tools(problem, u)
+    items_of_solution += _links(problem, u)
+    return items_of_solution
 
 
 def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
-    found = []
+    items_of_names = []
     for first, second in matching.renamed:
         text = f"joint '{first}' of {problem.first.label} is joint '{second}' of {problem.second.label}"
-        found.append(ComparedItem("name", second, text))
+        items_of_names.append(ComparedItem("name", second, text))
     order_of_first = [name for name in problem.first.order if name in problem.first.order]
     names = {}
     for j, axis in enumerate(problem.axes):
@@ -130,14 +130,14 @@ def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
             f"the order of the joints is {', '.join(mapped)} in {problem.first.label}, {', '.join(common)} in "
             f"{problem.second.label}"
         )
-        found.append(ComparedItem("order", "", text))
-    found += _drives(problem)
-    return found
+        items_of_names.append(ComparedItem("order", "", text))
+    items_of_names += _drives(problem)
+    return items_of_names
 
 
 def _drives(problem: Problem) -> list[ComparedItem]:
     """Return an item for each joint that one side drives as several joints, while no motor of the other drives it."""
-    found = []
+    items_of_drives = []
     for i, axis in enumerate(problem.axes):
         other = problem.second.axes[i]
         if axis.active == other.active or axis.closing or not (axis.joined or other.joined):
@@ -147,8 +147,8 @@ def _drives(problem: Problem) -> list[ComparedItem]:
             driven, passive = passive, driven
         parts = [part.name for part in (*axis.joined, *other.joined)]
         text = f"motors of {driven.label} drive joint '{other.name}' ({', '.join(parts)}), none of {passive.label} does"
-        found.append(ComparedItem("order", other.name, text))
-    return found
+        items_of_drives.append(ComparedItem("order", other.name, text))
+    return items_of_drives
 
 
 def _base(problem: Problem, u: Unknowns) -> list[ComparedItem]:
@@ -165,13 +165,13 @@ def _base(problem: Problem, u: Unknowns) -> list[ComparedItem]:
 
 
 def _joints(problem: Problem, u: Unknowns) -> list[ComparedItem]:
-    found = []
+    items_of_joints = []
     for i in u.flips:
         name = problem.second.axes[i].name
         text = f"joint '{name}' turns the other way"
         if problem.kinds[i] == "prismatic":
             text = f"joint '{name}' slides the other way"
-        found.append(ComparedItem("sign", name, text, turn=np.pi))
+        items_of_joints.append(ComparedItem("sign", name, text, turn=np.pi))
     for i in moved_zeros(problem, u):
         name = problem.second.axes[i].name
         shift = zero_of(problem, u, i)
@@ -181,10 +181,10 @@ def _joints(problem: Problem, u: Unknowns) -> list[ComparedItem]:
         second = problem.second.label
         text = f"the zero of joint '{name}' is moved: {first} is at {size} where {second} is at 0"
         if is_angle:
-            found.append(ComparedItem("zero", name, text, turn=abs(shift)))
+            items_of_joints.append(ComparedItem("zero", name, text, turn=abs(shift)))
         else:
-            found.append(ComparedItem("zero", name, text, shift=abs(shift)))
-    return found
+            items_of_joints.append(ComparedItem("zero", name, text, shift=abs(shift)))
+    return items_of_joints
 
 
 def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
@@ -192,7 +192,7 @@ def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     for gap in gaps(problem, u):
         if gap.leaf and gap.differs(problem):
             moved_frames.setdefault(gap.joint, []).append(gap)
-    found = []
+    items_of_tools = []
     for joint, frames in moved_frames.items():
         names = ", ".join(f"'{gap.name}'" for gap in frames)
         gap = frames[0]
@@ -204,12 +204,12 @@ def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
         )
         name = problem.second.axes[joint].name
         length = float(np.linalg.norm(shift))
-        found.append(ComparedItem("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn))))
-    return found
+        items_of_tools.append(ComparedItem("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn))))
+    return items_of_tools
 
 
 def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
-    found = []
+    items_of_links = []
     for k, deviating in enumerate(u.deviating):
         assert u.deviations is not None
         i = deviating % problem.count
@@ -228,8 +228,8 @@ def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
         if before:
             text += f" ({_between(problem, before[0], i)})"
         length = float(np.linalg.norm(shift))
-        found.append(ComparedItem("link", second.name, text, link, length, float(np.linalg.norm(turn))))
-    return found
+        items_of_links.append(ComparedItem("link", second.name, text, link, length, float(np.linalg.norm(turn))))
+    return items_of_links
 
 
 def _between(problem: Problem, i: int, k: int) -> str:

@@ -52,8 +52,8 @@ def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
         tolerance: distance in m up to which lines meet in a point.
     """
     whole = side
-    for kind, found in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
-        whole = _with_wholes(whole, other, kind, list(found(whole, tolerance)), tolerance)
+    for kind, find in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
+        whole = _with_wholes(whole, other, kind, list(find(whole, tolerance)), tolerance)
     read = side.reread
     if whole is side or read is None:
         return _without_numbers(whole, other)
@@ -71,9 +71,9 @@ def _with_wholes(
     side: RobotSide, other: RobotSide, kind: str, found: Sequence[_JointParts], tolerance: float
 ) -> RobotSide:
     """Return the side with some of the found joints joined: as many as the other side has more of this type."""
-    own = Counter(axis.kind for axis in side.axes)
+    number_of_kind = Counter(axis.kind for axis in side.axes)
     wanted = Counter(axis.kind for axis in other.axes)
-    missing = wanted[kind] - own[kind]
+    missing = wanted[kind] - number_of_kind[kind]
     if kind == "revolute":
         # the other side may close the same loops at other joints, or have more hinges in its tree for other reasons
         closing = sum(_closes(axis, kind) for axis in other.axes) - sum(_closes(axis, kind) for axis in side.axes)
@@ -245,10 +245,10 @@ def _as_parallel(whole: Axis, side: RobotSide, other: RobotSide, tolerance: floa
     partners = [axis for axis in other.axes if plain(axis.name) == plain(whole.name) and axis.kind == "revolute"]
     if len(partners) != 1:
         return whole
-    own = {plain(axis.name): axis for axis in side.axes if axis.kind == "revolute"}
+    own_hinges = {plain(axis.name): axis for axis in side.axes if axis.kind == "revolute"}
     (partner,) = partners
     for axis in other.axes:
-        neighbour = own.get(plain(axis.name))
+        neighbour = own_hinges.get(plain(axis.name))
         if axis is partner or axis.kind != "revolute" or neighbour is None:
             continue
         if {axis.parent, axis.child}.isdisjoint((partner.parent, partner.child)):
@@ -295,14 +295,20 @@ def _distance(point: Array, axis: Axis) -> float:
 
 def _without_numbers(side: RobotSide, other: RobotSide) -> RobotSide:
     """Return the side with the names of the other side for closing joints that differ only by a number behind it."""
-    own = {plain(axis.name) for axis in side.axes}
+    own_names = {plain(axis.name) for axis in side.axes}
     known = {plain(axis.name): axis.name for axis in other.axes}
     axes = []
     for axis in side.axes:
         stem = _NUMBER.sub("", axis.name)
         partner = known.get(plain(stem))
-        if axis.closing and stem != axis.name and partner and plain(axis.name) not in known and plain(stem) not in own:
+        if (
+            axis.closing
+            and stem != axis.name
+            and partner
+            and plain(axis.name) not in known
+            and plain(stem) not in own_names
+        ):
             axis = replace(axis, name=partner)
-            own.add(plain(stem))
+            own_names.add(plain(stem))
         axes.append(axis)
     return replace(side, axes=tuple(axes))

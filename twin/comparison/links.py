@@ -158,8 +158,8 @@ class LinkMotions:
         """Return the places without some: leaving a place out leaves out what it shares with the other one."""
         kept = []
         for i, where in self.blocks:
-            own = [chosen for joint, chosen in left_out if joint == i]
-            if own and (where == "both" or "both" in own or where in own):
+            left_out_here = [chosen for joint, chosen in left_out if joint == i]
+            if left_out_here and (where == "both" or "both" in left_out_here or where in left_out_here):
                 continue
             kept.append((i, where))
         return kept
@@ -267,11 +267,11 @@ def differing_places(problem: Problem) -> list[tuple[JointPlace, ...]]:
     Each explanation is a tuple of one or two places. Several explanations are as good: of a bar with two joints,
     either has another place. A place that differs by less than the tolerance explains nothing.
     """
-    found: list[tuple[JointPlace, ...]] = []
+    explanations: list[tuple[JointPlace, ...]] = []
     for places in _explanations(problem):
         if not all(_same(problem, place) for place in places):
-            found.append(places)
-    return found
+            explanations.append(places)
+    return explanations
 
 
 def _same(problem: Problem, place: JointPlace) -> bool:
@@ -320,10 +320,10 @@ def _explanations(problem: Problem) -> list[tuple[JointPlace, ...]]:
 
 
 def _at(joint: int, wheres: Sequence[Where]) -> list[tuple[int, Where]]:
-    found: list[tuple[int, Where]] = []
+    places: list[tuple[int, Where]] = []
     for where in wheres:
-        found.append((joint, where))
-    return found
+        places.append((joint, where))
+    return places
 
 
 def _suspects(links: LinkMotions, start: Array) -> list[int]:
@@ -340,7 +340,7 @@ def _suspects(links: LinkMotions, start: Array) -> list[int]:
 
 def place_items(problem: Problem, places: Sequence[JointPlace]) -> list[ComparedItem]:
     """Return the differences as items."""
-    found = []
+    items = []
     for place in places:
         joint = problem.second.axes[place.joint]
         groups = problem.second.groups
@@ -353,5 +353,5 @@ def place_items(problem: Problem, places: Sequence[JointPlace]) -> list[Compared
         turn = place.turn if np.linalg.norm(place.turn) > 1e-9 else np.zeros(3)
         text = f"the place of joint '{joint.name}' {on} differs by {placed(shift, turn)}"
         length = float(np.linalg.norm(shift))
-        found.append(ComparedItem("link", joint.name, text, link, length, float(np.linalg.norm(turn))))
-    return found
+        items.append(ComparedItem("link", joint.name, text, link, length, float(np.linalg.norm(turn))))
+    return items

@@ -41,7 +41,7 @@ def loop_edits(
     for places in explanations[:_MOST]:
         if len(places) == 1 and places[0].joint not in joints:
             joints.append(places[0].joint)
-    found: list[NumberEdit] = []
+    edits: list[NumberEdit] = []
     for edited in (0, 1):
         closed = sides[edited].reread_closed
         if closed is None:
@@ -51,8 +51,8 @@ def loop_edits(
         for joint in joints:
             axis = (problem.axes, problem.second.axes)[edited][joint]
             names |= {plain(axis.name), *axis.parts}
-        found += attribute_edits(side, names, _goal(sides, edited, problem.tolerance), short)
-    return found
+        edits += attribute_edits(side, names, _goal(sides, edited, problem.tolerance), short)
+    return edits
 
 
 def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: int) -> list[NumberEdit]:

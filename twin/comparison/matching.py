@@ -77,21 +77,21 @@ def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
     for name, j in names_of_second.items():
         if name in names_of_first:
             pairs[j] = names_of_first[name]
-    left = [i for i in range(len(first.axes)) if i not in pairs.values()]
-    if not pairs or not left:
+    unpaired = [i for i in range(len(first.axes)) if i not in pairs.values()]
+    if not pairs or not unpaired:
         return None
     for j, axis in enumerate(second.axes):
         if j in pairs:
             continue
         ends = {links.get(axis.parent), links.get(axis.child)}
-        found = [i for i in left if {first.axes[i].parent, first.axes[i].child} == ends]
-        if len(found) != 1 or first.axes[found[0]].kind != axis.kind:
+        candidates = [i for i in unpaired if {first.axes[i].parent, first.axes[i].child} == ends]
+        if len(candidates) != 1 or first.axes[candidates[0]].kind != axis.kind:
             return None
         # in a tree, a joint of another name is found by its place, or missing
-        if not (axis.closing or first.axes[found[0]].closing):
+        if not (axis.closing or first.axes[candidates[0]].closing):
             return None
-        pairs[j] = found[0]
-        left.remove(found[0])
+        pairs[j] = candidates[0]
+        unpaired.remove(candidates[0])
     return [pairs[j] for j in range(len(second.axes))]
 
 
@@ -101,12 +101,12 @@ def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
     for group, links in enumerate(first.groups):
         for body in links.bodies:
             group_of[plain(body)] = group
-    found = {0: 0}
+    partner_of_group = {0: 0}
     for group, links in enumerate(second.groups):
         partners = {group_of[plain(body)] for body in links.bodies if plain(body) in group_of}
         if len(partners) == 1:
-            found[group] = partners.pop()
-    return found
+            partner_of_group[group] = partners.pop()
+    return partner_of_group
 
 
 def _unique(names: Sequence[str]) -> dict[str, int]:
@@ -228,7 +228,7 @@ def _mismatch(first: RobotSide, second: RobotSide) -> str:
         listed = ", ".join(f"{name}" for name in alone) or "none"
         parts.append(f"{side.label} has {len(side.axes)} moving joints, without a joint of the same name: {listed}")
     common = [axis.name for axis in first.axes if plain(axis.name) in names_of_second]
-    way = "Name the joints to compare with --only; all others are then held at zero"
+    way_out = "Name the joints to compare with --only; all others are then held at zero"
     if common:
-        way += f", for example --only {','.join(common)}"
-    return f"the joints cannot be matched: {'; '.join(parts)}. {way}."
+        way_out += f", for example --only {','.join(common)}"
+    return f"the joints cannot be matched: {'; '.join(parts)}. {way_out}."

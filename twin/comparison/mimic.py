@@ -211,10 +211,10 @@ class _Linkages:
         points = self._points()
         partners: dict[int, int] = {}
         for k, axis in enumerate(self.coupled.axes):
-            found = self._nearest(axis, points, list(partners.values()))
-            if found is None:
+            partner = self._nearest(axis, points, list(partners.values()))
+            if partner is None:
                 return None
-            partners[k] = found
+            partners[k] = partner
         groups = self._groups(partners)
         if groups is None or partners[self.leader] != self.driver:
             return None
@@ -232,22 +232,25 @@ class _Linkages:
 
     def _base(self) -> Array | None:
         """Return the motion (4, 4) of the linkage's base that brings the hinges on the base together."""
-        own = [axis for axis in self.linkage.tree if axis.parent == 0]
+        own_hinges = [axis for axis in self.linkage.tree if axis.parent == 0]
         target = [axis for axis in self.coupled.tree if axis.parent == 0]
-        if len(own) < 2 or len(own) != len(target) or len(own) > _MOST_HINGES:
+        if len(own_hinges) < 2 or len(own_hinges) != len(target) or len(own_hinges) > _MOST_HINGES:
             return None
         goal = np.array([axis.point for axis in target])
         along = target[0].direction
         same = np.eye(4)
-        for chosen in permutations(own):
+        for chosen in permutations(own_hinges):
             points = np.array([axis.point for axis in chosen])
-            if _off(same, points, goal, along).max() < _SAME and abs(own[0].direction @ along) > 1.0 - _PARALLEL**2:
+            if (
+                _off(same, points, goal, along).max() < _SAME
+                and abs(own_hinges[0].direction @ along) > 1.0 - _PARALLEL**2
+            ):
                 return same  # two hinges also coincide after half a turn about the line across them
         best: Array | None = None
         least = np.inf
-        for chosen in permutations(own):
+        for chosen in permutations(own_hinges):
             points = np.array([axis.point for axis in chosen])
-            for direction in (own[0].direction, -own[0].direction):
+            for direction in (own_hinges[0].direction, -own_hinges[0].direction):
                 if _off(_plane_fit(points, goal, direction, along), points, goal, along).max() > NEAR:
                     continue
                 # two hinges that coincide are likelier than all that nearly do
@@ -261,8 +264,8 @@ class _Linkages:
 
     def _nearest(self, axis: Axis, points: Array, used: Collection[int]) -> int | None:
         """Return the hinge of the linkage nearest to a hinge of the coupled side, within `NEAR`."""
-        off = points - axis.point
-        distances = np.linalg.norm(off - np.outer(off @ axis.direction, axis.direction), axis=1)
+        offsets = points - axis.point
+        distances = np.linalg.norm(offsets - np.outer(offsets @ axis.direction, axis.direction), axis=1)
         for i in used:
             distances[i] = np.inf
         nearest = int(np.argmin(distances))
@@ -429,11 +432,11 @@ class _Linkages:
         for side in (self.linkage, self.coupled):
             if side.guessed_tool or side.tool not in side.frames:
                 return None
-        own, T_own = self.linkage.frames[self.linkage.tool]
+        own_group, T_own = self.linkage.frames[self.linkage.tool]
         group, T = self.coupled.frames[self.coupled.tool]
-        if groups.get(group) != own:
+        if groups.get(group) != own_group:
             return None
-        T_linkage = self.X @ self.zero[own] @ T_own
+        T_linkage = self.X @ self.zero[own_group] @ T_own
         if not np.array_equal(self.X, np.eye(4)):  # how far the bases are apart along the hinges is not known
             along = self.coupled.axes[self.leader].direction
             T_linkage[:3, 3] += along * (along @ (T[:3, 3] - T_linkage[:3, 3]))
@@ -468,14 +471,14 @@ class _Linkages:
     def _moved(self, partners: dict[int, int]) -> tuple[tuple[str, float], ...]:
         """Return the hinges whose places differ by more than a hundredth of a millimetre."""
         points = self._points()
-        found = []
+        moved_hinges = []
         for k, i in partners.items():
             axis = self.coupled.axes[k]
-            off = points[i] - axis.point
-            distance = float(np.linalg.norm(off - axis.direction * (off @ axis.direction)))
+            offset = points[i] - axis.point
+            distance = float(np.linalg.norm(offset - axis.direction * (offset @ axis.direction)))
             if distance > 1e-5:
-                found.append((axis.name, distance))
-        return tuple(found)
+                moved_hinges.append((axis.name, distance))
+        return tuple(moved_hinges)
 
 
 def _stroke(first: tuple[float, float] | None, second: tuple[float, float] | None) -> tuple[float, float] | None:
@@ -496,8 +499,8 @@ def _stroke(first: tuple[float, float] | None, second: tuple[float, float] | Non
 
 def _off(X: Array, points: Array, goal: Array, along: Array) -> Array:
     """Return the distances (n,) of moved points from others; along the hinges, nothing is compared."""
-    off = points @ X[:3, :3].T + X[:3, 3] - goal
-    return np.linalg.norm(off - np.outer(off @ along, along), axis=1)
+    offsets = points @ X[:3, :3].T + X[:3, 3] - goal
+    return np.linalg.norm(offsets - np.outer(offsets @ along, along), axis=1)
 
 
 def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> Array:
@@ -505,11 +508,11 @@ def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> A
     R_direction = spatial.frame_from_axes(direction, spatial.unit_across(direction))
     R_target = spatial.frame_from_axes(target, spatial.unit_across(target))
     R0 = R_target @ R_direction.T
-    own = (points - points.mean(axis=0)) @ R0.T
+    turned_points = (points - points.mean(axis=0)) @ R0.T
     other = goal - goal.mean(axis=0)
     other = other - np.outer(other @ target, target)
-    own = own - np.outer(own @ target, target)
-    a = float(np.sum(own * other))
-    b = float(np.sum(np.cross(own, other) @ target))
+    turned_points = turned_points - np.outer(turned_points @ target, target)
+    a = float(np.sum(turned_points * other))
+    b = float(np.sum(np.cross(turned_points, other) @ target))
     R = spatial.exp_so3(np.arctan2(b, a) * target) @ R0
     return spatial.pose(R, goal.mean(axis=0) - R @ points.mean(axis=0))

@@ -19,13 +19,13 @@ _Limits = tuple[float, float] | None
 
 def mimic_conventions(mimic: MimicError, tolerance: float) -> tuple[ComparedItem, ...]:
     """Return the frames that differ by more than a distance in m, or its angle."""
-    found = []
+    items = []
     text = f"the base frame of {mimic.linkage} is moved by {_motion(mimic.base)} in that of {mimic.coupled}"
-    found.append(_item("base frame", text, mimic.base))
+    items.append(_item("base frame", text, mimic.base))
     if mimic.tool is not None:
         text = f"the tool frame of {mimic.coupled} is moved by {_motion(mimic.tool)} in that of {mimic.linkage}"
-        found.append(_item("tool frame", text, mimic.tool))
-    return tuple(item for item in found if item.shift > tolerance or item.turn > ANGLE_PER_LENGTH * tolerance)
+        items.append(_item("tool frame", text, mimic.tool))
+    return tuple(item for item in items if item.shift > tolerance or item.turn > ANGLE_PER_LENGTH * tolerance)
 
 
 def mimic_properties(mimic: MimicError, linkage_first: bool) -> Properties:

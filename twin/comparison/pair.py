@@ -187,19 +187,19 @@ def _moved_frames(
     base = T_rows[0] @ spatial.inverse(T_robot[0])
     tool = spatial.inverse(T_robot[0]) @ T_rows[0]
     for X, Y in ((same, same), (base, same), (same, tool), (fit.base, fit.tool)):
-        left = spatial.inverse(X @ T_robot @ Y) @ T_rows
-        if not _is_moved(left, tolerance):
+        remaining = spatial.inverse(X @ T_robot @ Y) @ T_rows
+        if not _is_moved(remaining, tolerance):
             break
     else:
         return ()
-    found = []
+    items = []
     if _is_moved(X, tolerance):
         text = f"the base frame of {robot.label} is moved by {_placed(X)} in that of {table.label}"
-        found.append(_frame_item("base frame", text, X))
+        items.append(_frame_item("base frame", text, X))
     if _is_moved(Y, tolerance):
         text = f"the tool frame of {table.label} is moved by {_placed(Y)} in that of {robot.label}"
-        found.append(_frame_item("tool frame", text, Y))
-    return tuple(found)
+        items.append(_frame_item("tool frame", text, Y))
+    return tuple(items)
 
 
 def _is_moved(T: Array, tolerance: float) -> bool:
@@ -225,13 +225,13 @@ def _of_links(
 
     `sides` are the sides as they were read.
     """
-    found = tuple(place_items(problem, explanations[0]))
-    if len(found) == 1:
-        found = (found[0].with_edits(loop_edits(sides, problem, explanations)),)
+    differences = tuple(place_items(problem, explanations[0]))
+    if len(differences) == 1:
+        differences = (differences[0].with_edits(loop_edits(sides, problem, explanations)),)
     others = []
     for places in explanations[1 : 1 + _TIES]:
         others.append(tuple(item.text for item in place_items(problem, places)))
-    return SidePair(problem.first, problem.second, "disagree", found, tuple(others), None, None, problem, None)
+    return SidePair(problem.first, problem.second, "disagree", differences, tuple(others), None, None, problem, None)
 
 
 def _opened(sides: tuple[RobotSide, RobotSide], problem: Problem) -> tuple[ComparedItem, ...]:
@@ -242,7 +242,7 @@ def _opened(sides: tuple[RobotSide, RobotSide], problem: Problem) -> tuple[Compa
     A loop that does not close at the drawn state closes nowhere near it: the line of its joint on one link says nothing
     about that on the other.
     """
-    found = []
+    items_of_joints = []
     for i, (axis, partner) in enumerate(zip(problem.axes, problem.second.axes, strict=True)):
         distances = (axis.opened[0], partner.opened[0])
         angles = (axis.opened[1], partner.opened[1])
@@ -256,18 +256,18 @@ def _opened(sides: tuple[RobotSide, RobotSide], problem: Problem) -> tuple[Compa
         text = f"joint '{partner.name}' does not close its loop: its places on its two links are {', '.join(texts)}"
         link = problem.second.groups[partner.child].bodies[-1]
         item = ComparedItem("link", partner.name, text, link, shift, turn)
-        found.append(item.with_edits(closing_edits(sides, problem, i)))
-    return tuple(found)
+        items_of_joints.append(item.with_edits(closing_edits(sides, problem, i)))
+    return tuple(items_of_joints)
 
 
 def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance: float) -> SidePair:
     """Return the comparison of a linkage with a side whose mimic joints replace its loops."""
-    found = mimic_conventions(mimic, tolerance)
-    verdict: Kinematics = "agree after conventions" if found else "agree"
+    conventions = mimic_conventions(mimic, tolerance)
+    verdict: Kinematics = "agree after conventions" if conventions else "agree"
     if not mimic.within(tolerance, ANGLE_PER_LENGTH * tolerance):
         verdict = "disagree"
     properties = mimic_properties(mimic, linkage_first=first.looped)
-    return SidePair(first, second, verdict, found, (), properties, None, None, None, mimic=mimic)
+    return SidePair(first, second, verdict, conventions, (), properties, None, None, None, mimic=mimic)
 
 
 def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
@@ -303,15 +303,17 @@ def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Sid
     kinematics: Kinematics = "agree after conventions"
     if best.unknowns.deviating:
         kinematics = "disagree"
-    found = with_edits(problem, matching, best, items(problem, matching, best))
-    if not found:
+    items_of_pair = with_edits(problem, matching, best, items(problem, matching, best))
+    if not items_of_pair:
         kinematics = "agree"
     others: list[tuple[str, ...]] = []
-    told = tuple(item.text for item in found)
+    told = tuple(item.text for item in items_of_pair)
     for other in found_solutions[1:]:
         texts = tuple(item.text for item in items(problem, matching, other))
         if texts not in others and texts != told:
             others.append(texts)
     largest = worst(problem, best)
     properties = with_property_edits(problem, matching, best, compare(problem, best))
-    return SidePair(first, second, kinematics, tuple(found), tuple(others[:_TIES]), properties, largest, problem, best)
+    return SidePair(
+        first, second, kinematics, tuple(items_of_pair), tuple(others[:_TIES]), properties, largest, problem, best
+    )

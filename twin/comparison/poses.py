@@ -177,8 +177,8 @@ def _matched(rows: PoseRows, label: str, side: RobotSide) -> Array:
     missing = [name for name in wanted if plain(name) not in known]
     if side.tool_poses is not None:
         missing = [name for name in missing if _moves_tool(side, name)]
-    own = {plain(joint) for joint in order}
-    extra = [name for name in rows.joints if plain(name) not in own]
+    driven_names = {plain(joint) for joint in order}
+    extra = [name for name in rows.joints if plain(name) not in driven_names]
     columns: dict[str, int] = {}
     if not missing and not extra:
         columns = {name: known[plain(name)] for name in order if plain(name) in known}
@@ -503,9 +503,9 @@ class _Comparison:
         T = self.model.poses(signs, np.zeros(self.model.count), {})
         best: _State | None = None
         for x in self._starts(T):
-            found = self.fit(signs, (), x)
-            if best is None or found.sse < best.sse:
-                best = found
+            fit = self.fit(signs, (), x)
+            if best is None or fit.sse < best.sse:
+                best = fit
         assert best is not None
         return best
 
@@ -610,10 +610,10 @@ class _Comparison:
             if state.sse >= first.sse:
                 continue
             lever = self.lever
-            found = self._saturated(state)
-            if found is not None and self._deviation(found)[0] < 0.5 * least:
-                best = found
-                least = self._deviation(found)[0]
+            fit = self._saturated(state)
+            if fit is not None and self._deviation(fit)[0] < 0.5 * least:
+                best = fit
+                least = self._deviation(fit)[0]
             else:
                 self.lever = lever
         return best
@@ -689,9 +689,9 @@ class _Comparison:
     def _searched(self, plain: _State, saturated: _State) -> tuple[_State | None, _State]:
         """Return (the fit with the fewest changes or None, the fit with every joint free)."""
         if self._accepted(saturated, saturated):
-            found = self._explained([plain], saturated)
-            if found is not None:
-                return found, saturated
+            explained = self._explained([plain], saturated)
+            if explained is not None:
+                return explained, saturated
         starts = self._sign_states(plain)
         saturated = self._least(starts, saturated)
         if not self._accepted(saturated, saturated):
@@ -724,9 +724,9 @@ class _Comparison:
         model = self.model
         assert isinstance(model, _Chain)
         states = []
-        own = np.flatnonzero(model.own)
+        driven = np.flatnonzero(model.own)
         for flips in range(1, _FLIPS + 1):
-            for chosen in combinations(own, flips):
+            for chosen in combinations(driven, flips):
                 signs = np.ones(model.count)
                 signs[list(chosen)] = -1.0
                 T = model.poses(signs, np.zeros(model.count), {})
@@ -781,9 +781,9 @@ class _Comparison:
         """Return the fit with as few values as the noise allows: one after another is held at zero."""
         while True:
             deviations = self._deviations(state, saturated)
-            own = [k for k in np.flatnonzero(state.free) if k >= _FRAMES]
-            own.sort(key=lambda k: abs(state.x[k]) / max(deviations[k], 1e-15))
-            for k in own:
+            free_values = [k for k in np.flatnonzero(state.free) if k >= _FRAMES]
+            free_values.sort(key=lambda k: abs(state.x[k]) / max(deviations[k], 1e-15))
+            for k in free_values:
                 free = state.free.copy()
                 free[k] = False
                 x = state.x.copy()

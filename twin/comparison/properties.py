@@ -339,13 +339,13 @@ def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, tu
             if other != pivot:
                 rows[other] -= rows[other, column] * rows[pivot]
         pivots.append(column)
-    found = {}
+    followers = {}
     for row, column in zip(rows, pivots, strict=False):
         moving = np.zeros(len(order))
         moving[list(order)] = -row[:-1]
         moving[order[column]] = 0.0
-        found[order[column]] = (moving, float(row[-1]))
-    return found
+        followers[order[column]] = (moving, float(row[-1]))
+    return followers
 
 
 def followed_of(side: RobotSide) -> dict[int, tuple[Array, float]]:

@@ -54,9 +54,9 @@ def _with_edits(
     together = False
     for edited in (0, 1):
         sides = (problem.first, problem.second)
-        own = [edit for edit in healed.get((row.kind, row.index), ()) if edit.side == sides[edited].label]
-        if own:
-            edits += own
+        own_edits = [edit for edit in healed.get((row.kind, row.index), ()) if edit.side == sides[edited].label]
+        if own_edits:
+            edits += own_edits
             continue
 
         def paired(side: RobotSide, edited: int = edited, sides: tuple[RobotSide, RobotSide] = sides) -> Problem:
@@ -69,8 +69,8 @@ def _with_edits(
         found = rereading.edited_sides(sides[edited], names, row.kind, goal, short)[:2]
         edits += [edit for edit, _ in found]
         for edit, side in found:
-            left = {(other.kind, other.index) for other in compare(paired(side), solution).rows if other.stated}
-            for other in known - left - {(row.kind, row.index)}:
+            remaining = {(other.kind, other.index) for other in compare(paired(side), solution).rows if other.stated}
+            for other in known - remaining - {(row.kind, row.index)}:
                 healed.setdefault(other, []).append(edit)
         if not found and not _welded_with_wrong_mass(sides[edited], known, row, names):
             several = rereading.edits_together(sides[edited], names, row.kind, goal, short)
@@ -119,8 +119,8 @@ def _goal(
             return False
         if after.angles.max() > before.angles.max() + pair.angle_tolerance:
             return False
-        left = {(other.kind, other.index) for other in compare(pair, solution).rows if other.stated}
-        return (row.kind, row.index) not in left and left <= set(known)
+        remaining = {(other.kind, other.index) for other in compare(pair, solution).rows if other.stated}
+        return (row.kind, row.index) not in remaining and remaining <= set(known)
 
     def moved(edited: RobotSide) -> int:
         # an edit that makes other rows and frames agree as well is likelier

@@ -118,12 +118,12 @@ def worst(problem: Problem, solution: FitSolution) -> Worst | None:
         states = problem.target_drawn[None]
     else:
         states = _states(problem, common_range(problem, solution))
-    found = None
+    largest = None
     for tool in tools:
         candidate = _worst_of(problem, u, plain, tool, states)
-        if found is None or (candidate.distance, candidate.angle) > (found.distance, found.angle):
-            found = candidate
-    return found
+        if largest is None or (candidate.distance, candidate.angle) > (largest.distance, largest.angle):
+            largest = candidate
+    return largest
 
 
 def _states(problem: Problem, ranges: Array) -> Array:

@@ -116,17 +116,17 @@ def remembering(side: RobotSide) -> RobotSide:
 
     def read_once(text: bytes) -> RobotSide:
         key = hashlib.sha256(text).digest()
-        found = known.get(key)
-        if found is None:
+        side_read_before = known.get(key)
+        if side_read_before is None:
             try:
-                found = reread(text)
+                side_read_before = reread(text)
             except TwinError as error:
-                found = error
+                side_read_before = error
             if len(known) < _REMEMBERED:
-                known[key] = found
-        if isinstance(found, TwinError):
-            raise found
-        return found
+                known[key] = side_read_before
+        if isinstance(side_read_before, TwinError):
+            raise side_read_before
+        return side_read_before
 
     return replace(side, reread=read_once)
 
@@ -140,13 +140,13 @@ def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumb
     if data is None:
         return []
     if _is_xml(data):
-        found = _of_xml(data, side.places)
+        numbers_of_text = _of_xml(data, side.places)
     elif data.startswith(_USDA):
-        found = _of_usda(data)
+        numbers_of_text = _of_usda(data)
     else:
         return list(_of_table(data))
     chosen = []
-    for number in found:
+    for number in numbers_of_text:
         states_it = bool(_STATES[kind].search(number.what))
         if not kind:
             states_it = _NO_PLACE.search(number.what) is None
@@ -233,7 +233,7 @@ def edited_sides(
     data = text_of(side)
     if data is None:
         return []
-    found: list[tuple[int, int, NumberEdit, RobotSide]] = []
+    ranked: list[tuple[int, int, NumberEdit, RobotSide]] = []
     before = goal.residual(side)
     for number in numbers(side, names, kind)[:_MOST_READ]:
         text = data[number.start : number.end].decode()
@@ -249,9 +249,9 @@ def edited_sides(
         place = file(number.file or str(side.path))
         edit = NumberEdit(side.label, place, number.line, number.what, text, new, confirmed=True)
         edit = hindered(side, edit, number.file)
-        found.append((goal.moved(edited), len(new), edit, edited))
-    found.sort(key=lambda entry: entry[:2])
-    return [(edit, edited) for _, _, edit, edited in found]
+        ranked.append((goal.moved(edited), len(new), edit, edited))
+    ranked.sort(key=lambda entry: entry[:2])
+    return [(edit, edited) for _, _, edit, edited in ranked]
 
 
 def edits_together(
@@ -296,13 +296,13 @@ def edits_together(
         return []
     if not goal.agrees(edited):
         return []
-    found = []
+    edits_found = []
     for number, value in chosen:
         text = data[number.start : number.end].decode()
         place = file(number.file or str(side.path))
         edit = NumberEdit(side.label, place, number.line, number.what, text, _text(value), confirmed=True)
-        found.append(hindered(side, edit, number.file))
-    return found
+        edits_found.append(hindered(side, edit, number.file))
+    return edits_found
 
 
 def attribute_edits(
@@ -315,17 +315,21 @@ def attribute_edits(
     attributes: dict[tuple[int, str], list[FileNumber]] = {}
     for number in numbers(side, names, ""):
         attributes.setdefault((number.line, number.what.rpartition("[")[0]), []).append(number)
-    found: list[NumberEdit] = []
+    edits_found: list[NumberEdit] = []
     before = goal.residual(side)
-    for (line, what), own in list(attributes.items())[:_MOST_ATTRIBUTES]:
-        values = _attribute_values(side, data, own, goal, before)
+    for (line, what), numbers_of_attribute in list(attributes.items())[:_MOST_ATTRIBUTES]:
+        values = _attribute_values(side, data, numbers_of_attribute, goal, before)
         if values is None:
             continue
-        old = " ".join(data[number.start : number.end].decode() for number in own)
+        old = " ".join(data[number.start : number.end].decode() for number in numbers_of_attribute)
         new = " ".join(_text(value) for value in values)
-        place = file(own[0].file or str(side.path))
-        found.append(hindered(side, NumberEdit(side.label, place, line, what, old, new, confirmed=True), own[0].file))
-    return found
+        place = file(numbers_of_attribute[0].file or str(side.path))
+        edits_found.append(
+            hindered(
+                side, NumberEdit(side.label, place, line, what, old, new, confirmed=True), numbers_of_attribute[0].file
+            )
+        )
+    return edits_found
 
 
 def _attribute_values(
@@ -494,7 +498,7 @@ def _rounded(
 
 def _of_xml(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumber]:
     """Return the numbers of the attributes and texts of an XML file."""
-    found: list[FileNumber] = []
+    file_numbers: list[FileNumber] = []
     tags: list[str] = []
     names: list[str] = []
     titles: list[str] = []
@@ -511,7 +515,7 @@ def _of_xml(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumb
                 file, line = place
             # in an MJCF, all bodies of an arm are nested
             nearest = tuple(plain(name) for name in names if name)[-2:]
-            found.append(FileNumber(match.start(), match.end(), line, label, nearest, file))
+            file_numbers.append(FileNumber(match.start(), match.end(), line, label, nearest, file))
 
     def tags_and_name() -> list[str]:
         """Return the parts of the path of an element below the robot of a URDF: joint, its name, origin."""
@@ -553,7 +557,7 @@ def _of_xml(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumb
         parser.Parse(data, True)
     except expat.ExpatError:
         return []
-    return found
+    return file_numbers
 
 
 _PRIM = re.compile(rb"\s*(?:def|over)\s+(?:\w+\s+)?\"([^\"]+)\"")
@@ -562,7 +566,7 @@ _USD_VALUE = re.compile(rb"\s*(?:uniform\s+|custom\s+)*[\w\[\]]+\s+([\w:]+)\s*="
 
 def _of_usda(data: bytes) -> list[FileNumber]:
     """Return the numbers of a USD stage in text form, each with the path of its prim and its attribute."""
-    found: list[FileNumber] = []
+    file_numbers: list[FileNumber] = []
     prims: list[str] = []
     opened: list[int] = []  # depth of braces at which each prim began
     depth = 0
@@ -578,7 +582,7 @@ def _of_usda(data: bytes) -> list[FileNumber]:
             for k, match in enumerate(_NUMBER.finditer(data, start + value.end(), start + len(content))):
                 what = f"</{'/'.join(prims)}>.{attribute}[{k}]"
                 around = tuple(plain(name) for name in prims)
-                found.append(FileNumber(match.start(), match.end(), line, what, around))
+                file_numbers.append(FileNumber(match.start(), match.end(), line, what, around))
         for letter in re.findall(rb"[{}]", re.sub(rb"\"[^\"]*\"", b"", content)):
             if letter == b"{":
                 depth += 1
@@ -592,7 +596,7 @@ def _of_usda(data: bytes) -> list[FileNumber]:
                     opened.pop()
                 depth -= 1
         start += len(content) + 1
-    return found
+    return file_numbers
 
 
 def _of_table(data: bytes) -> Iterator[FileNumber]:

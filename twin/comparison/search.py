@@ -118,7 +118,7 @@ class _Search:
         """Return the solutions with the lowest cost for these sets of deviating joints."""
         for deviating in sets:
             self._push(0.0, _Signs(deviating, (), frozenset()))
-        found: list[FitSolution] = []
+        solutions: list[FitSolution] = []
         lowest = np.inf
         while self.heap:
             bound, _, node = heapq.heappop(self.heap)
@@ -129,7 +129,7 @@ class _Search:
                 continue
             if self._differs_in_nothing(node):
                 lowest = 0.0
-                found.append(node.solution)
+                solutions.append(node.solution)
                 continue
             if not node.final and self.nodes < self.most_nodes and self._branches(node, min(self.most, lowest) - bound):
                 continue
@@ -139,8 +139,8 @@ class _Search:
                 self._push(cost, replace(node, final=True))
                 continue
             lowest = min(lowest, bound)
-            found.append(node.solution)
-        return found
+            solutions.append(node.solution)
+        return solutions
 
     def _differs_in_nothing(self, choice: _Choice) -> bool:
         """Return whether no joint deviates and all evidence is equal: other values could only be as good."""
@@ -193,10 +193,10 @@ class _Search:
             tried[columns] = 0.0
             free = choice.free.copy()
             free[columns] = False
-            found = problem.refine(with_values(choice.solution.unknowns, tried), free)
-            if problem.holds(found.gap):
+            refined = problem.refine(with_values(choice.solution.unknowns, tried), free)
+            if problem.holds(refined.gap):
                 # the values may still change later: other evidence may need it
-                choice = replace(choice, solution=found)
+                choice = replace(choice, solution=refined)
         return choice
 
     # -- evidence -------------------------------------------------------------------------------------
@@ -301,12 +301,12 @@ class _Search:
         for start in self._starts(choice, evidence, directions, J):
             for column, value in stated.items():
                 start[column] = value
-            found = self._refined(with_values(u, start), free, conditions)
-            if not problem.holds(found.gap):
+            refined = self._refined(with_values(u, start), free, conditions)
+            if not problem.holds(refined.gap):
                 continue
             keeps = [*conditions, *(kept for kept in choice.kept if kept.kind in ("tool", "inertia")), evidence]
-            if not self.stated.violated(keeps, found.unknowns):
-                return _Choice(found, free, conditions, choice.kept | {evidence})
+            if not self.stated.violated(keeps, refined.unknowns):
+                return _Choice(refined, free, conditions, choice.kept | {evidence})
         return None
 
     def _starts(self, choice: _Choice, evidence: Evidence, directions: Array, J: Array) -> Iterator[Array]:
@@ -464,9 +464,9 @@ def deviations(problem: Problem) -> list[FitSolution]:
         for chosen in combinations(places, size):
             if all(difference.is_explained(chosen) for difference in contradictions):
                 sets.append(chosen)
-        found = _Search(problem, known, _FLIPS).run(sets)
-        if found:
-            return _explained(problem, found)
+        solutions = _Search(problem, known, _FLIPS).run(sets)
+        if solutions:
+            return _explained(problem, solutions)
     return _greedy(problem, known)
 
 
@@ -562,11 +562,11 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
         tried = x.copy()
         # only a small turn keeps the directions
         tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
-        found = problem.refine(with_values(u, tried), free, more)
-        smaller = np.linalg.norm(values_of(found.unknowns)[columns]) < np.linalg.norm(x[columns])
-        if not smaller or not problem.holds(found.gap) or stated.violated(kept, found.unknowns):
+        refined = problem.refine(with_values(u, tried), free, more)
+        smaller = np.linalg.norm(values_of(refined.unknowns)[columns]) < np.linalg.norm(x[columns])
+        if not smaller or not problem.holds(refined.gap) or stated.violated(kept, refined.unknowns):
             break
-        best = found
+        best = refined
     return best
 
 
@@ -592,9 +592,9 @@ def _sparse(problem: Problem, solution: FitSolution) -> FitSolution:
         current[group] = 0.0
         tried = free.copy()
         tried[group] = False
-        found = problem.refine(with_values(best.unknowns, current), tried)
-        if problem.holds(found.gap) and _tools_stay(problem, found.unknowns, tools):
-            best = found
+        refined = problem.refine(with_values(best.unknowns, current), tried)
+        if problem.holds(refined.gap) and _tools_stay(problem, refined.unknowns, tools):
+            best = refined
             free = tried
     return best
 

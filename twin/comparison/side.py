@@ -472,15 +472,15 @@ def _carriers(mechanism: Mechanism) -> set[str]:
     Such a body is given a mass of up to 1 g, because a simulator needs one.
     """
     ends = [body for joint in mechanism.joints for body in (joint.parent, joint.child)]
-    found = set()
+    carriers = set()
     for joint in mechanism.loops:
         for name in (joint.parent, joint.child):
             if joint.type != "fixed" or ends.count(name) != 2 or name == mechanism.base:
                 continue
             inertia = mechanism.body(name).inertia
             if inertia is not None and inertia.mass <= _CARRIER:
-                found.add(name)
-    return found
+                carriers.add(name)
+    return carriers
 
 
 def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]) -> tuple[JointGroup, ...]:

@@ -190,13 +190,13 @@ class PlaceStatement:
 
 def places(known: Sequence[NumberStatement | CellStatement]) -> list[PlaceStatement]:
     """Return the elements that state position and rotation."""
-    found = []
+    place_statements = []
     for shift, turn in itertools.pairwise(known):
         if isinstance(shift, NumberStatement) and isinstance(turn, NumberStatement):
             same = shift.what.rsplit(" ", 1)[0] == turn.what.rsplit(" ", 1)[0]
             if same and (shift.role, turn.role) == ("shift", "turn"):
-                found.append(PlaceStatement(shift, turn))
-    return found
+                place_statements.append(PlaceStatement(shift, turn))
+    return place_statements
 
 
 def _product(angles: Array, sequence: str) -> Array:
@@ -267,8 +267,8 @@ def _elements(data: bytes, path: Path) -> _Element | None:
         text = data[begin : end if end > 0 else len(data)]
         lines = {}
         for name in attributes:
-            found = re.search(rb"\s" + re.escape(name.encode()) + rb"\s*=", text)
-            before = text[: found.end()] if found else b""
+            match = re.search(rb"\s" + re.escape(name.encode()) + rb"\s*=", text)
+            before = text[: match.end()] if match else b""
             lines[name] = parser.CurrentLineNumber + before.count(b"\n")
         element = _Element(tag, attributes, lines, str(path))
         stack[-1].children.append(element)
@@ -314,25 +314,25 @@ def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberS
         name = joint.attributes.get("name", "")
         ends[name] = (parent.attributes.get("link", ""), child.attributes.get("link", ""))
         below.setdefault(ends[name][0], []).append(name)
-    found = []
+    statements = []
     for joint in joints:
         name = joint.attributes.get("name", "")
         if name not in ends:
             continue
         moved_joints, moved_links = _below(name, ends, below)
-        own = (plain(ends[name][1]), moved_joints, moved_links)
+        names_of_joint = (plain(ends[name][1]), moved_joints, moved_links)
         origin = joint.find("origin")
         if origin is not None:
             _move(origin, places.get(f"joint/{name}/origin"))
-            placed = _attribute(origin, f"joint '{name}' origin", "xyz", "shift", "", 1.0, own)
-            placed += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", "rpy", 1.0, own)
-            found += _with_rotation(placed)
+            placed = _attribute(origin, f"joint '{name}' origin", "xyz", "shift", "", 1.0, names_of_joint)
+            placed += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", "rpy", 1.0, names_of_joint)
+            statements += _with_rotation(placed)
         axis = joint.find("axis")
         if axis is not None:
             _move(axis, places.get(f"joint/{name}/axis"))
-            alone = (own[0], frozenset({plain(name)}), frozenset[str]())
-            found += _attribute(axis, f"joint '{name}' axis", "xyz", "axis", "", 1.0, alone)
-    return found
+            alone = (names_of_joint[0], frozenset({plain(name)}), frozenset[str]())
+            statements += _attribute(axis, f"joint '{name}' axis", "xyz", "axis", "", 1.0, alone)
+    return statements
 
 
 def _with_rotation(placed: Sequence[NumberStatement]) -> list[NumberStatement]:
@@ -341,12 +341,12 @@ def _with_rotation(placed: Sequence[NumberStatement]) -> list[NumberStatement]:
     for statement in placed:
         if statement.role == "turn":
             rotation = statement.own_rotation()
-    out = []
+    statements = []
     for statement in placed:
         if statement.role == "shift":
             statement = replace(statement, R_parent_link=rotation)
-        out.append(statement)
-    return out
+        statements.append(statement)
+    return statements
 
 
 def _move(element: _Element, place: tuple[str, int] | None) -> None:
@@ -405,13 +405,13 @@ def _mjcf(root: _Element, path: Path) -> list[NumberStatement]:
             if compiler.attributes.get("angle") == "radian":
                 unit = 1.0
             sequence = compiler.attributes.get("eulerseq", sequence)
-    found: list[NumberStatement] = []
+    statements: list[NumberStatement] = []
     for world in root.children:
         if world.tag == "worldbody":
             for body in world.children:
                 if body.tag == "body":
-                    _body(body, f"euler:{sequence}", unit, found)
-    return found
+                    _body(body, f"euler:{sequence}", unit, statements)
+    return statements
 
 
 def _include(element: _Element, path: Path, depth: int) -> None:

@@ -48,9 +48,9 @@ def _attribute(text: str, what: str) -> str:
     element, attribute = words
     # an element can begin in a line before
     for pattern in (rf"<{element}\b[^<>]*?\s{attribute}", rf"\b{attribute}"):
-        found = re.search(pattern + r"\s*=\s*([\"'])(.*?)\1", text)
-        if found is not None:
-            return found.group(2)
+        match = re.search(pattern + r"\s*=\s*([\"'])(.*?)\1", text)
+        if match is not None:
+            return match.group(2)
     return text
 
 

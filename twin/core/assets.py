@@ -154,7 +154,7 @@ def files(robot: str | Path) -> RobotFiles:
     if str(robot) in names():
         root, name = data_folder(), str(robot)
         places = root / "cad" / name, root / "usd" / name, root / "trajectories" / name
-        found = RobotFiles(name, *places, _PACKAGE / "robots" / f"{name}.py")
+        robot_files = RobotFiles(name, *places, _PACKAGE / "robots" / f"{name}.py")
     elif folder.is_dir():
         folder = folder.resolve()
         descriptions = _descriptions(folder)
@@ -165,12 +165,12 @@ def files(robot: str | Path) -> RobotFiles:
                 "trajectories/ and formula.py."
             )
         places = folder / "cad", folder / "usd", folder / "trajectories"
-        found = RobotFiles(descriptions[0].stem, *places, folder / "formula.py")
+        robot_files = RobotFiles(descriptions[0].stem, *places, folder / "formula.py")
     else:
         raise TwinError(f"{unknown('robot', str(robot), names())} The path of a robot folder is also accepted.")
     for place in places:
         settle(place)
-    return found
+    return robot_files
 
 
 def hidden(robot: str | Path) -> Path | None:

@@ -162,10 +162,10 @@ def settle(folder: Path) -> None:
     place = folder.absolute()
     for base in (place, *list(place.parents)[:_ABOVE]):
         try:
-            found = [Path(entry.path) for entry in os.scandir(base) if _OWN.fullmatch(entry.name)]
+            own_folders = [Path(entry.path) for entry in os.scandir(base) if _OWN.fullmatch(entry.name)]
         except (OSError, ValueError):  # the folder does not exist, or its name is no path
             continue
-        for own in found:
+        for own in own_folders:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a journal of twin
                 _settle(base, own)
 

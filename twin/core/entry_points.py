@@ -16,21 +16,21 @@ def entry_points(group: str) -> dict[str, object]:
     Raises:
         TwinError: an object cannot be imported; the message names the metadata.
     """
-    found: dict[str, object] = {}
+    objects: dict[str, object] = {}
     for file in _files(group):
         for name, place in _rows(file, group):
-            if name not in found:
-                found[name] = _loaded(name, place, file)
-    return found
+            if name not in objects:
+                objects[name] = _loaded(name, place, file)
+    return objects
 
 
 def names(package: str, group: str) -> list[str]:
     """Return the names of the modules in a package of twin, and of the entry points of a group; nothing is loaded."""
-    found = {module.name for module in iter_modules(import_module(package).__path__)}
+    names_found = {module.name for module in iter_modules(import_module(package).__path__)}
     for file in _files(group):
         for name, _ in _rows(file, group):
-            found.add(name)
-    return sorted(found)
+            names_found.add(name)
+    return sorted(names_found)
 
 
 def _files(group: str) -> list[Path]:

@@ -130,8 +130,8 @@ def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = 
 
 def no_inverse(rows: int, columns: int) -> str:
     """Return an error message for the inverse of a non-square matrix; the message suggests the pseudo-inverse."""
-    way = "J.T @ inv(J @ J.T)" if rows < columns else "inv(J.T @ J) @ J.T"
+    way_out = "J.T @ inv(J @ J.T)" if rows < columns else "inv(J.T @ J) @ J.T"
     return (
-        f"a {rows} × {columns} matrix has no inverse, because it is not square; use the pseudo-inverse {way} (pinv), "
-        "or solve for as many unknowns as there are joints"
+        f"a {rows} × {columns} matrix has no inverse, because it is not square; use the pseudo-inverse {way_out} "
+        "(pinv), or solve for as many unknowns as there are joints"
     )

@@ -120,8 +120,10 @@ class Kind:
         cause: str = "",
     ) -> Finding:
         """Return the finding; for the arguments see the function `finding`."""
-        way = suggestion or self.suggestion
-        return finding(self.severity, self.code, where, what, size, limit, way, when=when, cause=cause, word=self.word)
+        way_out = suggestion or self.suggestion
+        return finding(
+            self.severity, self.code, where, what, size, limit, way_out, when=when, cause=cause, word=self.word
+        )
 
 
 info = partial(finding, "info")

@@ -94,12 +94,12 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
 def pretty_unit(unit: str) -> str:
     """Return a unit as printed: "kg/m3" is "kg/m³", "um" is "µm", "deg/s2" is "°/s²"."""
     parts = [part.strip() for part in unit.split("/")]
-    out = []
+    pretty = []
     for part in parts:
         name = part.rstrip("23")
         exponent = part[len(name) :].translate(_SUPERSCRIPT)
-        out.append(_SIGNS.get(name, name) + exponent)
-    return "/".join(out)
+        pretty.append(_SIGNS.get(name, name) + exponent)
+    return "/".join(pretty)
 
 
 def plain(value: float, digits: int) -> str:

@@ -64,18 +64,18 @@ class Output:
 
     def restore(self) -> list[str]:
         """Restore the output as far as possible; return what had been done to it, as verbs with objects."""
-        done = []
+        deeds = []
         if sys.stdout is not self._stream:
-            done.append("replaces sys.stdout")
+            deeds.append("replaces sys.stdout")
             sys.stdout = self._stream
         if builtins.print is not self._print:
-            done.append("replaces print")
+            deeds.append("replaces print")
             builtins.print = self._print
         if _is_closed(self._stream):
-            done.append("closes sys.stdout")
+            deeds.append("closes sys.stdout")
         elif _open_file() != self._file:
-            done.append("closes or redirects the file descriptor 1")
-        return done
+            deeds.append("closes or redirects the file descriptor 1")
+        return deeds
 
     def check(self, place: str = "") -> None:
         """Restore the output; `place` is "file:line" of the code that ran in the meantime, "" if it is not known.

@@ -24,14 +24,14 @@ _SMALL = 1e-8
 def hat(w: ArrayLike) -> Array:
     """Return the cross product matrix (..., 3, 3) of w (..., 3)."""
     w = np.asarray(w, float)
-    out = np.zeros((*w.shape[:-1], 3, 3))
-    out[..., 0, 1] = -w[..., 2]
-    out[..., 0, 2] = w[..., 1]
-    out[..., 1, 2] = -w[..., 0]
-    out[..., 1, 0] = w[..., 2]
-    out[..., 2, 0] = -w[..., 1]
-    out[..., 2, 1] = w[..., 0]
-    return out
+    matrix = np.zeros((*w.shape[:-1], 3, 3))
+    matrix[..., 0, 1] = -w[..., 2]
+    matrix[..., 0, 2] = w[..., 1]
+    matrix[..., 1, 2] = -w[..., 0]
+    matrix[..., 1, 0] = w[..., 2]
+    matrix[..., 2, 0] = -w[..., 1]
+    matrix[..., 2, 1] = w[..., 0]
+    return matrix
 
 
 def exp_so3(w: ArrayLike) -> Array:

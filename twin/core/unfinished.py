@@ -35,13 +35,13 @@ def abandoned() -> list[Path]:
         entries = list(_entry(Path()).iterdir())
     except (OSError, RuntimeError):
         return []
-    found = []
+    folders = []
     for entry in entries:
         with contextlib.suppress(OSError):  # removed by another process, or no symbolic link
             folder = entry.readlink()
             if not _in_use(folder):
-                found.append(folder)
-    return found
+                folders.append(folder)
+    return folders
 
 
 def _in_use(folder: Path) -> bool:

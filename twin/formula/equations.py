@@ -84,11 +84,13 @@ class Equations:
             reasons[reading] = why
 
         def register(function: _Function) -> _Function:
-            own = name or function.__name__
-            if any(equation.name == own for equation in self._registered):
-                raise KinematicsError(f"two equations are named '{own}': register the second as a variant of the first")
+            own_name = name or function.__name__
+            if any(equation.name == own_name for equation in self._registered):
+                raise KinematicsError(
+                    f"two equations are named '{own_name}': register the second as a variant of the first"
+                )
             equation = Equation(
-                own, title, source or self.source, stage, outputs, {reading: function}, reasons, reading
+                own_name, title, source or self.source, stage, outputs, {reading: function}, reasons, reading
             )
             self._registered.append(equation)
             return function
@@ -118,11 +120,11 @@ class Equations:
 
         def register(function: Rows) -> Variant:
             equation = self._registered[place]
-            made = Variant(of, function)
-            variants = {**equation.variants, name: made}
+            variant = Variant(of, function)
+            variants = {**equation.variants, name: variant}
             reasons = {**equation.reasons, name: why}
             self._registered[place] = replace(equation, variants=variants, reasons=reasons)
-            return made
+            return variant
 
         return register
 
@@ -211,7 +213,7 @@ def definition(function: Rows) -> ast.FunctionDef:
 @lru_cache(maxsize=64)
 def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionDef]:
     """Return the function definitions in a file's text, by name and line of the first decorator or `def`."""
-    found = {}
+    definitions = {}
     waiting: list[ast.AST] = [ast.parse(data, path)]
     while waiting:  # ast.walk would also visit all expressions, which contain no definitions
         for node in ast.iter_child_nodes(waiting.pop()):
@@ -221,8 +223,8 @@ def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionD
                 first_line = node.lineno
                 for decorator in node.decorator_list:
                     first_line = min(first_line, decorator.lineno)
-                found[node.name, first_line] = node
-    return found
+                definitions[node.name, first_line] = node
+    return definitions
 
 
 def _merged(base: Rows, change: Rows) -> tuple[EquationRow, ...]:
@@ -308,12 +310,12 @@ def _changed(base: Rows, change: Rows) -> FunctionType:
     module = ast.fix_missing_locations(ast.Module([node], []))
     scope: ModuleNames = {}
     exec(compile(module, base.__code__.co_filename, "exec"), base.__globals__, scope)
-    made = scope[change.__name__]
-    made.__defaults__ = base.__defaults__
-    made.__kwdefaults__ = base.__kwdefaults__
-    made.__doc__ = change.__doc__
-    setattr(made, _CHANGES, (base, change))
-    return made
+    changed = scope[change.__name__]
+    changed.__defaults__ = base.__defaults__
+    changed.__kwdefaults__ = base.__kwdefaults__
+    changed.__doc__ = change.__doc__
+    setattr(changed, _CHANGES, (base, change))
+    return changed
 
 
 def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.stmt]) -> ast.arguments:
@@ -321,7 +323,7 @@ def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.s
     root: Rows = base
     while hasattr(root, _CHANGES):
         root, _ = getattr(root, _CHANGES)
-    found = copy.copy(definition(root).args)
+    arguments = copy.copy(definition(root).args)
     code = base.__code__
     known = set(code.co_varnames)
     for statement in body:
@@ -329,9 +331,9 @@ def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.s
     # `base` can itself be a variant with keyword arguments that the function in the file does not have
     needed = list(code.co_varnames[code.co_argcount : code.co_argcount + code.co_kwonlyargcount])
     needed += [argument.arg for argument in change.args.args if argument.arg not in known]
-    existing = {argument.arg for argument in found.kwonlyargs}
+    existing = {argument.arg for argument in arguments.kwonlyargs}
     added = [ast.arg(name) for name in needed if name not in existing]
     no_defaults: list[ast.expr | None] = [None] * len(added)
-    found.kwonlyargs = [*found.kwonlyargs, *added]
-    found.kw_defaults = [*found.kw_defaults, *no_defaults]
-    return found
+    arguments.kwonlyargs = [*arguments.kwonlyargs, *added]
+    arguments.kw_defaults = [*arguments.kw_defaults, *no_defaults]
+    return arguments

@@ -127,11 +127,11 @@ def call(function: Rows, symbols: Mapping[str, Value], what: str, unread: Sequen
 
 def _message(error: Exception) -> str:
     text = str(error)
-    found = _SQUARE.search(text)
-    if found is None:
+    match = _SQUARE.search(text)
+    if match is None:
         return text
-    rows = int(found[1])
-    columns = int(found[2])
+    rows = int(match[1])
+    columns = int(match[2])
     return no_inverse(rows, columns)
 
 
@@ -296,16 +296,16 @@ def attach(function: ca.Function, *arguments: Array) -> tuple[Array, Callable[[]
     The procedure reads the current numbers from the memory of `arguments`, which are contiguous arrays. Nothing is
     copied or checked, so that the procedure is fast enough for control loops.
     """
-    out = np.zeros(function.size1_out(0))
+    result = np.zeros(function.size1_out(0))
     buffer, trigger = function.buffer()
     for i, argument in enumerate(arguments):
         if argument.size:
             buffer.set_arg(i, argument.data)  # pyright: ignore[reportCallIssue]
-    if out.size:
-        buffer.set_res(0, out.data)  # pyright: ignore[reportCallIssue]
+    if result.size:
+        buffer.set_res(0, result.data)  # pyright: ignore[reportCallIssue]
     procedure = partial(trigger)
     procedure.__dict__["memory"] = buffer, arguments  # kept alive as long as this procedure
-    return out, procedure
+    return result, procedure
 
 
 class Evaluator:
@@ -372,8 +372,8 @@ class Evaluator:
         This is faster in control loops than `one`, which needs a lock and copies its argument.
         """
         z = np.zeros(self.function.size1_in(0))
-        out, compute = attach(self.function, z)
-        copy = out.reshape(self.shape).copy
+        result, compute = attach(self.function, z)
+        copy = result.reshape(self.shape).copy
 
         def call() -> Array:
             compute()

@@ -12,10 +12,10 @@ def if_else(condition: Value, yes: Value, no: Value) -> Value:
     values = (condition, yes, no)
     if any(isinstance(value, np.ndarray | list | tuple) for value in values):
         conditions, yeses, noes = np.broadcast_arrays(*[np.asarray(value, dtype=object) for value in values])
-        out = np.full(conditions.shape, None, dtype=object)
-        for i in np.ndindex(out.shape):
-            out[i] = if_else(conditions[i], yeses[i], noes[i])
-        return plain(out)
+        chosen = np.full(conditions.shape, None, dtype=object)
+        for i in np.ndindex(chosen.shape):
+            chosen[i] = if_else(conditions[i], yeses[i], noes[i])
+        return plain(chosen)
     if isinstance(condition, Scalar):
         return condition.if_else(yes, no)
     if condition:

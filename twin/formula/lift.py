@@ -49,15 +49,15 @@ def scope(home: ModuleNames) -> ModuleNames:
 
     Functions of the same file are recreated with these globals.
     """
-    out: ModuleNames = {}
+    names: ModuleNames = {}
     for name, value in home.items():
         if isinstance(value, FunctionType) and value.__globals__ is home:
-            new = FunctionType(value.__code__, out, value.__name__, value.__defaults__, value.__closure__)
+            new = FunctionType(value.__code__, names, value.__name__, value.__defaults__, value.__closure__)
             new.__kwdefaults__ = value.__kwdefaults__
-            out[name] = new
+            names[name] = new
         else:
-            out[name] = lifted(value)
-    return out
+            names[name] = lifted(value)
+    return names
 
 
 def lifted(value: object) -> object:
@@ -117,10 +117,10 @@ def _boxed(x: Value, kind: type[Scalar]) -> Value:
         return x
     if isinstance(x, np.ndarray | list | tuple):
         values = np.asarray(x, dtype=object)
-        out = np.full(values.shape, None, dtype=object)
+        symbols = np.full(values.shape, None, dtype=object)
         for i, value in np.ndenumerate(values):
-            out[i] = value if isinstance(value, Scalar) else kind(float(value))
-        return out
+            symbols[i] = value if isinstance(value, Scalar) else kind(float(value))
+        return symbols
     return kind(float(x))
 
 
@@ -166,10 +166,10 @@ def _whole(f: Callable[..., Value]) -> Callable[..., Value]:
         if f in (np.array, np.asarray) and len(args) == 2 and args[1] is float:
             args = args[:1]
         boxed = [_boxed(arg, kind) if isinstance(arg, np.ndarray) else arg for arg in args]
-        out = f(*boxed, **kwargs)
-        if isinstance(out, np.ndarray) and out.dtype == object:
-            return _boxed(out, kind)
-        return out
+        result = f(*boxed, **kwargs)
+        if isinstance(result, np.ndarray) and result.dtype == object:
+            return _boxed(result, kind)
+        return result
 
     call.__name__ = f.__name__
     return call

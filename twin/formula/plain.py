@@ -264,7 +264,7 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
     if not isinstance(given, Mapping):
         line = _line_of(module, path, "PARAMETERS")
         raise KinematicsError(f'{path}:{line}: PARAMETERS must be a dictionary by name, as in {{"l1": mm(135)}}.')
-    out = []
+    parameters = []
     for name, value in given.items():
         line = _line_of(module, path, "PARAMETERS", name)
         place = f"{path}:{line}: PARAMETERS['{name}']"
@@ -279,8 +279,8 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
             raise KinematicsError(f"{place} is {type(value).__name__}, not a number with a unit, as in mm(135).")
         if not np.isfinite(value.value):
             raise KinematicsError(f"{place} is {value.value}; the value must be a finite number.")
-        out.append(replace(value, name=name))
-    return tuple(out)
+        parameters.append(replace(value, name=name))
+    return tuple(parameters)
 
 
 def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) -> int:

@@ -104,8 +104,8 @@ class Program:
         q = result[:-1]
         misfit = result[-1]
         finite = ca.sumsqr(q) < np.inf  # false for NaN, too
-        good = ca.logic_and(misfit <= POSE_TOL, finite)
-        judged = [ca.if_else(good, value, np.nan) for value in ca.vertsplit(q)]
+        is_reached = ca.logic_and(misfit <= POSE_TOL, finite)
+        judged = [ca.if_else(is_reached, value, np.nan) for value in ca.vertsplit(q)]
         return Evaluator("judged_inverse", self._state, ca.vertcat(*judged))
 
     @cached_property
@@ -186,8 +186,8 @@ class Program:
         answer = ca.Function("answer", [xi, p], [results])
         z = ca.MX.sym("z", n + 16)
         solution = finder(x0=ca.DM.zeros(6), p=z)["x"]
-        out = answer(solution, z)
-        return Evaluator("newton", z, out, (out.shape[0],))
+        answered = answer(solution, z)
+        return Evaluator("newton", z, answered, (answered.shape[0],))
 
     def from_points(self, names: tuple[str, ...]) -> Evaluator:
         """Return a function that computes q (n) from the named points (3 numbers each, in the order of `names`)."""

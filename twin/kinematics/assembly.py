@@ -89,18 +89,18 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
     candidates = kin.formula.branches(ordered, kin.parameters, kin.variants)
     if kin.closed_forward:  # closed-form solutions need no refinement; the preferred assembly is already first
         return candidates
-    found: list[Array] = []
+    poses_found: list[Array] = []
     for T in candidates:
         polished, error, _, _ = _newton(kin, q, T)
         if not error <= FORWARD_TOL:
             continue
         # Two candidates can converge to the same assembly.
-        if all(_distance(polished, other) > _SAME_POSE for other in found):
-            found.append(polished)
-    if not found:
+        if all(_distance(polished, other) > _SAME_POSE for other in poses_found):
+            poses_found.append(polished)
+    if not poses_found:
         return []
-    scores = _score(kin, np.array(found))
-    return [found[i] for i in np.argsort(-scores, kind="stable")]
+    scores = _score(kin, np.array(poses_found))
+    return [poses_found[i] for i in np.argsort(-scores, kind="stable")]
 
 
 def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:

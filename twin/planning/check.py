@@ -81,7 +81,7 @@ def _when(trajectory: Trajectory, sample: int, span: PhaseSpan | None = None) ->
 
 def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the limits of the driven joints, and report the minimum distance to a hard limit."""
-    out = []
+    findings = []
     for j, name in enumerate(kinematics.joint_names):
         unit, factor = kinematics.unit(j)
         q = trajectory.q[:, j]
@@ -96,23 +96,23 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
             size = Quantity(-inside[k] / factor, unit)
             limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
             what = f"joint {name} exceeds its {kind} limits {limits} by {size}"
-            out.append(build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word=""))
+            findings.append(build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word=""))
             break  # a joint beyond its hard limits is also beyond its soft limits
     margin = np.minimum(trajectory.q - kinematics.lower, kinematics.upper - trajectory.q)
     if not np.isfinite(margin).any():  # no joint has limits
-        return out
+        return findings
     k, j = np.unravel_index(int(np.argmin(margin)), margin.shape)
     unit, factor = kinematics.unit(int(j))
     name = kinematics.joint_names[j]
     size = Quantity(margin[k, j] / factor, unit)
     what = f"the minimum distance to a hard limit is {size}, at joint {name}"
-    out.append(info("margin.limit", name, what, size, 0, when=_when(trajectory, int(k)), word=""))
-    return out
+    findings.append(info("margin.limit", name, what, size, 0, when=_when(trajectory, int(k)), word=""))
+    return findings
 
 
 def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the actuators of transmissions: a motor may exceed its limits although all joints are within theirs."""
-    out = []
+    findings = []
     motors = kinematics.motors
     for i, name in enumerate(motors.names):
         unit, factor = motors.unit(i)
@@ -127,21 +127,21 @@ def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]
         if inside[k] < -_TOUCHING * max(1.0, abs(m[k])):
             size = Quantity(-inside[k] / factor, unit)
             what = f"motor {name} exceeds its limits {limits} by {size}"
-            out.append(error("limit.motor", name, what, size, 0, when=when, word=""))
+            findings.append(error("limit.motor", name, what, size, 0, when=when, word=""))
         elif np.isfinite(inside[k]):
             size = Quantity(inside[k] / factor, unit)
             what = f"motor {name}: minimum distance to its limits {limits} is {size}"
-            out.append(info("margin.motor", name, what, size, 0, when=when, word=""))
+            findings.append(info("margin.motor", name, what, size, 0, when=when, word=""))
         k = int(np.argmax(speed))
         peak = Quantity(float(speed[k]) / factor, f"{unit}/s")
         limit = Quantity(motors.max_speed[i] / factor, f"{unit}/s")
-        out += _over(trajectory, "limit.motor_speed", name, f"motor {name}", k, peak, limit)
-    return out
+        findings += _over(trajectory, "limit.motor_speed", name, f"motor {name}", k, peak, limit)
+    return findings
 
 
 def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Report the minimum of each gap between two carriages on one rail."""
-    out = []
+    findings = []
     for gap in kinematics.gaps:
         distance = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
         k = int(np.argmin(distance))
@@ -152,15 +152,15 @@ def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
         size = Quantity(distance[k] / factor, unit)
         required = gap.smallest / factor
         what = f"minimum of gap {gap.name}"
-        out.append(build(gap.name, what, size, required, when=_when(trajectory, k), word="required"))
-    return out
+        findings.append(build(gap.name, what, size, required, when=_when(trajectory, k), word="required"))
+    return findings
 
 
 def _passive(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the limits of passive joints, at the samples where the mechanism is at the planned pose."""
     if kinematics.passive is None:
         return []
-    out = []
+    findings = []
     for name, (margin, is_angle) in kinematics.passive(trajectory.Ts_base_tool, trajectory.q).items():
         if np.isnan(margin).all():
             continue
@@ -168,13 +168,13 @@ def _passive(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding
         if margin[k] < -ROUNDING:
             size = moved(-margin[k], is_angle)
             what = f"passive joint {name} exceeds its limits by {size}"
-            out.append(error("limit.passive", name, what, size, 0, when=_when(trajectory, k), word=""))
-    return out
+            findings.append(error("limit.passive", name, what, size, 0, when=_when(trajectory, k), word=""))
+    return findings
 
 
 def _joint_rates(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check speed, acceleration and, if it is limited, jerk of the driven joints."""
-    out = []
+    findings = []
     rates = [
         ("limit.speed", trajectory.qd, kinematics.max_speed, "/s"),
         ("limit.acceleration", trajectory.qdd, kinematics.max_acceleration, "/s2"),
@@ -188,13 +188,13 @@ def _joint_rates(trajectory: Trajectory, kinematics: PathKinematics) -> list[Fin
             k = int(np.argmax(np.abs(values[:, j])))
             size = Quantity(abs(values[k, j]) / factor, unit + per)
             limit = Quantity(limits[j] / factor, unit + per)
-            out += _over(trajectory, code, name, f"joint {name}", k, size, limit)
-    return out
+            findings += _over(trajectory, code, name, f"joint {name}", k, size, limit)
+    return findings
 
 
 def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     """Check speed, acceleration and jerk of the moved frame: of its origin, and of its rotation."""
-    out = []
+    findings = []
     for i, span in enumerate(trajectory.phases):
         limits = protocol.limits[span.type]
         rows = slice(span.start + min(i, 1), span.stop + 1)  # a shared sample counts for the earlier phase
@@ -215,8 +215,8 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
             norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
             size = si(norms[k], unit)
-            out += _over(trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), advice)
-    return out
+            findings += _over(trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), advice)
+    return findings
 
 
 def _over(
@@ -307,7 +307,7 @@ def _trocar(protocol: Protocol, spans: Sequence[PhaseSpan]) -> str:
 
 def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     """Report the maximum distance of the moved frame from the straight line of each insertion."""
-    out = []
+    findings = []
     tolerance = protocol.tolerances.straightness
     for span in trajectory.phases:
         if span.type != "insertion":
@@ -319,21 +319,21 @@ def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         kind = _BENT if errors[k] > tolerance else _STRAIGHT
         what = f"maximum distance of {trajectory.frame} from the insertion line"
         when = _when(trajectory, span.start + k, span)
-        out.append(kind(trajectory.frame, what, mm(errors[k]), mm(tolerance), when=when))
-    return out
+        findings.append(kind(trajectory.frame, what, mm(errors[k]), mm(tolerance), when=when))
+    return findings
 
 
 def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     """Return a finding for each sample that misses its waypoint in a direction that the protocol prescribes."""
-    out = []
+    findings = []
     for name, rows in trajectory.waypoints.items():
         waypoint = protocol.waypoints[name]
         if waypoint.joints is not None:
-            out += _values(trajectory, waypoint, rows)
+            findings += _values(trajectory, waypoint, rows)
             continue
         for k in rows:
-            out += _waypoint_pose(trajectory, protocol, waypoint, k)
-    return out
+            findings += _waypoint_pose(trajectory, protocol, waypoint, k)
+    return findings
 
 
 def _waypoint_pose(trajectory: Trajectory, protocol: Protocol, waypoint: Waypoint, k: int) -> list[Finding]:
@@ -366,7 +366,7 @@ def _waypoint_pose(trajectory: Trajectory, protocol: Protocol, waypoint: Waypoin
 
 def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
     """Return a finding for each joint that differs from its value in the waypoint at one of the samples `rows`."""
-    out = []
+    findings = []
     for joint, value in (waypoint.joints or {}).items():
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
         i = int(np.argmax(np.abs(q - value)))
@@ -374,8 +374,8 @@ def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -
         if difference > 1e-9:  # m or rad; joint values are planned exactly
             what = f"joint {joint} misses waypoint '{waypoint.name}'"
             size = moved(difference, joint in waypoint.angle_joints)
-            out.append(disagreement("waypoint.missed", joint, what, size, 0, when=_when(trajectory, rows[i])))
-    return out
+            findings.append(disagreement("waypoint.missed", joint, what, size, 0, when=_when(trajectory, rows[i])))
+    return findings
 
 
 def _depth(trajectory: Trajectory, sample: int) -> float:
@@ -403,7 +403,7 @@ def _rotation(angles: Array, order: RotationOrder) -> Array:
 
 def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Report the minimum of each singularity measure, or where it changes its sign."""
-    out = []
+    findings = []
     for name, values in kinematics.singularity(trajectory.Ts_base_tool, trajectory.q).items():
         alarm = kinematics.alarm(name)
         crossed = values * values[0] <= 0
@@ -411,14 +411,14 @@ def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
             k = int(np.argmax(crossed))
             what = f"the singularity measure {name} changes its sign: the motion crosses a singularity"
             size = Quantity(values[k])
-            out.append(error("singularity.crossed", name, what, size, alarm, when=_when(trajectory, k), word=""))
+            findings.append(error("singularity.crossed", name, what, size, alarm, when=_when(trajectory, k), word=""))
             continue
         k = int(np.argmin(np.abs(values)))
         size = float(abs(values[k]))
         kind = _NEAR if size < alarm else _SINGULARITY
         what = f"minimum of the singularity measure {name}"
-        out.append(kind(name, what, Quantity(size), alarm, when=_when(trajectory, k)))
-    return out
+        findings.append(kind(name, what, Quantity(size), alarm, when=_when(trajectory, k)))
+    return findings
 
 
 def _branches(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
@@ -436,11 +436,11 @@ def _branches(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
 
 def _reach(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Report the minimum remaining reach of each part that limits the workspace."""
-    out = []
+    findings = []
     for name, margin in kinematics.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(margin))
         what = f"minimum remaining reach of {name}"
         severity = "info" if margin[k] >= 0 else "error"
         when = _when(trajectory, k)
-        out.append(finding(severity, "margin.reach", name, what, mm(margin[k]), 0, when=when, word="required"))
-    return out
+        findings.append(finding(severity, "margin.reach", name, what, mm(margin[k]), 0, when=when, word="required"))
+    return findings

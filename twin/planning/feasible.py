@@ -77,22 +77,22 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
     A margin (k,) in m or rad is the distance from a limit; it is negative where the pose is beyond the limit. The
     margin "inverse" is -1 where the inverse kinematics has no solution, else 0.
     """
-    out: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
+    margins: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
     solved = np.all(np.isfinite(q), axis=1)
-    out["inverse", ""] = np.where(solved, 0.0, -1.0)
+    margins["inverse", ""] = np.where(solved, 0.0, -1.0)
     # without a solution, only the margin "inverse" is negative
     for j, name in enumerate(kinematics.joint_names):
-        out["lower", name] = np.where(solved, q[:, j] - kinematics.lower[j], 0.0)
-        out["upper", name] = np.where(solved, kinematics.upper[j] - q[:, j], 0.0)
+        margins["lower", name] = np.where(solved, q[:, j] - kinematics.lower[j], 0.0)
+        margins["upper", name] = np.where(solved, kinematics.upper[j] - q[:, j], 0.0)
     motors = kinematics.motors
     for i, name in enumerate(motors.names):
         m = q @ motors.rows[i]
         inside = np.minimum(m - motors.lower[i], motors.upper[i] - m)
-        out["motor", name] = np.where(solved, inside, 0.0)
+        margins["motor", name] = np.where(solved, inside, 0.0)
     for gap in kinematics.gaps:
         distance = np.abs(q[:, gap.i] - q[:, gap.j])
-        out["gap", gap.name] = np.where(solved, distance - gap.smallest, 0.0)
-    return out
+        margins["gap", gap.name] = np.where(solved, distance - gap.smallest, 0.0)
+    return margins
 
 
 @dataclass(frozen=True)
@@ -125,17 +125,17 @@ def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) 
     The margin of a singularity measure is negative where the measure has another sign than in `anchor`. The margin of
     the working mode is -1 where the working mode is not that of `anchor`, else 0.
     """
-    out = pose_margins(kinematics, Ts, q)
+    margins = pose_margins(kinematics, Ts, q)
     solved = np.all(np.isfinite(q), axis=1)
     unknown_start = not anchor.signs and anchor.branch is None
     if unknown_start or not solved.any():
-        return out
+        return margins
     for name, measure in kinematics.singularity(Ts[solved], q[solved]).items():
-        out["singularity", name] = _spread(solved, measure * anchor.signs.get(name, 1.0))
+        margins["singularity", name] = _spread(solved, measure * anchor.signs.get(name, 1.0))
     if kinematics.branch:
         same = kinematics.branch(Ts[solved], q[solved]) == anchor.branch
-        out["branch", ""] = _spread(solved, np.where(same, 0.0, -1.0))
-    return out
+        margins["branch", ""] = _spread(solved, np.where(same, 0.0, -1.0))
+    return margins
 
 
 def violation(kinematics: PathKinematics, margins: Margins) -> str:

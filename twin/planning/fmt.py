@@ -259,13 +259,13 @@ class FmtSearch:
 
             There is no pair for a sample that no node of the front can reach.
             """
-            out = []
+            pairs = []
             for i in to.tolist():
                 through = front[near[i]] + costs[i]
                 k = int(np.argmin(through))
                 if np.isfinite(through[k]):
-                    out.append((int(near[i][k]), i))
-            return out
+                    pairs.append((int(near[i][k]), i))
+            return pairs
 
         def directed(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
             """Return the pairs, each ordered in the direction of motion."""

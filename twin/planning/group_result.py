@@ -121,12 +121,12 @@ class PlannedTogether(Result):
     @property
     def near(self) -> Mapping[str, tuple[Nearest, str]]:
         """For each kind of pair in `KINDS`: the nearest bodies of the whole plan, and the name of their phase."""
-        out = {}
+        nearest_of_kind = {}
         for kind in KINDS:
-            found = [(p.near[kind], p.name) for p in self.phases if kind in p.near]
-            if found:
-                out[kind] = min(found, key=lambda item: item[0].seen.found)
-        return out
+            of_phases = [(p.near[kind], p.name) for p in self.phases if kind in p.near]
+            if of_phases:
+                nearest_of_kind[kind] = min(of_phases, key=lambda item: item[0].seen.found)
+        return nearest_of_kind
 
     def content(self) -> Mapping[str, Any]:
         """Return the plan as plain data, without its samples."""

@@ -114,12 +114,12 @@ def link_motion(
 
 def _near(q: Array, planned: Array, loops: LoopSolver) -> Array:
     """Return joint values (k, n) of the inverse with full turns and auxiliary joints as planned."""
-    out = q.copy()
+    q_near = q.copy()
     auxiliary = {joint.name for joint in loops.mechanism.auxiliary}
     for i, joint in enumerate(loops.mechanism.active):
         if joint.name in auxiliary:
-            out[:, i] = planned[:, i]
+            q_near[:, i] = planned[:, i]
         elif joint.is_angle:
-            turns = np.round((planned[:, i] - out[:, i]) / (2 * np.pi))
-            out[:, i] += 2 * np.pi * turns
-    return out
+            turns = np.round((planned[:, i] - q_near[:, i]) / (2 * np.pi))
+            q_near[:, i] += 2 * np.pi * turns
+    return q_near

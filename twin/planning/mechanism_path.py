@@ -401,10 +401,10 @@ def with_free_paths(
     Raises:
         ProtocolError: a free phase cannot be carried out; see `free_phase.free_path`.
     """
-    out = []
+    phases = []
     for path in paths:
         if not isinstance(path.phase, Free):
-            out.append(path)
+            phases.append(path)
             continue
         where = f"{protocol}: phase '{path.phase.name}' ({path.phase.type})"
         carrier = kinematics.carrier
@@ -422,8 +422,8 @@ def with_free_paths(
                 f"{where}: the start of the phase cannot be reached from the pose in the CAD: {error}"
             ) from error
         free, _ = carried(path, course, carrier, states[-1], where)
-        out.append(free)
-    return tuple(out)
+        phases.append(free)
+    return tuple(phases)
 
 
 def placed(
@@ -441,7 +441,7 @@ def placed(
     Raises:
         ProtocolError: a named joint is not driven, or its unit is wrong; the message begins with `where`.
     """
-    out = q.copy()
+    q_placed = q.copy()
     for joint, value in values.items():
         if joint not in names:
             raise ProtocolError(f"{where}: {unknown('driven joint', joint, names)}")
@@ -450,8 +450,8 @@ def placed(
             unit = "deg" if angles[i] else "mm"
             other = "mm" if angles[i] else "deg"
             raise ProtocolError(f"{where}: joint '{joint}' is in {unit}: write {joint}_{unit}, not {joint}_{other}")
-        out[i] = value
-    return out
+        q_placed[i] = value
+    return q_placed
 
 
 def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool, ...], where: str) -> Array:
@@ -460,10 +460,10 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
     Raises:
         ProtocolError: the phase moves no joint, names a joint that is not driven, or has a value in the wrong unit.
     """
-    out = placed(q, phase.joints, phase.angle_joints, names, angles, where)
-    if np.abs(out - q).max() < _NONE:
+    q_end = placed(q, phase.joints, phase.angle_joints, names, angles, where)
+    if np.abs(q_end - q).max() < _NONE:
         raise ProtocolError(f"{where}: the phase has no length: the joints already have these values; remove the phase")
-    return out
+    return q_end
 
 
 def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, protocol: str) -> tuple[PhasePath, ...]:
@@ -476,7 +476,7 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
     columns = [names.index(name) for name in kinematics.auxiliary]
     q = np.zeros(len(names))
     q[columns] = list(kinematics.auxiliary.values())
-    out = []
+    phases = []
     for path in paths:
         phase = path.phase
         after = q
@@ -491,9 +491,9 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
                 )
             after = moved(q, phase, names, kinematics.revolute, where)
         values = tuple((i, float(q[i]), float(after[i])) for i in columns)
-        out.append(replace(path, extra_joints=values))
+        phases.append(replace(path, extra_joints=values))
         q = after
-    return tuple(out)
+    return tuple(phases)
 
 
 def _vee(A: Array) -> Array:

@@ -66,14 +66,14 @@ def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
     used = {SCENE}
     if scene.props is not None:
         used.add(scene.props.name)
-    out = {}
+    files = {}
     for robot in robots:
         stem = robot
         while f"{stem}.toml" in used:
             stem += "_protocol"
-        out[robot] = f"{stem}.toml"
-        used.add(out[robot])
-    return out
+        files[robot] = f"{stem}.toml"
+        used.add(files[robot])
+    return files
 
 
 def write_plan_scene(
@@ -131,13 +131,13 @@ def props_files(props: Path) -> dict[Path, Path]:
     """
     if props.name == SCENE:
         raise TwinError(f"{props}: a plan writes its scene to {SCENE}: give the file of the props another name")
-    out = {}
+    files = {}
     for file in inputs(props):
         relative = Path(os.path.relpath(file, props.parent))
         if relative.parts[0] == "..":
             raise TwinError(f"{props}: {file} is outside the folder of the props; a plan copies only files inside it")
-        out[relative] = file
-    return out
+        files[relative] = file
+    return files
 
 
 def write_samples(path: Path, joints: Sequence[tuple[str, bool]], t: Array, q: Array) -> None:
@@ -187,7 +187,7 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
         note = f"where {name} was avoided in the plan"
         waypoints["rest"] = {"label": "at rest", **_joints(rest, is_angle), "provenance": "ASSUMED", "note": note}
         phases.append({"type": "samples", "name": "rest", "file": f"{name}.csv", "to_s": _number(end)})
-    out: dict[str, Any] = {
+    table: dict[str, Any] = {
         "name": name,
         "title": title,
         "source": f"twin plan in scene {scene.name}; {p.source}",
@@ -202,11 +202,11 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
     for trocar, position in p.trocars.items():
         trocars[trocar] = [_number(x / MM) for x in position]
     if "" in trocars:  # the only trocar has no name
-        out["trocar_mm"] = trocars[""]
+        table["trocar_mm"] = trocars[""]
     elif trocars:
-        out["trocars_mm"] = trocars
+        table["trocars_mm"] = trocars
     t = p.tolerances
-    out["tolerances"] = {
+    table["tolerances"] = {
         "rcm_mm": _number(t.rcm / MM),
         "rcm_alarm_mm": _number(t.rcm_alarm / MM),
         "straightness_mm": _number(t.straightness / MM),
@@ -215,7 +215,7 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
         "provenance": t.provenance,
         "note": t.note,
     }
-    return {**out, "limits": {"samples": _limits(limits)}, "waypoints": waypoints, "phases": phases}
+    return {**table, "limits": {"samples": _limits(limits)}, "waypoints": waypoints, "phases": phases}
 
 
 def _joints(values: Mapping[str, float], is_angle: Mapping[str, bool]) -> dict[str, Any]:

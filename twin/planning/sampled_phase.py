@@ -122,9 +122,9 @@ def sampled_phase(
     curve = between(phase.t, phase.q)
 
     def values(t: Array) -> Array:
-        out = np.repeat(q[None], len(t), axis=0)
-        out[:, columns] = curve(t)
-        return out
+        rows = np.repeat(q[None], len(t), axis=0)
+        rows[:, columns] = curve(t)
+        return rows
 
     def carry(rows: Array) -> tuple[Array, Array]:
         try:

@@ -66,11 +66,11 @@ def fit(function: Callable[[Array], Array]) -> ChebyshevPath:
         c[0] /= 2
         scale = np.max(np.abs(values), axis=0) + np.finfo(float).tiny
         tail = np.max(np.abs(c[-max(3, count // 5) :]), axis=0)
-        done = bool(np.all(tail <= _ROUNDING * scale))
+        converged = bool(np.all(tail <= _ROUNDING * scale))
         noisy = count > 128 and bool(np.all(tail <= 1e-9 * scale))
-        if done or noisy or 2 * count - 1 > _MOST:
+        if converged or noisy or 2 * count - 1 > _MOST:
             smallest = _ROUNDING * scale / 10
-            if not done:  # coefficients at the level of the noise
+            if not converged:  # coefficients at the level of the noise
                 smallest = np.maximum(smallest, 3 * tail)
             keep = np.abs(c) > smallest
             kept_degrees = np.flatnonzero(keep.any(axis=1))

@@ -393,11 +393,11 @@ class Trajectory:
     @property
     def rcm(self) -> Array:
         """Registered RCM (k, 3) in m, in base; NaN where there is none."""
-        out = np.full((len(self.t), 3), np.nan)
+        rcm = np.full((len(self.t), 3), np.nan)
         for span in self.phases:
             if span.rcm is not None:
-                out[span.start : span.stop + 1] = span.rcm
-        return out
+                rcm[span.start : span.stop + 1] = span.rcm
+        return rcm
 
     def phase(self, which: str | float) -> PhaseSpan:
         """Return the phase with a name, or the phase at a time in s.
@@ -462,7 +462,7 @@ class Trajectory:
 
     def as_dict(self, arrays: bool = True) -> dict[str, Any]:
         """Return the content for JSON: SI units, None instead of NaN, and with `arrays` the values of all samples."""
-        out: dict[str, Any] = {
+        content: dict[str, Any] = {
             "protocol": self.protocol,
             "robot": self.robot,
             "joint_names": list(self.joint_names),
@@ -475,10 +475,10 @@ class Trajectory:
         }
         if arrays:
             names = ("t", "q", "qd", "qdd", "Ts_base_tool", "Ts_base_frame", "rcm_error", "depth")
-            out |= {name: _plain(getattr(self, name)) for name in names}
-            out["singularity"] = {name: _plain(v) for name, v in self.singularity.items()}
-            out["reach"] = {name: _plain(v) for name, v in self.reach.items()}
-        return out
+            content |= {name: _plain(getattr(self, name)) for name in names}
+            content["singularity"] = {name: _plain(v) for name, v in self.singularity.items()}
+            content["reach"] = {name: _plain(v) for name, v in self.reach.items()}
+        return content
 
 
 def _plain(value: Any) -> Any:

@@ -28,7 +28,7 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
     """
     if waypoint.joints is not None:
         return []
-    out = []
+    warnings = []
     where = f"waypoint '{waypoint.name}'"
     when = f"phase '{phase}'"
     for k, (start, end) in enumerate(zip(course.angles0, waypoint.angles, strict=True)):
@@ -42,8 +42,8 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
             f"if the shorter turn of {deg(abs(nearest - start))} is meant, write {_number(nearest)} instead of "
             f"{_number(end)} in angles_deg of {where}"
         )
-        out.append(warning("protocol.long_turn", where, what, deg(turn), 180, advice, when=when, word=""))
-    return out
+        warnings.append(warning("protocol.long_turn", where, what, deg(turn), 180, advice, when=when, word=""))
+    return warnings
 
 
 def hint(course: Course, phase: str, waypoint: Waypoint | None) -> str:

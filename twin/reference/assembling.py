@@ -72,9 +72,9 @@ def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | Non
             start[place] = value
     every = np.arange(tree.model.nv)
     for columns in (tree.passive, every):
-        found = _nearest(model, start[None], columns, start)
-        if is_closed(found):
-            return found
+        nearest = _nearest(model, start[None], columns, start)
+        if is_closed(nearest):
+            return nearest
     return None
 
 

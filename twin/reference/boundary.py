@@ -141,16 +141,16 @@ class Boundary:
         rows = range(len(s.names))
         if self._why:
             return [self._row(i, "not judged", self._why) for i in rows]
-        out: dict[int, Judged] = {}
+        judged: dict[int, Judged] = {}
         undecided = []
         for i in rows:
-            found = self._plain(i)
-            if found is None:
+            result = self._plain(i)
+            if result is None:
                 undecided.append(i)
             else:
-                out[i] = found
-        out |= self._walked(undecided)
-        return [out[i] for i in rows]
+                judged[i] = result
+        judged |= self._walked(undecided)
+        return [judged[i] for i in rows]
 
     # -- checks at known states -------------------------------------------------------------------------------
 
@@ -180,16 +180,16 @@ class Boundary:
         if np.ptp(v) <= 1e-6 * np.abs(v).max():
             return self._constant(i, float(v[0]))
         large = s.values(self.model.collect(self._pool), _LARGER)[:, i]
-        off = np.abs(large - v * (_LARGER if s.kinds[i] == "reach" else 1.0))
-        k = int(np.argmax(off))
-        if off[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
+        deviation = np.abs(large - v * (_LARGER if s.kinds[i] == "reach" else 1.0))
+        k = int(np.argmax(deviation))
+        if deviation[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
             what = "length" if s.kinds[i] == "reach" else "dimensionless number"
             before = f"{v[k] / scale:.4g} {unit}".rstrip()  # a measure has no unit
             after = f"{large[k] / scale:.4g} {unit}".rstrip()
             text = (
                 f"the row is not a {what}: multiplying all lengths by {_LARGER:g} changes it from {before} to {after}"
             )
-            return self._row(i, "disagrees", text, self._pool[k], float(off[k] / scale), unit)
+            return self._row(i, "disagrees", text, self._pool[k], float(deviation[k] / scale), unit)
         return None
 
     def _constant(self, i: int, value: float) -> Judged:
@@ -215,15 +215,15 @@ class Boundary:
         twists = self.motions.tool(X)
         U = np.linalg.svd(twists)[0][:, :, self.motions.freedom :]
         Ts = self.model.collect(X).Ts_base_tool
-        out = []
+        poses = []
         for j in range(U.shape[2]):
             for by in (1e-3, -1e-2, 0.1):
                 xi = by * U[:, :, j]
                 T = Ts.copy()
                 T[:, :3, :3] = spatial.exp_so3(xi[:, 3:]) @ Ts[:, :3, :3]
                 T[:, :3, 3] += xi[:, :3] * self.motions.length
-                out.append(T)
-        return np.concatenate(out)
+                poses.append(T)
+        return np.concatenate(poses)
 
     # -- checks at the ends of walks -----------------------------------------------------------------------------------
 
@@ -262,8 +262,8 @@ class Boundary:
         An error of a length moves a zero away from a degenerate state by the square root of the error. Near another
         zero, a degenerate state is therefore searched; the row must be zero there within its own error.
         """
-        found = self.motions.of(zeros).min(axis=1) <= _DEGENERATE
-        rest = np.flatnonzero(~found)
+        is_degenerate = self.motions.of(zeros).min(axis=1) <= _DEGENERATE
+        rest = np.flatnonzero(~is_degenerate)
         if len(rest):
             row, aside = np.zeros(len(rest), np.intp), np.zeros(len(rest), bool)
             ends = seek(self.motions, self._least, _anywhere, zeros[rest], row, aside, np.ones(1)).states
@@ -272,8 +272,8 @@ class Boundary:
             reach = values[:, [kind == "reach" for kind in self.stated.kinds]]
             # A measure has no value beyond the reach that the equations state.
             beyond = np.isnan(values[:, i]) & ((reach < 0) & (reach >= -self._error)).any(axis=1)
-            found[rest] = ended & (beyond | (np.abs(values[:, i]) <= self._off[i]))
-        return np.asarray(found, bool)
+            is_degenerate[rest] = ended & (beyond | (np.abs(values[:, i]) <= self._off[i]))
+        return np.asarray(is_degenerate, bool)
 
     def _least(self, states: Array) -> Array:
         """Return the distance (k, 1) from degeneracy."""
@@ -352,10 +352,10 @@ class Boundary:
         return Judged(s.names[i], s.symbols[i], s.equations[i], s.kinds[i], status, why, at, size, unit)
 
     def _joints(self, run: SolvedSamples) -> str:
-        out = []
+        texts = []
         for joint, q in zip(self.model.mechanism.active, run.q[0], strict=True):
-            out.append(f"{joint.name} {q / DEG:.2f}°" if joint.is_angle else f"{joint.name} {q / MM:.2f} mm")
-        return ", ".join(out)
+            texts.append(f"{joint.name} {q / DEG:.2f}°" if joint.is_angle else f"{joint.name} {q / MM:.2f} mm")
+        return ", ".join(texts)
 
 
 def summary(rows: list[Judged]) -> str:

@@ -52,17 +52,17 @@ _VERSION = 3
 
 def divided(triangles: Array, edge: float) -> Array:
     """Return triangles (k, 3, 3) divided at their longest edges until no edge is longer than `edge`."""
-    done = []
+    small = []
     total = 0
     while len(triangles):
         sides = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
         long = sides.max(axis=1) > edge
-        done.append(triangles[~long])
-        total += len(done[-1])
+        small.append(triangles[~long])
+        total += len(small[-1])
         triangles = triangles[long]
         sides = sides[long]
         if total + 2 * len(triangles) > _PIECES:
-            done.append(triangles)
+            small.append(triangles)
             break
         # the longest edge is that from a to b
         i = np.argmax(sides, axis=1)
@@ -74,7 +74,7 @@ def divided(triangles: Array, edge: float) -> Array:
         first = np.stack([a, middle, c], axis=1)
         second = np.stack([middle, b, c], axis=1)
         triangles = np.concatenate([first, second])
-    return np.concatenate(done)
+    return np.concatenate(small)
 
 
 def _radius(triangles: Array) -> float:
@@ -106,7 +106,7 @@ def balls(triangles: Array) -> Array:
     pieces = divided(triangles, max(2 * small, _radius(triangles)))  # smaller pieces would have no effect
     # The ball `number` has the halves `2 number` and `2 number + 1`; `number` (pieces,) is that of each piece's ball.
     number = np.ones(len(pieces), np.int64)
-    made: dict[int, tuple[float, ...]] = {}
+    ball_of_piece: dict[int, tuple[float, ...]] = {}
     for depth in range(_DEPTH + 1):
         order = np.argsort(number, kind="stable")
         pieces = pieces[order]
@@ -119,7 +119,7 @@ def balls(triangles: Array) -> Array:
         off = np.linalg.norm(pieces - middle[of][:, None], axis=2).max(axis=1)
         radii = np.maximum.reduceat(off, first)
         for part, centre, radius in zip(parts.tolist(), middle, radii, strict=True):
-            made[part] = (*centre, radius * (1 + 1e-9))
+            ball_of_piece[part] = (*centre, radius * (1 + 1e-9))
         if depth == _DEPTH:
             break
         halved = ((radii > small) & (sizes > 1))[of]
@@ -128,7 +128,7 @@ def balls(triangles: Array) -> Array:
         side = _halves(pieces, first, sizes, of, np.argmax(high - low, axis=1))
         pieces = pieces[halved]
         number = (2 * number + side)[halved]
-    return _depth_first(made)
+    return _depth_first(ball_of_piece)
 
 
 def _halves(pieces: Array, first: np.ndarray, sizes: np.ndarray, of: np.ndarray, axis: np.ndarray) -> np.ndarray:

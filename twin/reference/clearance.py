@@ -143,11 +143,11 @@ def _jointed(mechanism: Mechanism) -> set[frozenset[str]]:
     for body in mechanism.bodies:
         if body.meshes or body.name == mechanism.base:
             continue
-        own = [pair for pair in direct if body.name in pair]
-        if len(own) != 2:
+        own_pairs = [pair for pair in direct if body.name in pair]
+        if len(own_pairs) != 2:
             continue
-        beyond = (own[0] | own[1]) - {body.name}
-        direct = [pair for pair in direct if pair not in own]
+        beyond = (own_pairs[0] | own_pairs[1]) - {body.name}
+        direct = [pair for pair in direct if pair not in own_pairs]
         if len(beyond) == 2:
             direct.append(beyond)
     return set(direct)

@@ -105,8 +105,8 @@ def certify(
         proven = min(proven, float(lower[~unproven].min(initial=np.inf)))
         halved = np.flatnonzero(unproven)
         pair = np.repeat(pair[halved], 2)
-        left = 2 * place[halved]
-        place = np.column_stack([left, left + 1]).ravel()
+        first_half = 2 * place[halved]
+        place = np.column_stack([first_half, first_half + 1]).ravel()
         level += 1
     # bodies that overlap have the distance 0
     proven = max(min(proven, smallest), 0.0)

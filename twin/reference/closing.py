@@ -121,11 +121,11 @@ class Closing:
             self.keep(home.q[None], home.x[None])
         rows = np.array([self._row.get(key, -1) for key in _keys(q)], int)
         X = self._x[rows]
-        good = np.ones(len(q), bool)
+        is_closed = np.ones(len(q), bool)
         unknown = rows < 0
         new = np.flatnonzero(unknown | (thorough & ~self._sure[rows]))
         if not len(new):
-            return X, good
+            return X, is_closed
         usable = np.arange(len(self._q))
         divisors = (0,)  # one step only
         if thorough:
@@ -134,18 +134,18 @@ class Closing:
         known = KDTree(self._q[usable] * self._weights)
         _, nearest = known.query(q[new] * self._weights, p=np.inf)
         near = usable[nearest]
-        good[new] = False
+        is_closed[new] = False
         for divisor in divisors:
             strides = np.abs(q[new] - self._q[near]) / self._stride
             steps = int(np.ceil(divisor * strides.max(initial=0.0)))
-            found, ok = self._walk(near, q[new], max(steps, 1), small=thorough)
-            reached = new[ok]
-            self.keep(q[reached], found[ok], sure=thorough)
-            X[reached] = found[ok]
-            good[reached] = True
-            new = new[~ok]
-            near = near[~ok]
-        return X, good
+            walked, closes = self._walk(near, q[new], max(steps, 1), small=thorough)
+            reached = new[closes]
+            self.keep(q[reached], walked[closes], sure=thorough)
+            X[reached] = walked[closes]
+            is_closed[reached] = True
+            new = new[~closes]
+            near = near[~closes]
+        return X, is_closed
 
     def keep(self, q: Array, X: Array, *, sure: bool = True) -> None:
         """Store configurations X (k, nq) at q (k, n) as known states; `sure`: whether small steps reached X."""
@@ -188,9 +188,9 @@ class Closing:
         sign = self.signs(self._x[rows])[of]
         X = self._x[known]
         q0 = self._q[known]
-        ok = np.ones(len(known), bool)
+        is_closed = np.ones(len(known), bool)
         for i in range(1, steps + 1):
-            walking = np.flatnonzero(ok)
+            walking = np.flatnonzero(is_closed)
             if not len(walking):
                 break
             ahead = (q1 - q0)[walking] / steps
@@ -202,10 +202,10 @@ class Closing:
             closed &= (self.signs(new) == sign[walking]).all(axis=1)
             arrived = walking[closed]
             X[arrived] = new[closed]
-            ok[walking[~closed]] = False
+            is_closed[walking[~closed]] = False
             if i < steps:
                 gain[arrived] = self.rates(new[closed])
-        return X, ok
+        return X, is_closed
 
     def near(self, X: Array, q: Array, enough: float | None = None) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq) at q (k, n), (k,) bool: whether the loops close), by Newton's method from X.
@@ -216,12 +216,14 @@ class Closing:
         X[:, self._driven] = q
         tree = self._tree
         if enough is None:
-            new, ok = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step)
+            new, is_closed = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step)
         else:
-            new, ok = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step, enough=enough)
+            new, is_closed = minimise(
+                tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step, enough=enough
+            )
         gaps = tree.loops.gaps(new, tree.place(new))
-        ok &= gaps[..., 0].max(axis=1, initial=0.0) <= GAP_TOLERANCE
-        return new, ok
+        is_closed &= gaps[..., 0].max(axis=1, initial=0.0) <= GAP_TOLERANCE
+        return new, is_closed
 
     def _loops(self, X: Array, _: np.ndarray) -> tuple[Array, Array]:
         """Return the loop residuals (k, m) at configurations X (k, nq), and their Jacobians (k, m, nv)."""
@@ -349,27 +351,27 @@ class Closing:
     def _along(self, q: Array, x: Array, ahead: int, check: Callable[[], None]) -> Array | None:
         """Return the result of `along` for q (k, n) at the stations; about `ahead` stations are solved one by one."""
         X = np.tile(x, (len(q), 1))
-        done = spread(len(q), ahead + 1)
-        for i, j in pairwise(done.tolist()):
+        solved = spread(len(q), ahead + 1)
+        for i, j in pairwise(solved.tolist()):
             check()
             tangent = self.rates(X[[i]]) @ (q[j] - q[i])
             guess = self._tree.step(X[[i]], tangent)
-            X[[j]], ok = self.near(guess, q[[j]])
-            if not ok[0]:
+            X[[j]], closes = self.near(guess, q[[j]])
+            if not closes[0]:
                 return None
         # then the stations in the middle between solved ones, all at once
-        while len(done) < len(q):
+        while len(solved) < len(q):
             check()
-            gap = np.diff(done) > 1
-            left = done[:-1][gap]
-            right = done[1:][gap]
+            gap = np.diff(solved) > 1
+            left = solved[:-1][gap]
+            right = solved[1:][gap]
             middle = (left + right) // 2
             part = (middle - left) / (right - left)
             guess = self.between(X[left], X[right], part)
-            X[middle], ok = self.near(guess, q[middle])
-            if not ok.all():
+            X[middle], closes = self.near(guess, q[middle])
+            if not closes.all():
                 return None
-            done = np.sort(np.concatenate([done, middle]))
+            solved = np.sort(np.concatenate([solved, middle]))
         same_mode = (self.signs(X) == self.signs(x[None])).all()
         if same_mode and (self.change(X[:-1], X[1:]) <= _JUMP).all():
             return X
@@ -384,24 +386,24 @@ class Closing:
         m = len(a)
         part = np.linspace(0.0, 1.0, stations)
         ends, closed = self.states(np.concatenate([a, b]), thorough=False)
-        ok = closed[:m] & closed[m:]
+        is_closed = closed[:m] & closed[m:]
         # one row for each station of each path whose ends are closed
-        parts = np.tile(part, int(ok.sum()))
-        first = np.repeat(ends[:m][ok], stations, axis=0)
-        last = np.repeat(ends[m:][ok], stations, axis=0)
-        start = np.repeat(a[ok], stations, axis=0)
-        change = np.repeat((b - a)[ok], stations, axis=0)
+        parts = np.tile(part, int(is_closed.sum()))
+        first = np.repeat(ends[:m][is_closed], stations, axis=0)
+        last = np.repeat(ends[m:][is_closed], stations, axis=0)
+        start = np.repeat(a[is_closed], stations, axis=0)
+        change = np.repeat((b - a)[is_closed], stations, axis=0)
         q = start + parts[:, None] * change
-        found, closed = self.near(self.between(first, last, parts), q, _ENOUGH)
-        jumps = self.change(found[:-1], found[1:]) > _JUMP
+        configurations, closed = self.near(self.between(first, last, parts), q, _ENOUGH)
+        jumps = self.change(configurations[:-1], configurations[1:]) > _JUMP
         jumps[stations - 1 :: stations] = False  # not on a path: from the end of one path to the start of the next
         jumps = np.append(jumps, False)
-        good = closed.reshape(-1, stations).all(axis=1)
-        good &= ~jumps.reshape(-1, stations).any(axis=1)
+        is_continuous = closed.reshape(-1, stations).all(axis=1)
+        is_continuous &= ~jumps.reshape(-1, stations).any(axis=1)
         X = np.zeros((m, stations, ends.shape[1]))
-        X[ok] = found.reshape(-1, stations, ends.shape[1])
-        ok[ok] = good
-        return X, ok
+        X[is_closed] = configurations.reshape(-1, stations, ends.shape[1])
+        is_closed[is_closed] = is_continuous
+        return X, is_closed
 
 
 def _keys(q: Array) -> list[bytes]:

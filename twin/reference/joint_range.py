@@ -149,10 +149,10 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
 
 def within_limits(model: ReferenceModel, states: Array) -> np.ndarray:
     """Return (k,) bool: whether all passive joints are within limits and cones at configurations (k, nq)."""
-    good = np.ones(len(states), bool)
+    is_within = np.ones(len(states), bool)
     if not model.mechanism.limited or not len(states):
-        return good
+        return is_within
     links = model.link_poses(states)
     for joint in model.mechanism.limited:
-        good &= joint.beyond(links[joint.parent], links[joint.child]) <= ROUNDING
-    return good
+        is_within &= joint.beyond(links[joint.parent], links[joint.child]) <= ROUNDING
+    return is_within

@@ -264,13 +264,13 @@ class Loops:
     def coordinates(self, poses: Array) -> dict[str, Array]:
         """Return {name: coordinate (k,) in m or rad} of the revolute and prismatic loop joints."""
         _, T = self.relative(poses)
-        out = {}
+        coordinates = {}
         for i, joint in enumerate(self.joints):
             if joint.type == "revolute":
-                out[joint.name] = joint.angle(T[:, i])
+                coordinates[joint.name] = joint.angle(T[:, i])
             elif joint.type == "prismatic":
-                out[joint.name] = T[:, i, 2, 3]
-        return out
+                coordinates[joint.name] = T[:, i, 2, 3]
+        return coordinates
 
 
 def sine_of_rotation(R: Array) -> tuple[Array, Array]:

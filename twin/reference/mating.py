@@ -29,7 +29,7 @@ class Mate:
 
 def mates(mechanism: Mechanism) -> list[Mate]:
     """Return, for each joint with mating parts on both bodies, the two parts that are nearest in the rest poses."""
-    out = []
+    found_mates = []
     rest = mechanism.rest
     for joint in mechanism.joints:
         parent_parts = _mating_parts(mechanism, joint, joint.parent)
@@ -44,8 +44,8 @@ def mates(mechanism: Mechanism) -> list[Mate]:
             # the zero position may be at an end stop: try all parts of the parent body
             parent_parts = list(mechanism.body(joint.parent).meshes)
             mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
-        out.append(mate)
-    return out
+        found_mates.append(mate)
+    return found_mates
 
 
 def _nearest(joint: str, parent_parts: list[Mesh], child_parts: list[Mesh], T_parent_child: Array) -> Mate:

@@ -62,10 +62,10 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
     rank = 0
     redundant: dict[str, int] = {}
     for i, name in enumerate(loops.names):
-        own = loops.row_loop == i
+        is_of_loop = loops.row_loop == i
         # the rank of this loop's rows together with those of all loops before
         extended = _rank(A[loops.row_loop <= i], size)
-        redundant[name] = int(np.sum(own)) - (extended - rank)
+        redundant[name] = int(np.sum(is_of_loop)) - (extended - rank)
         rank = extended
 
     # A row with a coefficient in the left null space locks a direction that other rows also lock.

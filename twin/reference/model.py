@@ -120,10 +120,10 @@ class ReferenceModel:
         assembly mode than its start.
         """
         Ts = np.tile(np.asarray(T_base_tool, float), (len(X), 1, 1))
-        found, converged = self._move_posed(X, Ts)
+        configurations, converged = self._move_posed(X, Ts)
         rows = np.flatnonzero(converged)
-        there = self._misfits(found[rows], Ts[rows]) < GAP_TOLERANCE
-        return found[rows[there]]
+        at_pose = self._misfits(configurations[rows], Ts[rows]) < GAP_TOLERANCE
+        return configurations[rows[at_pose]]
 
     def home(self) -> Assembly:
         """Return the assembly at the rest poses, with the loops closed."""
@@ -196,9 +196,9 @@ class ReferenceModel:
         blocks = []
         for first in range(0, len(q), _BLOCK):
             goal = q[first : first + _BLOCK]
-            X, good = self._in_steps(start, goal, stride)
+            X, is_reached = self._in_steps(start, goal, stride)
             # alone, a state can be reached in smaller steps than the others need
-            for i in np.flatnonzero(~good):
+            for i in np.flatnonzero(~is_reached):
                 try:
                     X[i] = self._drive(start, goal[i])
                 except AssemblyError as error:
@@ -216,16 +216,16 @@ class ReferenceModel:
         origin = X[:, self._active_q]
         change = goal - origin
         steps = max(1, int(np.ceil(np.max(np.abs(change) / stride))))
-        good = np.ones(len(goal), bool)
+        is_reached = np.ones(len(goal), bool)
         for s in np.linspace(0, 1, steps + 1)[1:]:
             target = origin + s * change
             if s == 1:
                 target = goal  # without rounding errors
             new, converged = self._move_driven(X, target)
             steady = self.jumps(X, new) < _JUMP
-            good &= np.logical_and(converged, steady)
+            is_reached &= np.logical_and(converged, steady)
             X = new
-        return X, good
+        return X, is_reached
 
     def run_poses(
         self,
@@ -352,10 +352,10 @@ class ReferenceModel:
             misfit = np.maximum(misfit, shift)
             turn = np.swapaxes(run.Ts_base_tool[:, :3, :3], 1, 2) @ Ts[:, :3, :3]
             misfit = np.maximum(misfit, spatial.rotation_angle(turn))
-        good = misfit < GAP_TOLERANCE
-        if good.all():
+        is_closed = misfit < GAP_TOLERANCE
+        if is_closed.all():
             return run
-        k = int(np.argmin(good))
+        k = int(np.argmin(is_closed))
         best = self.state(run.x[k])
         deviation = f"largest loop gap {best.worst_gap / MM:.3g} mm"
         if Ts is not None:
@@ -566,12 +566,12 @@ class ReferenceModel:
         many = 1
         while i < len(coarse):
             ks = coarse[i : i + many]
-            X, good = self._knots_at(x, targets[ks], move)
-            if good.all():
+            X, is_predictable = self._knots_at(x, targets[ks], move)
+            if is_predictable.all():
                 count = len(ks)
                 many = min(2 * many, most)
             else:
-                count = int(np.argmin(good))
+                count = int(np.argmin(is_predictable))
                 many = max(1, count)
             if count == 0 and len(ks) == 1:
                 first = 0

@@ -51,10 +51,10 @@ def minimise(
         integrate = tree.integrate
     X = X.copy()
     todo = np.arange(len(X))
-    done = np.zeros(len(X), bool)
+    is_done = np.zeros(len(X), bool)
     r, A = residual(X, todo)
     if not len(columns) or not r.shape[1]:
-        return X, ~done
+        return X, ~is_done
     cost = np.sum(r**2, axis=1)
     damping = np.zeros(len(X))
     eye = np.eye(len(columns))
@@ -75,7 +75,7 @@ def minimise(
         small = np.abs(steps).max(axis=1) < _STEP_LAST
         last = small & free
         X[todo[last]] = new[last]
-        done[todo[last]] = True
+        is_done[todo[last]] = True
         todo = todo[~last]
         new = new[~last]
         size = size[~last]
@@ -92,7 +92,7 @@ def minimise(
         X[better] = new[~worse]
         cost[better] = new_cost[~worse]
         finished = ~worse & (new_cost < enough)
-        done[todo[finished]] = True
+        is_done[todo[finished]] = True
         todo = todo[~finished]
         if not len(todo):
             break
@@ -101,4 +101,4 @@ def minimise(
         else:
             r = new_r[~finished]
             A = new_A[~finished]
-    return X, done
+    return X, is_done

@@ -79,11 +79,11 @@ class CollisionPairs:
         self._clearance = clearance
         neighbours = apart(model.mechanism)
         stills = [s for s in stills if s.body.meshes]
-        own = self._own_shapes(model, neighbours, bool(stills))
-        self.shapes = list(own.values())
+        own_shapes = self._own_shapes(model, neighbours, bool(stills))
+        self.shapes = list(own_shapes.values())
         numbers = []
         Ts = []
-        for name in own:
+        for name in own_shapes:
             number, T_joint_body = self._tree.body(name)
             numbers.append(number)
             Ts.append(T_joint_body)
@@ -97,7 +97,7 @@ class CollisionPairs:
         moves = [self._tree.moves(n) for n in self._numbers]
         rows: list[tuple[int, int]] = []
         required: list[float] = []
-        for a, b, distance in self._possible_pairs(model, neighbours, stills, arms, len(own)):
+        for a, b, distance in self._possible_pairs(model, neighbours, stills, arms, len(own_shapes)):
             # two bodies that the same coordinates move are at rest relative to each other
             if (moves[a] != moves[b]).any():
                 rows.append((a, b))
@@ -132,15 +132,15 @@ class CollisionPairs:
     @staticmethod
     def _own_shapes(model: ReferenceModel, neighbours: Sequence[tuple[Shape, Shape]], all_: bool) -> dict[str, Shape]:
         """Return the shapes of the mechanism that are in `neighbours`, by name; with `all_`, of all its bodies."""
-        own: dict[str, Shape] = {}
+        shapes: dict[str, Shape] = {}
         for a, b in neighbours:
-            own[a.name] = a
-            own[b.name] = b
+            shapes[a.name] = a
+            shapes[b.name] = b
         if all_:
             for body in model.mechanism.bodies:
-                if body.meshes and body.name not in own:
-                    own[body.name] = Shape(body.name, body.name, body.meshes)
-        return own
+                if body.meshes and body.name not in shapes:
+                    shapes[body.name] = Shape(body.name, body.name, body.meshes)
+        return shapes
 
     def _possible_pairs(
         self,
@@ -291,10 +291,10 @@ class CollisionPairs:
             cells, row = np.unique(numbers, axis=0, return_inverse=True)
             free = [self._free_cell(pair, tuple(cell), X[0]) for cell in cells.tolist()]
             undecided = ~np.array(free, bool)[row.ravel()]
-        out = np.zeros(len(X), bool)
+        is_closer = np.zeros(len(X), bool)
         for k in np.flatnonzero(undecided):
-            out[k] = self.nearer(pair, poses[k], required)
-        return out
+            is_closer[k] = self.nearer(pair, poses[k], required)
+        return is_closer
 
     def _free_cell(self, pair: int, cell: tuple[int, ...], x: Array) -> bool:
         """Return whether a pair has its required distance in a whole cell; x (nq,) contains the other coordinates."""
@@ -322,27 +322,27 @@ class CollisionPairs:
         in the states for which `matter` (k,) is true, and in each of these states only until one pair is near.
         """
         required = self.required[pairs]
-        out = (low + high) / 2 < required
-        wide = ~out & (low <= 0) & (required >= self._clearance)
+        seems_near = (low + high) / 2 < required
+        wide = ~seems_near & (low <= 0) & (required >= self._clearance)
         possible = matter.copy()
-        possible[states[out]] = False
+        possible[states[seems_near]] = False
         for i in np.flatnonzero(wide):
             k = int(states[i])
             if not possible[k]:
                 continue
             near = self.closer(int(pairs[i]), X[[k]], poses[[k]])
-            out[i] = near[0]
-            possible[k] = not out[i]
-        return out
+            seems_near[i] = near[0]
+            possible[k] = not seems_near[i]
+        return seems_near
 
     def near(self, X: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether the distance of any pair is below its required distance at X (k, nq).
 
         Pairs that the bounds do not decide are decided by the exact distance or, without `exact`, by `seem_near`.
         """
-        out = np.zeros(len(X), bool)
+        is_near = np.zeros(len(X), bool)
         if not len(self):
-            return out
+            return is_near
         poses = self.poses(X)
         states, pairs = np.divmod(np.arange(len(X) * len(self)), len(self))
         close = self.gaps(poses, states, pairs) < self.required[pairs]
@@ -353,14 +353,14 @@ class CollisionPairs:
         if not exact:
             fine = SEARCHED
         low, high = self.bounds.at(poses, states, pairs, required, required, fine)
-        out[states[high < required]] = True
+        is_near[states[high < required]] = True
         if not exact:
-            near = self.seem_near(X, poses, states, pairs, low, high, ~out)
-            out[states[near]] = True
-            return out
+            near = self.seem_near(X, poses, states, pairs, low, high, ~is_near)
+            is_near[states[near]] = True
+            return is_near
         unknown = low < required
         for pair in np.unique(pairs[unknown]):
             k = states[unknown & (pairs == pair)]
-            k = k[~out[k]]  # one near pair is enough
-            out[k] = self.closer(int(pair), X[k], poses[k])
-        return out
+            k = k[~is_near[k]]  # one near pair is enough
+            is_near[k] = self.closer(int(pair), X[k], poses[k])
+        return is_near

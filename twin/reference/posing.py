@@ -37,9 +37,9 @@ def posed(tree: Tree, Ts: Array, directions: np.ndarray = ALL, p_tool: Array | N
         arm = R @ lever
         shift = T[:, :3, 3] + arm - goal[rows]
         J_point = J_tool[:, :3] - spatial.hat(arm) @ angular
-        off = np.concatenate([shift, LENGTH_SCALE * sine], axis=1)
+        deviation = np.concatenate([shift, LENGTH_SCALE * sine], axis=1)
         rate = np.concatenate([J_point, LENGTH_SCALE * turn @ angular], axis=1)
-        r = np.concatenate([r, off[:, directions]], axis=1)
+        r = np.concatenate([r, deviation[:, directions]], axis=1)
         A = np.concatenate([A, rate[:, directions]], axis=1)
         return r, A
 

@@ -64,14 +64,14 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
             rank = int((s > flat).sum())
         ranks.append(rank)
     usual = max(ranks)
-    out = []
+    of_states = []
     for i in range(len(states)):
         s = every[i]
         margin = 1.0
         if usual:
             margin = float(s[usual - 1] / s[0])
-        out.append(Regularity(ranks[i], usual, margin))
-    return out
+        of_states.append(Regularity(ranks[i], usual, margin))
+    return of_states
 
 
 def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:

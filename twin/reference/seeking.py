@@ -113,17 +113,17 @@ def seek(
         shortening = np.minimum(length, stride[todo]) / np.maximum(length, 1e-300)
         step *= shortening[:, None]
         ends, closed = motions.moved(X[todo], step)
-        found = values(ends)[np.arange(len(todo)), row[todo]]
-        better = closed & (np.abs(found) < np.abs(m[todo]) * (1 - 1e-6))
+        end_values = values(ends)[np.arange(len(todo)), row[todo]]
+        better = closed & (np.abs(end_values) < np.abs(m[todo]) * (1 - 1e-6))
         # near a zero, a state need not be valid: there, the function itself may be singular
-        tested = better & ~(np.abs(found) < 1e-3 * unit[todo])
+        tested = better & ~(np.abs(end_values) < 1e-3 * unit[todo])
         better[tested] = valid(ends[tested])
-        good = todo[better]
+        improved = todo[better]
         bad = todo[~better]
-        X[good] = ends[better]
-        m[good] = found[better]
-        fresh[good] = True
-        stride[good] = np.minimum(2 * stride[good], _STRIDE_LONGEST)
+        X[improved] = ends[better]
+        m[improved] = end_values[better]
+        fresh[improved] = True
+        stride[improved] = np.minimum(2 * stride[improved], _STRIDE_LONGEST)
         stride[bad] = np.minimum(stride[bad], length[~better]) / 3
         zero = np.abs(m[todo]) <= _ZERO * unit[todo]
         short = stride[todo] < _SHORTEST
@@ -178,9 +178,9 @@ def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array
     into = np.sum(c * away, axis=1)
     outwards = 0.2 * np.linalg.norm(c, axis=1) - np.minimum(into, 0)
     push = np.where(other, outwards, 0.0)
-    out = steps.copy()
-    out[near] = c + push[:, None] * away
-    return out
+    modified = steps.copy()
+    modified[near] = c + push[:, None] * away
+    return modified
 
 
 def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index) -> Array:
@@ -194,8 +194,8 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
     behind = tree.integrate(centres, -steps)
     both = np.concatenate([ahead, behind])
     rows = np.tile(np.repeat(row, f), 2)
-    found = values(both)[np.arange(2 * count), rows]
-    slopes = (found[:count] - found[count:]) / (2 * _DIFFERENCE)
+    both_values = values(both)[np.arange(2 * count), rows]
+    slopes = (both_values[:count] - both_values[count:]) / (2 * _DIFFERENCE)
     return slopes.reshape(w, f)
 
 
@@ -217,10 +217,10 @@ def wander(motions: Degeneracy, valid: Valid, starts: Array) -> Array:
         length = np.maximum(np.linalg.norm(along / scale, axis=1), 1e-300)
         along *= (_STRIDE_LONGEST / 2 / length)[:, None]
         ends, closed = motions.moved(X, along)
-        good = closed & valid(ends)
-        X[good] = ends[good]
-        ahead[good] = along[good]
-        blocked = int(np.sum(~good))
-        ahead[~good] = rng.standard_normal((blocked, nv)) * scale
-        visited.append(ends[good])
+        is_valid = closed & valid(ends)
+        X[is_valid] = ends[is_valid]
+        ahead[is_valid] = along[is_valid]
+        blocked = int(np.sum(~is_valid))
+        ahead[~is_valid] = rng.standard_normal((blocked, nv)) * scale
+        visited.append(ends[is_valid])
     return np.concatenate(visited)

@@ -114,9 +114,9 @@ class JointSpace:
     def keeping(self, keep: Keep) -> JointSpace:
         """Return the same space with `keep` as its additional test; shapes and stored distances are shared."""
         _ = self._pairs
-        out = copy(self)
-        out._keep = keep
-        return out
+        space = copy(self)
+        space._keep = keep
+        return space
 
     def interruptible(self, check: Callable[[], None]) -> JointSpace:
         """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test.
@@ -124,9 +124,9 @@ class JointSpace:
         Shapes and stored distances are shared.
         """
         _ = self._pairs
-        out = copy(self)
-        out._check = check
-        return out
+        space = copy(self)
+        space._check = check
+        return space
 
     @cached_property
     def _model(self) -> ReferenceModel:
@@ -202,12 +202,12 @@ class JointSpace:
         """
         self._check()
         q = np.asarray(q, float).reshape(-1, len(self.weights))
-        ok = self._within(q)
+        is_free = self._within(q)
         X = np.zeros((len(q), self._model.tree.model.nq))
-        X[ok], ok[ok] = self._closing.states(q[ok], thorough=exact)
-        ok[ok] = self._allowed(X[ok], q[ok])
-        ok[ok] = ~self._pairs.near(X[ok], exact=exact)
-        return ok
+        X[is_free], is_free[is_free] = self._closing.states(q[is_free], thorough=exact)
+        is_free[is_free] = self._allowed(X[is_free], q[is_free])
+        is_free[is_free] = ~self._pairs.near(X[is_free], exact=exact)
+        return is_free
 
     def clearances(self, q: Array, most: float) -> Array:
         """Return lower bounds (k,) in m of the smallest distance between bodies at q (k, n); each is at most `most`.
@@ -217,7 +217,7 @@ class JointSpace:
         """
         q = np.asarray(q, float).reshape(-1, len(self.weights))
         included = np.flatnonzero(self._pairs.required >= self.clearance)
-        out = np.full(len(q), most)
+        bounds = np.full(len(q), most)
         for first in range(0, len(q), _BLOCK):
             self._check()
             block = slice(first, first + _BLOCK)
@@ -231,9 +231,9 @@ class JointSpace:
             pair = pair[near]
             enough = np.full(len(pair), most)
             low, _ = self._pairs.bounds.at(poses, states, pair, enough, fine=SEARCHED)
-            np.minimum.at(out, first + states, low)
-            out[block][~closed] = 0.0
-        return out
+            np.minimum.at(bounds, first + states, low)
+            bounds[block][~closed] = 0.0
+        return bounds
 
     def steer(self, a: Array, b: Array) -> Callable[..., Array]:
         """Return the straight path from joint values a (n,) to b (n,), as a function of s from 0 to 1."""
@@ -352,12 +352,12 @@ class JointSpace:
 
     def _allowed(self, X: Array, q: Array) -> np.ndarray:
         """Return (k,) bool: whether limits of passive joints and `keep` allow configurations (k, nq) at q (k, n)."""
-        ok = within_limits(self._model, X)
+        is_allowed = within_limits(self._model, X)
         if self._keep is None:
-            return ok
+            return is_allowed
         tree = self._model.tree
         Ts_base_tool = tree.tool(tree.place(X))
-        return ok & self._keep(Ts_base_tool, q)
+        return is_allowed & self._keep(Ts_base_tool, q)
 
     def _state(self, q: Array) -> Array | None:
         """Return the configuration (nq,) at q (n,); None if the loops do not close."""
@@ -463,7 +463,7 @@ class JointSpace:
             exact: whether exact distances decide where bounds do not.
         """
         pairs = self._pairs
-        ok = np.ones(count, bool)
+        is_clear = np.ones(count, bool)
         fine = 0.0
         if not exact:
             fine = SEARCHED
@@ -486,38 +486,40 @@ class JointSpace:
             required = pairs.required[pair]
             approach = approaches[row, pair]
             margin = np.maximum(required, required / 2 + approach)
-            left = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
-            low, high = pairs.bounds.at(poses, row[left], pair[left], margin[left], required[left], fine)
+            uncertain = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
+            low, high = pairs.bounds.at(
+                poses, row[uncertain], pair[uncertain], margin[uncertain], required[uncertain], fine
+            )
             if exact:
-                near = high < required[left]
+                near = high < required[uncertain]
             else:
-                near = pairs.seem_near(X, poses, row[left], pair[left], low, high, ok[paths])
-            ok[path[left[near]]] = False
-            left = left[(low < margin[left]) & ok[path[left]]]
+                near = pairs.seem_near(X, poses, row[uncertain], pair[uncertain], low, high, is_clear[paths])
+            is_clear[path[uncertain[near]]] = False
+            uncertain = uncertain[(low < margin[uncertain]) & is_clear[path[uncertain]]]
             if not exact:
-                split = left[approach[left] > _SEARCH].tolist()
+                split = uncertain[approach[uncertain] > _SEARCH].tolist()
             else:
                 split = []
                 # where the bounds do not decide and the interval is short, exact distances do
-                for i in left:
+                for i in uncertain:
                     self._check()
-                    if not ok[path[i]]:
+                    if not is_clear[path[i]]:
                         continue
                     p = int(pair[i])
                     T = poses[row[i]]
                     if margin[i] <= required[i]:
                         x = X[row[i]]
-                        ok[path[i]] = not pairs.closer(p, x[None], T[None])[0]
+                        is_clear[path[i]] = not pairs.closer(p, x[None], T[None])[0]
                         continue
                     undecided = margin[i] > _NARROW * required[i] or pairs.celled(p)
                     if undecided or pairs.nearer(p, T, float(margin[i])):
                         split.append(i)
-            left = np.array([i for i in split if ok[path[i]]], int)
-            path = np.repeat(path[left], halves)
-            pair = np.repeat(pair[left], halves)
-            place = (place[left, None] * halves + np.arange(halves)).ravel()
+            uncertain = np.array([i for i in split if is_clear[path[i]]], int)
+            path = np.repeat(path[uncertain], halves)
+            pair = np.repeat(pair[uncertain], halves)
+            place = (place[uncertain, None] * halves + np.arange(halves)).ravel()
             level += _LEVELS
-        return ok
+        return is_clear
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
@@ -531,12 +533,12 @@ class JointSpace:
             return np.zeros(0, bool)
         if self._loops:
             return self._free_each_closed(a, b)
-        ok = self._within(a) & self._within(b)
-        ok[ok] = self._allowed_between(a[ok], b[ok])
-        first = a[ok]
-        step = (b - a)[ok]
+        is_free = self._within(a) & self._within(b)
+        is_free[is_free] = self._allowed_between(a[is_free], b[is_free])
+        first = a[is_free]
+        step = (b - a)[is_free]
         if not len(self._pairs) or not len(first):
-            return ok
+            return is_free
         moved = np.abs(step @ self._gain.T)
 
         def at(path: np.ndarray, s: Array) -> Array:
@@ -545,34 +547,34 @@ class JointSpace:
         def ahead(path: np.ndarray, s: Array, width: float) -> Array:
             return width / 2 * moved[path]
 
-        ok[ok] = self._clear_each(len(first), at, ahead, exact=False)
-        return ok
+        is_free[is_free] = self._clear_each(len(first), at, ahead, exact=False)
+        return is_free
 
     def _allowed_between(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether all stations of the straight paths from a (m, n) to b (m, n) are allowed."""
         untested = self._keep is None and not self._model.mechanism.limited
-        out = np.ones(len(a), bool)
+        is_allowed = np.ones(len(a), bool)
         if untested or not len(a):
-            return out
+            return is_allowed
         strides = np.abs(b - a) / self._steps
         counts = np.ceil(strides.max(axis=1)).astype(int) + 1
         path = np.repeat(np.arange(len(a)), counts + 1)
         s = np.concatenate([np.linspace(0.0, 1.0, n + 1) for n in counts])
         q = a[path] + s[:, None] * (b - a)[path]
         allowed = self._allowed(self._placed(q), q)
-        out[path[~allowed]] = False
-        return out
+        is_allowed[path[~allowed]] = False
+        return is_allowed
 
     def _free_each_closed(self, a: Array, b: Array) -> np.ndarray:
         """Return the result of `free_each`, (m,) bool, for straight paths of a mechanism with loops."""
         strides = np.abs(b - a) / self._steps
         count = max(int(np.ceil(strides.max())) + 1, 2)  # 2 also if all have no length
         intervals = count - 1
-        stations, ok = self._closing.each(a, b, count)
-        ok &= self._within(a) & self._within(b)
-        rows = np.flatnonzero(ok)
+        stations, is_free = self._closing.each(a, b, count)
+        is_free &= self._within(a) & self._within(b)
+        rows = np.flatnonzero(is_free)
         if not len(rows):
-            return ok
+            return is_free
         nq = self._model.tree.model.nq
         nv = self._model.tree.model.nv
         X = stations[rows].reshape(-1, nq)
@@ -605,8 +607,8 @@ class JointSpace:
 
         if len(self._pairs):
             allowed = allowed & self._clear_each(len(rows), at, ahead, exact=False)
-        ok[rows] = allowed
-        return ok
+        is_free[rows] = allowed
+        return is_free
 
     @property
     def _gain(self) -> Array:

@@ -54,11 +54,11 @@ class Reach:
 
     def _above(self, number: int) -> list[int]:
         """Return the joint `number` and all joints between this joint and the base."""
-        out = []
+        joints_above = []
         while number:
-            out.append(number)
+            joints_above.append(number)
             number = self._tree.model.parents[number]
-        return out
+        return joints_above
 
     def _fill(self, row: int, j: int, number: int, vertices: Array, adds: dict[int, Array]) -> None:
         """Add the rho of joint `j` for the body of joint `number`, with its `vertices`, to row `row`.
@@ -169,14 +169,14 @@ class Levers:
         steps = moved.T[self._columns]
         place = np.ascontiguousarray(np.moveaxis(joints[:, :, :3, 2:], 0, -1))
         axis = place[self._joints, :, 0]
-        off = centres[self._bodies] - place[self._joints, :, 1]
-        along = (off * axis).sum(axis=1)
+        offsets = centres[self._bodies] - place[self._joints, :, 1]
+        along = (offsets * axis).sum(axis=1)
         for number in np.flatnonzero(self._balls):
             # the sum, not the norm: the body may rotate about each of the three axes in turn
             column = self._columns[number]
             steps[number] = moved[:, column : column + 3].sum(axis=1)
             along[self._joints == number] = 0.0
-        across = np.maximum((off * off).sum(axis=1) - along**2, 0.0)
+        across = np.maximum((offsets * offsets).sum(axis=1) - along**2, 0.0)
         rho = np.sqrt(across) + radii[self._bodies, None]
         total = np.zeros((len(radii), len(joints)))  # S of each body
         bounds = np.zeros((len(self._rows), len(joints)))

@@ -61,8 +61,8 @@ class Tree:
             number, T_joint_body = self._body.get(body.name, (0, np.eye(4)))
             if body.inertia is not None and number:
                 inertia = body.inertia.seen_from(T_joint_body)
-                own = pin.Inertia(inertia.mass, inertia.p_body_com, inertia.I_com)
-                self.model.appendBodyToJoint(number, own, pin.SE3.Identity())
+                body_inertia = pin.Inertia(inertia.mass, inertia.p_body_com, inertia.I_com)
+                self.model.appendBodyToJoint(number, body_inertia, pin.SE3.Identity())
         self.data = self.model.createData()
         self.coordinate: dict[str, int] = {}
         self.configuration: dict[str, int] = {}
@@ -167,7 +167,7 @@ class Tree:
         return out
 
     def _coupled(self) -> tuple[Coupled, ...]:
-        out = []
+        couplings = []
         for coupling in self.mechanism.couplings:
             columns = []
             places = []
@@ -182,8 +182,8 @@ class Tree:
             ratios = np.array(coupling.ratios)
             angle = self.mechanism.joint(coupling.joints[0]).is_angle
             indices = (np.array(places, int), np.array(columns, int))
-            out.append(Coupled(coupling.name, *indices, ratios, coupling.total, angle))
-        return tuple(out)
+            couplings.append(Coupled(coupling.name, *indices, ratios, coupling.total, angle))
+        return tuple(couplings)
 
     def _support_masks(self) -> Array:
         """Return a mask (joints, nv): 1 if a velocity moves a Pinocchio joint, else 0."""
@@ -287,13 +287,13 @@ class Tree:
 
     def step(self, X: Array, steps: Array) -> Array:
         """Return configurations (k, nq) after tangent steps (k, nv); faster than `integrate` for large k."""
-        out = np.empty_like(X)
+        stepped = np.empty_like(X)
         places, columns = self._single
-        out[:, places] = X[:, places] + steps[:, columns]
+        stepped[:, places] = X[:, places] + steps[:, columns]
         for place in self._flyers:
-            out[:, place : place + 7] = self.integrate(X, steps)[:, place : place + 7]
+            stepped[:, place : place + 7] = self.integrate(X, steps)[:, place : place + 7]
         if not len(self._ball_scalars):
-            return self._united(out)
+            return self._united(stepped)
         # product of quaternions: (w, v) times (c, u), the rotation of the step
         v = X[:, self._ball_vectors]  # (k, balls, 3)
         w = X[:, self._ball_scalars, None]
@@ -302,9 +302,9 @@ class Tree:
         c = np.cos(half)
         # sin(half) / half times r; for half = 0, r is 0 as well
         u = r * (np.sin(half) / np.maximum(half, _TINY))
-        out[:, self._ball_vectors] = w * u + c * v + cross_products(v, u)
-        out[:, self._ball_scalars] = (w * c)[..., 0] - np.add.reduce(v * u, axis=-1)
-        return self._united(out)
+        stepped[:, self._ball_vectors] = w * u + c * v + cross_products(v, u)
+        stepped[:, self._ball_scalars] = (w * c)[..., 0] - np.add.reduce(v * u, axis=-1)
+        return self._united(stepped)
 
     def unit(self, X: Array) -> Array:
         """Return configurations (k, nq) with normalised quaternions; faster than `normalise` for large k."""

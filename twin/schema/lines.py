@@ -69,10 +69,10 @@ class _Scanner:
         return self.i
 
     def match(self, pattern: re.Pattern[str]) -> re.Match[str]:
-        found = pattern.match(self.text, self.i)
-        if found is None:  # cannot happen for valid TOML; the positions found so far are used
+        match = pattern.match(self.text, self.i)
+        if match is None:  # cannot happen for valid TOML; the positions found so far are used
             raise _Lost
-        return found
+        return match
 
     def note(self, keys: Keys) -> None:
         self.lines.setdefault(keys, bisect.bisect_left(self.ends, self.i) + 1)
@@ -80,9 +80,9 @@ class _Scanner:
     def name(self) -> Keys:
         names: list[Key] = []
         while True:
-            found = self.match(self._NAME)
-            self.i = found.end()
-            raw = found[1]
+            match = self.match(self._NAME)
+            self.i = match.end()
+            raw = match[1]
             if raw[0] == '"':  # with escapes, which tomllib resolves
                 (name,) = tomllib.loads(f"{raw}=0")
             else:

@@ -27,9 +27,9 @@ _SHOWN = 60
 def explain_syntax(text: str, name: str, error: Exception) -> str:
     """Return the message for invalid TOML: file, line, reason, and the text of the line."""
     message = str(error)
-    found = re.search(r"\(at line (\d+), column (\d+)\)", message)
-    if found is not None:
-        line = int(found[1])
+    match = re.search(r"\(at line (\d+), column (\d+)\)", message)
+    if match is not None:
+        line = int(match[1])
     else:  # tomllib names no line for a mistake at the end of the text
         line = text.count("\n") + 1
     reason = re.sub(r" \(at .*\)$", "", message)

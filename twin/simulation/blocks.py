@@ -27,12 +27,12 @@ def blocks(setup: Setup, folder: str) -> list[Block]:
     Raises:
         TwinError: there is no such block, or its settings are wrong.
     """
-    made = []
+    blocks_of_scene = []
     for block in _made(setup, folder):
         if not isinstance(block, Block):
             raise TwinError(f"scene '{setup.scene.name}': {folder}: {block!r} is not a block")
-        made.append(block)
-    return made
+        blocks_of_scene.append(block)
+    return blocks_of_scene
 
 
 def hazards(setup: Setup) -> list[Hazard]:
@@ -41,42 +41,42 @@ def hazards(setup: Setup) -> list[Hazard]:
     Raises:
         TwinError: there is no such hazard, or its settings are wrong.
     """
-    made = []
+    hazards_of_scene = []
     for hazard in _made(setup, "hazards"):
         if not isinstance(hazard, Hazard):
             raise TwinError(f"scene '{setup.scene.name}': {hazard!r} is not a hazard")
-        made.append(hazard)
-    return made
+        hazards_of_scene.append(hazard)
+    return hazards_of_scene
 
 
 def _made(setup: Setup, folder: str) -> list[object]:
     scene = setup.scene
-    made = []
+    objects = []
     for name, table in scene.blocks.get(folder, {}).items():
         try:
             from_scene = _function(folder, table.use)
-            made.append(from_scene(name, table.settings, setup))
+            objects.append(from_scene(name, table.settings, setup))
         except KeyError as error:
             raise TwinError(f"{scene.file}: {folder}: '{name}': the setting {error} is missing") from error
         except (TwinError, TypeError, ValueError) as error:
             raise TwinError(f"{scene.file}: {folder}: '{name}': {error}") from error
-    return made
+    return objects
 
 
 def _function(folder: str, use: str) -> Callable[..., object]:
     """Return the function `from_scene` of a file, or of an entry point."""
     package = f"twin.simulation.{folder}"
     group = f"twin.{folder}"
-    own = [module.name for module in iter_modules(import_module(package).__path__)]
+    built_in = [module.name for module in iter_modules(import_module(package).__path__)]
     others = entry_points(group)
-    for name in sorted(set(own) & set(others)):
+    for name in sorted(set(built_in) & set(others)):
         raise TwinError(f"the entry point '{name}' of {group} has the name of a file of {package}; it needs another")
     if use in others:
         found = others[use]
-    elif use in own:
+    elif use in built_in:
         found = getattr(import_module(f"{package}.{use}"), "from_scene", None)
     else:
-        raise TwinError(unknown(folder.removesuffix("s"), use, [*own, *others]))
+        raise TwinError(unknown(folder.removesuffix("s"), use, [*built_in, *others]))
     if not callable(found):
         raise TwinError(f"'{use}' of {folder} cannot be named in a scene: it has no function from_scene")
     return found

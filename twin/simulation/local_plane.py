@@ -84,10 +84,10 @@ def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
     The planes are selected one by one. The next plane is the one in which the tool is deepest when it has been moved
     out of the planes selected before. Thus similar planes on one side of the tool do not fill all rows.
     """
-    out = np.zeros((COUNT, WIDTH))
+    plane_rows = np.zeros((COUNT, WIDTH))
     depths = np.array([plane.depth(T_world_tool) for plane in planes])
     normals = np.array([plane.normal for plane in planes])
-    for row in out[: len(planes)]:
+    for row in plane_rows[: len(planes)]:
         k = int(np.argmax(depths))
         plane = planes[k]
         row[:3] = plane.lever
@@ -96,4 +96,4 @@ def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
         row[9] = plane.offset
         depths -= normals @ plane.normal * max(depths[k], 0.0)
         depths[k] = -np.inf  # selected only once
-    return out.ravel()
+    return plane_rows.ravel()

@@ -145,10 +145,10 @@ def _pose(prim: UsdGeom.Xform | UsdGeom.Camera, T: Array) -> None:
 
 def _camera(stage: Usd.Stage, scene: Scene, name: str, camera: CameraTable, mechanism: Mechanism) -> None:
     frame = mechanism.frame(camera.frame)
-    out = UsdGeom.Camera.Define(stage, f"/{scene.name}/{camera.robot}/{frame.body}/{name}")
-    _pose(out, frame.T_body_frame @ camera.in_frame @ LOOK)
-    out.CreateHorizontalApertureAttr(APERTURE_MM)
-    out.CreateVerticalApertureAttr(APERTURE_MM)
-    out.CreateFocalLengthAttr(float(APERTURE_MM / 2 / np.tan(camera.view_deg * DEG / 2)))
-    out.CreateClippingRangeAttr(Gf.Vec2f(0.001, 10.0))
-    stage.GetPrimAtPath(out.GetPath().GetParentPath()).SetSpecifier(Sdf.SpecifierOver)
+    usd_camera = UsdGeom.Camera.Define(stage, f"/{scene.name}/{camera.robot}/{frame.body}/{name}")
+    _pose(usd_camera, frame.T_body_frame @ camera.in_frame @ LOOK)
+    usd_camera.CreateHorizontalApertureAttr(APERTURE_MM)
+    usd_camera.CreateVerticalApertureAttr(APERTURE_MM)
+    usd_camera.CreateFocalLengthAttr(float(APERTURE_MM / 2 / np.tan(camera.view_deg * DEG / 2)))
+    usd_camera.CreateClippingRangeAttr(Gf.Vec2f(0.001, 10.0))
+    stage.GetPrimAtPath(usd_camera.GetPath().GetParentPath()).SetSpecifier(Sdf.SpecifierOver)

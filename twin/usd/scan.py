@@ -148,13 +148,13 @@ class RawStage:
     @cached_property
     def bodies(self) -> dict[str, Usd.Prim]:
         """Enabled rigid bodies by prim path, in the order of the stage."""
-        out = {}
+        bodies = {}
         for prim in self.prims:
             if prim.HasAPI(UsdPhysics.RigidBodyAPI):
                 enabled = UsdPhysics.RigidBodyAPI(prim).GetRigidBodyEnabledAttr().Get()
                 if enabled is not False:
-                    out[str(prim.GetPath())] = prim
-        return out
+                    bodies[str(prim.GetPath())] = prim
+        return bodies
 
     @cached_property
     def joints(self) -> list[RawJoint]:
@@ -433,10 +433,10 @@ def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, t
 
 def quaternion_attributes(prim: Usd.Prim) -> list[tuple[Usd.Attribute, Gf.Quatf]]:
     """Return (attribute, value) of each quaternion attribute of a prim with a value at the default time."""
-    out = []
+    attributes = []
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetTypeName().type in (Sdf.ValueTypeNames.Quatf.type, Sdf.ValueTypeNames.Quatd.type):
             value = attribute.Get()
             if value is not None:
-                out.append((attribute, value))
-    return out
+                attributes.append((attribute, value))
+    return attributes

@@ -202,18 +202,18 @@ class _Differences:
 
 def _cause(form: ClosedForm, states: list[_State]) -> str:
     """Return the single edit that explains all differences, as text; "" if none does."""
-    off = _Differences.of(states)
-    wrong_M = np.abs(off.M).max() > form.tolerance
-    wrong_c = np.abs(off.c).max() > form.tolerance
-    wrong_g = np.abs(off.g).max() > form.tolerance
+    differences = _Differences.of(states)
+    wrong_M = np.abs(differences.M).max() > form.tolerance
+    wrong_c = np.abs(differences.c).max() > form.tolerance
+    wrong_g = np.abs(differences.g).max() > form.tolerance
     if wrong_c and not wrong_M and not wrong_g:
-        return _sign(form, "the Coriolis effort", off.c, off.coriolis) or "C is inconsistent with M"
+        return _sign(form, "the Coriolis effort", differences.c, differences.coriolis) or "C is inconsistent with M"
     if wrong_g and not wrong_M and not wrong_c:
-        sign = _sign(form, "gravity", off.g, off.gravity)
+        sign = _sign(form, "gravity", differences.g, differences.gravity)
         if sign:
             return sign
     edits: list[str] = []
-    for name, required, published, unit in _parameters(form, states, off.M, off.g):
+    for name, required, published, unit in _parameters(form, states, differences.M, differences.g):
         edits.append(f"{name} = {required:.6g} {unit} instead of {published:.6g}")
     return " or ".join(edits)
 

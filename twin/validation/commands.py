@@ -35,10 +35,10 @@ def commands(
     if tolerances is not None:
         options += ["--tolerance-um", f"{tolerances.position / UM:g}"]
     robot = _word(files)
-    out = {"validate": shlex.join(["twin", "validate", robot, "--protocol", str(protocol), *options])}
+    commands_by_name = {"validate": shlex.join(["twin", "validate", robot, "--protocol", str(protocol), *options])}
     if kin is not None:
-        out["explain"] = shlex.join(["twin", "explain", robot, *options, "--seconds", str(SECONDS)])
-    return out
+        commands_by_name["explain"] = shlex.join(["twin", "explain", robot, *options, "--seconds", str(SECONDS)])
+    return commands_by_name
 
 
 def again(robot: str, protocol: str, variants: Mapping[str, str]) -> str:

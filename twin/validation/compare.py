@@ -262,10 +262,10 @@ class _Check:
                 continue
             points[name] = value
             equations[name] = _equation_of(kin, kin.formula.points[name])
-            off = value - self.posed.points[name]
+            error = value - self.posed.points[name]
             limit = self.tolerances.position
-            rows[name] = row("A-B", "point", name, "m", off, limit, self.coarse, note=equations[name])
-            self.out.series[f"residual_point.{name}"] = np.linalg.norm(off, axis=1)
+            rows[name] = row("A-B", "point", name, "m", error, limit, self.coarse, note=equations[name])
+            self.out.series[f"residual_point.{name}"] = np.linalg.norm(error, axis=1)
         blame = self._blame_of_points(rows, equations)
         for name, r in rows.items():
             # If no equation computes a point, its error follows from the wrong points that equations compute.
@@ -332,11 +332,11 @@ class _Check:
             if name in blamed.points:
                 reason = name
                 cause = blamed.points[name]
-        off = length - true
-        worst = length[np.argmax(np.abs(off))]
+        error = length - true
+        worst = length[np.argmax(np.abs(error))]
         limit = self.tolerances.position
         note = f"distance on '{body}'"
-        r = row("A-B", "point", f"{name_a}-{name_b}", "m", off, limit, self.coarse, consequence_of=reason, note=note)
+        r = row("A-B", "point", f"{name_a}-{name_b}", "m", error, limit, self.coarse, consequence_of=reason, note=note)
         what = (
             f"the equations put {name_a} and {name_b} {mm(length[0])} apart at the start and {mm(worst)} in the worst "
             f"case; in the CAD both are on '{body}', {mm(true[0])} apart"
@@ -366,8 +366,8 @@ class _Check:
                 unit = "rad"
                 limit = self.tolerances.rotation
             turns = self._turns(joint, q[:, i], true[:, i])
-            off = q[:, i] - true[:, i] - 2 * np.pi * turns
-            self.out.series[f"residual_driven.{joint}"] = np.abs(off)
+            error = q[:, i] - true[:, i] - 2 * np.pi * turns
+            self.out.series[f"residual_driven.{joint}"] = np.abs(error)
             because = ""
             if alone is not None:
                 error_alone = float(np.abs(alone[:, i] - true[:, i]).max())
@@ -380,7 +380,7 @@ class _Check:
             else:
                 cause = equation or _equation_of(kin, tuple(kin.joints)) or joint
                 by = f" by {equation}" if equation else ""
-            r = row("A-B", "driven", joint, unit, off, limit, self.coarse, consequence_of=because, note=equation)
+            r = row("A-B", "driven", joint, unit, error, limit, self.coarse, consequence_of=because, note=equation)
             self.out.differs(r, f"joint {joint}{by} differs from its value in the mechanism", cause)
             if not r.agrees:
                 wrong[joint] = r, cause
@@ -477,8 +477,8 @@ class _Check:
         for name, value in kin.passive_many(Ts=self.Ts, qs=self.posed.q).items():
             if name not in true:
                 continue
-            off = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
-            r = row("A-B", "passive", name, "rad", off, limit, self.coarse, consequence_of=blamed.row)
+            error = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
+            r = row("A-B", "passive", name, "rad", error, limit, self.coarse, consequence_of=blamed.row)
             cause = blamed.cause or _equation_of(kin, name)
             self.out.differs(r, f"passive joint {name} differs from its value in the mechanism", cause)
 

@@ -274,7 +274,7 @@ def _loop(c: Laws) -> tuple[list[Clause], Array]:
         P = c.tool(P, before, after, T, _SCALE)
         path.append(P[:3, 3])
     moved, turned = _between(start, P)
-    way = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
+    way_out = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
     where = f"in {_INCREMENTS} increments"
     position = _point(
         "loop",
@@ -282,7 +282,7 @@ def _loop(c: Laws) -> tuple[list[Clause], Array]:
         f"a closed path of the hand returns the tool to its position, {where}",
         moved,
         f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start",
-        way,
+        way_out,
     )
     orientation = _within(
         "loop.angle",
@@ -292,7 +292,7 @@ def _loop(c: Laws) -> tuple[list[Clause], Array]:
         "deg",
         _ANGLE,
         f"the hand returns after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
-        way,
+        way_out,
     )
     return [position, orientation], np.array(path)
 
@@ -528,16 +528,16 @@ def _measure(c: Laws) -> Iterator[Clause]:
 
 def _pose(p: Sequence[float], turn: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
     """Return a pose (4, 4) from a position in m and a rotation vector in rad."""
-    out = np.eye(4)
-    out[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-    out[:3, 3] = p
-    return out
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    T[:3, 3] = p
+    return T
 
 
 def _shifted(W: Array, by: Array) -> Array:
-    out = W.copy()
-    out[:3, 3] += by
-    return out
+    shifted = W.copy()
+    shifted[:3, 3] += by
+    return shifted
 
 
 def _between(P: Array, Q: Array) -> tuple[float, float]:

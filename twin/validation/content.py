@@ -202,9 +202,10 @@ def _world(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
         if in_cad != on_stage:
             yield _CONTENT(on_stage, f"the {what} is '{on_stage}' on the stage, but '{in_cad}' in the description")
     right = np.array(mechanism.gravity)
-    found = np.array(stage.gravity)
-    if float(np.linalg.norm(found - right)) > SINGLE * float(np.linalg.norm(right)):
-        text = f"gravity in base is {_vector(found)} m/s2 on the stage, but {_vector(right)} m/s2 in the description"
+    stage_gravity = np.array(stage.gravity)
+    if float(np.linalg.norm(stage_gravity - right)) > SINGLE * float(np.linalg.norm(right)):
+        on_stage = _vector(stage_gravity)
+        text = f"gravity in base is {on_stage} m/s2 on the stage, but {_vector(right)} m/s2 in the description"
         yield _CONTENT("gravity", text)
 
 

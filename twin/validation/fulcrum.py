@@ -20,14 +20,14 @@ def fulcrum(trajectory: Trajectory) -> Array:
     """
     rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)
-    out = np.full((len(rcm), 2), np.nan)
+    motion = np.full((len(rcm), 2), np.nan)
     if not inside.any():
-        return out
+        return motion
     shaft = trajectory.Ts_base_frame[inside, :3, :3] @ (trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis))
     mean = shaft.mean(axis=0) / np.linalg.norm(shaft.mean(axis=0))
     tip = trajectory.Ts_base_frame[inside, :3, 3] - rcm[inside]
     across = (tip - tip.mean(axis=0)) @ (np.eye(3) - np.outer(mean, mean))
     direction = np.linalg.svd(across, full_matrices=False)[2][0]
     direction *= np.sign(direction[np.argmax(np.abs(direction))])
-    out[inside] = np.column_stack([tip @ direction, -OUTSIDE * shaft @ direction])
-    return out
+    motion[inside] = np.column_stack([tip @ direction, -OUTSIDE * shaft @ direction])
+    return motion

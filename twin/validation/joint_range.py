@@ -87,18 +87,18 @@ class RangeErrors:
     @property
     def inside(self) -> np.ndarray:
         """Whether each state (k,) is within the reach that the equations state."""
-        out = np.ones(len(self.drawn.run.x), bool)
+        is_inside = np.ones(len(self.drawn.run.x), bool)
         for beyond in self.beyond.values():
-            out &= ~beyond
-        return out
+            is_inside &= ~beyond
+        return is_inside
 
     def wrong(self, tolerances: Tolerances) -> np.ndarray:
         """Return (k,) bool: whether any equations have no result, or an error above the tolerance."""
-        out = np.zeros(len(self.drawn.run.x), bool)
+        is_wrong = np.zeros(len(self.drawn.run.x), bool)
         for offset, turn in self.errors.values():
             right = (offset <= SLACK * tolerances.position) & (turn <= SLACK * tolerances.rotation)
-            out |= self.inside & ~right
-        return out
+            is_wrong |= self.inside & ~right
+        return is_wrong
 
 
 def range_errors(
@@ -122,10 +122,10 @@ def range_errors(
     """
     if drawn is None:
         drawn = joint_range(model)
-    own = np.ones(len(drawn.run.x), bool)
+    is_own_mode = np.ones(len(drawn.run.x), bool)
     errors = {}
     if kin.closed_inverse:
-        offset, turn, own = _of_inverse(kin, model, drawn, tolerances, reads)
+        offset, turn, is_own_mode = _of_inverse(kin, model, drawn, tolerances, reads)
         errors["inverse"] = offset, turn
     if kin.closed_forward:
         errors["forward"] = _of_forward(kin, drawn)
@@ -139,7 +139,7 @@ def range_errors(
         text = f"inverse, {p.name} = {changed[p.name] / DEG:.0f} deg"
         other_values[text] = np.where(judged, offset, np.nan), np.where(judged, turn, np.nan)
     beyond, without_margin = beyond_reach(kin, drawn.run.q, drawn.run.Ts_base_tool)
-    return RangeErrors(drawn, beyond, without_margin, errors, own, other_values)
+    return RangeErrors(drawn, beyond, without_margin, errors, is_own_mode, other_values)
 
 
 def _free_angles(kin: Kinematics, model: ReferenceModel) -> list[Parameter]:
@@ -214,15 +214,15 @@ def _of_inverse(
 
     The error is 0 where the equations give the joint values of the state.
     """
-    Ts, own = poses_by_inverse(kin, model, drawn.run, tolerances, reads)
+    Ts, is_own_mode = poses_by_inverse(kin, model, drawn.run, tolerances, reads)
     true = drawn.run.Ts_base_tool
-    taken = np.isfinite(Ts).all(axis=(1, 2)) & ~own
+    is_other_mode = np.isfinite(Ts).all(axis=(1, 2)) & ~is_own_mode
     offset = np.where(np.isnan(Ts).any(axis=(1, 2)), np.nan, np.inf)
-    offset[own] = 0.0
+    offset[is_own_mode] = 0.0
     turn = offset.copy()
-    offset[taken] = np.linalg.norm(Ts[taken, :3, 3] - true[taken, :3, 3], axis=1)
-    turn[taken] = np.linalg.norm(rotation_vectors(true[taken], Ts[taken]), axis=1)
-    return offset, turn, own
+    offset[is_other_mode] = np.linalg.norm(Ts[is_other_mode, :3, 3] - true[is_other_mode, :3, 3], axis=1)
+    turn[is_other_mode] = np.linalg.norm(rotation_vectors(true[is_other_mode], Ts[is_other_mode]), axis=1)
+    return offset, turn, is_own_mode
 
 
 def poses_by_inverse(
@@ -241,14 +241,14 @@ def poses_by_inverse(
     difference[:, kin.revolute] -= 2 * np.pi * turns[:, kin.revolute]
     limit = np.where(kin.revolute, tolerances.rotation, tolerances.position)
     answered = np.isfinite(q).all(axis=1)
-    own = np.logical_and(answered, (np.abs(difference) <= limit).all(axis=1))
-    out = run.Ts_base_tool.copy()
-    out[~answered] = np.nan
-    other = np.flatnonzero(answered & ~own)
+    is_own_mode = np.logical_and(answered, (np.abs(difference) <= limit).all(axis=1))
+    poses = run.Ts_base_tool.copy()
+    poses[~answered] = np.nan
+    other = np.flatnonzero(answered & ~is_own_mode)
     if not len(other):
-        return out, own
+        return poses, is_own_mode
     true = run.Ts_base_tool[other]
-    out[other] = np.inf
+    poses[other] = np.inf
     least = np.full(len(q), np.inf)
     turned = reads_orientation(kin, run.Ts_base_tool) if reads is None else reads
     closing = Closing(model, np.ones(q.shape[1]))
@@ -272,9 +272,9 @@ def poses_by_inverse(
         error = np.linalg.norm(Ts[:, :3, 3] - true[new, :3, 3], axis=1)
         error += np.linalg.norm(rotation_vectors(true[new], Ts), axis=1)
         nearer = possible & (error < least[rows])
-        out[rows[nearer]] = Ts[nearer]
+        poses[rows[nearer]] = Ts[nearer]
         least[rows[nearer]] = error[nearer]
-    return out, own
+    return poses, is_own_mode
 
 
 def reads_orientation(kin: Kinematics, Ts: Array) -> bool:
@@ -411,9 +411,9 @@ def _facts(
     drawn: JointRange, inside: np.ndarray, beyond: dict[str, np.ndarray], mechanism: Mechanism
 ) -> dict[str, str]:
     """Return what was judged: share and number of states, excluded states, and the range of each joint."""
-    out = {"judged": f"{100 * inside.mean():.0f} % of the joint range, {inside.sum()} states"}
+    facts = {"judged": f"{100 * inside.mean():.0f} % of the joint range, {inside.sum()} states"}
     for name, states in beyond.items():
-        out[f"beyond '{name}' of the equations"] = f"{100 * states.mean():.0f} % of the states, not judged"
+        facts[f"beyond '{name}' of the equations"] = f"{100 * states.mean():.0f} % of the states, not judged"
     values = drawn.run.q
     for i, joint in enumerate(mechanism.active):
         unit, scale = display_unit(joint.is_angle)
@@ -426,5 +426,5 @@ def _facts(
             text += f"; not reached: the rest of {low:.1f} .. {high:.1f} {unit}"
         if joint.limits is None:
             text += "; the joint has no limits"
-        out[joint.name] = text
-    return out
+        facts[joint.name] = text
+    return facts

@@ -70,7 +70,7 @@ def judge(
     mechanism = case.cad.mechanism
     trajectory = case.trajectory
     known = known or Known()
-    out = known.comparison or EquationsComparison()
+    comparison = known.comparison or EquationsComparison()
     motion_samples = samples(trajectory, case.motion)
     # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
     # Without meshes there are no clearances, and the start of a process takes longer than the rest.
@@ -80,10 +80,10 @@ def judge(
     with measuring as call:
         try:
             if "equations" in parts:
-                out = compare(case.kinematics, case.model, trajectory, case.clock, case.tolerances, progress)
-                _equations(case, out, progress)
+                comparison = compare(case.kinematics, case.model, trajectory, case.clock, case.tolerances, progress)
+                _equations(case, comparison, progress)
             if "stage" in parts:
-                _stage(case, out, progress)
+                _stage(case, comparison, progress)
             if "motion" in parts:
                 progress("baked motion, clearance", 0.0)
                 measured = known.measured
@@ -91,16 +91,16 @@ def judge(
                     measured = call.result()
                 if measured is None:
                     measured = measure(mechanism, motion_samples, case.written)
-                _motion(measured, motion_samples, case, out)
+                _motion(measured, motion_samples, case, comparison)
         except AssemblyError as error:
-            out.findings.append(_cannot_take(mechanism, error))
-    _curves(out, trajectory)
-    out.facts["mechanism"] = _mechanism_facts(case.model)
+            comparison.findings.append(_cannot_take(mechanism, error))
+    _curves(comparison, trajectory)
+    comparison.facts["mechanism"] = _mechanism_facts(case.model)
     findings = [*case.cad.findings]
     if "protocol" in parts:
-        findings += of_protocol(case, out)
-    findings += out.findings
-    return _report(case, out, findings, parts)
+        findings += of_protocol(case, comparison)
+    findings += comparison.findings
+    return _report(case, comparison, findings, parts)
 
 
 def _has_meshes(mechanism: Mechanism) -> bool:

@@ -33,33 +33,33 @@ def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics,
 
     The joint limits are from the mechanism, all other quantities from `paths`.
     """
-    out: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for j, joint in enumerate(mechanism.active):
         if joint.limits is not None:
-            out[f"joint {joint.name}"] = _joint_margin(trajectory.q[:, j], joint.limits, joint.is_angle, clock)
+            texts[f"joint {joint.name}"] = _joint_margin(trajectory.q[:, j], joint.limits, joint.is_angle, clock)
     for i, name in enumerate(paths.motors.names):
-        out[f"motor {name}"] = _motor_margin(trajectory, paths.motors, i, clock)
+        texts[f"motor {name}"] = _motor_margin(trajectory, paths.motors, i, clock)
     for gap in paths.gaps:
         distance = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
         k = int(np.argmin(distance))
-        out[f"gap {gap.name}"] = f"{distance[k] / MM:.2f} mm (required {gap.smallest / MM:g} mm), {clock.when(k)}"
+        texts[f"gap {gap.name}"] = f"{distance[k] / MM:.2f} mm (required {gap.smallest / MM:g} mm), {clock.when(k)}"
     for name, values in paths.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(values))
-        out[f"reach {name}"] = f"{values[k] / MM:.2f} mm, {clock.when(k)}"
+        texts[f"reach {name}"] = f"{values[k] / MM:.2f} mm, {clock.when(k)}"
     for name, values in paths.singularity(trajectory.Ts_base_tool, trajectory.q).items():
         k = int(np.argmin(np.abs(values)))
         alarm = ""
         if paths.alarm(name):
             alarm = f", alarm below {paths.alarm(name):g}"
-        out[f"singularity {name}"] = f"{values[k]:.4f}{alarm}, {clock.when(k)}"
+        texts[f"singularity {name}"] = f"{values[k]:.4f}{alarm}, {clock.when(k)}"
     if paths.branch is not None:
         modes = paths.branch(trajectory.Ts_base_tool, trajectory.q)
         first_change = int(np.argmax(modes != modes[0]))
         if first_change == 0:
-            out["working mode"] = f"{modes[0]} throughout"
+            texts["working mode"] = f"{modes[0]} throughout"
         else:
-            out["working mode"] = f"{modes[0]}, then {modes[first_change]}, {clock.when(first_change)}"
-    return out
+            texts["working mode"] = f"{modes[0]}, then {modes[first_change]}, {clock.when(first_change)}"
+    return texts
 
 
 def _joint_margin(q: Array, limits: tuple[float, float], is_angle: bool, clock: SampleClock) -> str:
@@ -132,7 +132,7 @@ def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list
 
     Steps in which a driven joint also jumps (samples far apart) are skipped.
     """
-    out: list[Finding] = []
+    findings: list[Finding] = []
     driven_steps = np.abs(np.diff(posed.q, axis=0))
     driven_floors = [_floor(joint.is_angle) for joint in model.mechanism.active]
     driven_jumps = np.any(driven_steps > _usual(driven_steps) + driven_floors, axis=1)
@@ -151,8 +151,8 @@ def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list
         what = f"passive joint {joint.name} jumps between two samples: the mechanism changes its assembly mode"
         size = moved(steps[k], joint.is_angle)
         limit = moved(usual[k], joint.is_angle)
-        out.append(_JUMP(joint.name, what, size, limit, when=at.when(k + 1)))
-    return out
+        findings.append(_JUMP(joint.name, what, size, limit, when=at.when(k + 1)))
+    return findings
 
 
 def _floor(is_angle: bool) -> float:

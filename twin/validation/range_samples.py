@@ -178,27 +178,27 @@ class RangeSamples(Result):
 
     def _undecided(self) -> list[Finding]:
         """Return findings on states that the reference model could not judge."""
-        found: list[Finding] = []
+        findings: list[Finding] = []
         for stage in self.stages:
             if stage.examined < stage.suspects:
                 text = (
                     f"over the joint range, the compiled kernels suspect {stage.subject} at {stage.share}; the "
                     f"reference model judged {stage.examined} of these, and found nothing wrong there"
                 )
-                found.append(_UNDECIDED(stage.row or stage.name, text))
+                findings.append(_UNDECIDED(stage.row or stage.name, text))
         asked = min(_CONFIRMED, self.unsuspected)
         if self.confirmed < asked:
             text = (
                 f"over the joint range, the reference model could judge only {self.confirmed} of {asked} states at "
                 "which the compiled kernels suspect nothing"
             )
-            way = "compare along protocols, by `twin validate` without --samples"
-            found.append(_UNDECIDED("mechanism", text, suggestion=way))
-        return found
+            way_out = "compare along protocols, by `twin validate` without --samples"
+            findings.append(_UNDECIDED("mechanism", text, suggestion=way_out))
+        return findings
 
     def _of_stage(self, stage: JudgedStage) -> list[Finding]:
         """Return findings on equations of a stage that are wrong or without a result."""
-        found = []
+        findings = []
         judged = f"{stage.by_reference} states that the reference model judged"
         suspected = f"the compiled kernels suspect {stage.share}"
         if stage.worst is not None:
@@ -212,7 +212,7 @@ class RangeSamples(Result):
                 f"over the joint range, {stage.subject} are wrong at {stage.wrong} of {judged}; {suspected}; the "
                 "largest error of those judged"
             )
-            found.append(_DIFFERS(stage.name, text, size, limit, when=self._state(q), cause=stage.name))
+            findings.append(_DIFFERS(stage.name, text, size, limit, when=self._state(q), cause=stage.name))
         if stage.missing_at is not None:
             kind = _NO_ANSWER
             fault = "give no result"
@@ -223,8 +223,8 @@ class RangeSamples(Result):
                 f"over the joint range, {stage.subject} {fault} at {stage.missing} of {judged} and that the mechanism "
                 f"can take; {suspected}"
             )
-            found.append(kind(stage.row or stage.name, text, when=self._state(stage.missing_at), cause=stage.name))
-        return found
+            findings.append(kind(stage.row or stage.name, text, when=self._state(stage.missing_at), cause=stage.name))
+        return findings
 
     def _state(self, q: Array) -> str:
         """Return joint values (n,) as text, in mm and degrees."""
@@ -497,8 +497,8 @@ class SampledRange:
         turns = np.round(difference / (2 * np.pi))
         difference[:, kin.revolute] -= 2 * np.pi * turns[:, kin.revolute]
         limit = np.where(kin.revolute, self.tolerances.rotation, self.tolerances.position)
-        own = answered & (np.abs(difference) <= limit).all(axis=1)
-        other = np.flatnonzero(answered & ~own)
+        is_own_mode = answered & (np.abs(difference) <= limit).all(axis=1)
+        other = np.flatnonzero(answered & ~is_own_mode)
         offset = np.where(answered, 0.0, np.nan)
         turn = offset.copy()
         if len(other):

@@ -413,13 +413,13 @@ def _read(path: Path) -> Users:
     if _USER not in head:
         raise DescriptionError(f"{path}:1: trials need a column '{_USER}': a user's value is the mean of their trials")
     # a row without a number has answers before a trial that was not made
-    made = np.flatnonzero(np.isfinite(numbers))
-    owners = [(groups[k], names[k]) for k in made]
-    columns = {name: [values[k] for k in made] for name, values in columns.items()}
-    measures, findings = scored(path, columns, [lines[k] for k in made])
+    numbered = np.flatnonzero(np.isfinite(numbers))
+    owners = [(groups[k], names[k]) for k in numbered]
+    columns = {name: [values[k] for k in numbered] for name, values in columns.items()}
+    measures, findings = scored(path, columns, [lines[k] for k in numbered])
     groups, measures = _means(owners, measures)
-    text = f"a value of a user is the mean of the user's trials: {len(made)} trials of {len(groups)} users"
-    left_out = len(numbers) - len(made)
+    text = f"a value of a user is the mean of the user's trials: {len(numbered)} trials of {len(groups)} users"
+    left_out = len(numbers) - len(numbered)
     if left_out:
         text += f"; rows without a number in the column '{_TRIAL}', which do not count: {left_out}"
     return Users(path.name, groups, None, False, measures, [*findings, info("study.trials", _TRIAL, text)])
@@ -437,11 +437,11 @@ def _means(
     for name, values in measures.items():
         means[name] = []
         for user in users:
-            own = []
+            group_of_user = []
             for value, owner in zip(values, owners, strict=True):
                 if owner == user and math.isfinite(value):
-                    own.append(value)
-            means[name].append(float(np.mean(own)) if own else math.nan)
+                    group_of_user.append(value)
+            means[name].append(float(np.mean(group_of_user)) if group_of_user else math.nan)
     return [group for group, _ in users], means
 
 

@@ -93,14 +93,14 @@ def passages(model: ReferenceModel, trajectory: Trajectory) -> list[Passage]:
         return []
     times = np.concatenate(indices)
     Ts = _poses(model, trajectory, times) @ model.mechanism.frame_in_tool(trajectory.frame)
-    out: list[Passage] = []
+    passages_of_phases: list[Passage] = []
     first = 0
     for span, intervals in zip(spans, suspects, strict=True):
         count = len(intervals) * len(_INSIDE)
         Ts_inside = Ts[first : first + count].reshape(len(intervals), len(_INSIDE), 4, 4)
         first += count
-        out.append(_passage(trajectory, span, intervals, Ts_inside))
-    return out
+        passages_of_phases.append(_passage(trajectory, span, intervals, Ts_inside))
+    return passages_of_phases
 
 
 def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:

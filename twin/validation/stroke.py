@@ -198,8 +198,8 @@ def _by_inverse(
     q = q[first : last + 1]
     Ts, _ = poses_by_inverse(kin, model, run, tolerances)
     answered = np.asarray(~np.isnan(Ts).any(axis=(1, 2)), bool)
-    good = _regular(kin, run.Ts_base_tool, q, answered, i)
-    first, last = _around_home(good, q, i, home)
+    is_regular = _regular(kin, run.Ts_base_tool, q, answered, i)
+    first, last = _around_home(is_regular, q, i, home)
     kept = slice(first, last + 1)
     return q[kept], Ts[kept], model.collect(run.x[kept])
 
@@ -209,8 +209,8 @@ def _reachable(
 ) -> tuple[Array, Array, SolvedSamples]:
     """Return (joint values, tool poses, run) around home, up to the first unsolved or near-singular state."""
     solved = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
-    good = _regular(kin, Ts, q, solved, i)
-    first, last = _around_home(good, q, i, home)
+    is_regular = _regular(kin, Ts, q, solved, i)
+    first, last = _around_home(is_regular, q, i, home)
     first, last, run = _moved(kin, model, q, first, last, i, home)
     return q[first : last + 1], Ts[first : last + 1], run
 
@@ -219,14 +219,14 @@ def _regular(kin: Kinematics, Ts: Array, q: Array, solved: np.ndarray, i: int) -
     """Return (k,) bool: whether the equations have a solution and are not near a singularity."""
     if not solved.any():
         raise KinematicsError(f"the equations have no solution anywhere on the stroke of '{kin.joints[i]}'")
-    good = solved
+    is_regular = solved
     for alarm in kin.singularity_alarm(Ts, q).values():
-        good = np.logical_and(good, ~alarm)
-    if not good.any():
+        is_regular = np.logical_and(is_regular, ~alarm)
+    if not is_regular.any():
         raise TwinError(
             f"the equations are near a singularity on the whole stroke of '{kin.joints[i]}' (other joints: home)"
         )
-    return good
+    return is_regular
 
 
 def _around_home(good: np.ndarray, q: Array, i: int, home: Array) -> tuple[int, int]:

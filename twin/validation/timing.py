@@ -112,14 +112,14 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
         yield disagreement("timing.clock", "t", "the sample times must be finite and increase strictly")
         return
     even = np.linspace(t[0], t[-1], len(t))
-    off = float(np.abs(t - even).max())
-    if off > _CLOCK:
+    deviation = float(np.abs(t - even).max())
+    if deviation > _CLOCK:
         median = np.median(steps)
         k = int(np.argmax(np.abs(steps - median)))
         what = (
             f"the samples are not evenly spaced: one step is {steps[k]:.6g} s, the median is {median:.6g} s; deviation"
         )
-        yield disagreement("timing.clock", "t", what, Quantity(off, "s"), _CLOCK, when=f"t = {t[k]:.3f} s")
+        yield disagreement("timing.clock", "t", what, Quantity(deviation, "s"), _CLOCK, when=f"t = {t[k]:.3f} s")
     if not _phases_cover(trajectory):
         names = ", ".join(s.name for s in trajectory.phases)
         what = "the phases must cover all samples without gaps, and begin and end at the stated times"
@@ -179,7 +179,7 @@ _RATES = ("speed", "acceleration", "jerk")
 
 
 def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
-    out: list[_Moving] = []
+    moving: list[_Moving] = []
     for j, joint in enumerate(mechanism.active):
         q = trajectory.q[:, j : j + 1]
         qd = trajectory.qd[:, j : j + 1]
@@ -192,8 +192,8 @@ def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
         what = f"joint {joint.name}"
         names = [what] * len(_RATES)
         motion = _Moving(what, what, joint.name, _RATES, names, unit, factor, 0, steps, qd, tuple(limits), size)
-        out.append(motion)
-    return out
+        moving.append(motion)
+    return moving
 
 
 def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list[_Moving]:
@@ -205,7 +205,7 @@ def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list
     turns = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2))
     name = trajectory.frame
     limits = protocol.limits[span.type]
-    out: list[_Moving] = []
+    moving: list[_Moving] = []
     for kind, subject, unit, factor, steps, stated in (
         ("tip", name, "mm", MM, moves, trajectory.tip_velocity[rows]),
         ("rotation", f"{name} (rotation)", "deg", DEG, turns, trajectory.angular_velocity[rows]),
@@ -219,8 +219,8 @@ def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list
             most.append(getattr(limits, f"{kind}_{rate}"))
         what = f"{kind} of {name}"
         motion = _Moving(what, subject, name, codes, names, unit, factor, span.start, steps, stated, tuple(most))
-        out.append(motion)
-    return out
+        moving.append(motion)
+    return moving
 
 
 def _phase(trajectory: Trajectory, sample: int) -> str:
@@ -272,16 +272,16 @@ def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
     dt = trajectory.step
     skip = 1 if m.first else 0
     mean_speeds = 0.5 * (m.stated[1:] + m.stated[:-1])
-    off = np.linalg.norm(m.steps / dt - mean_speeds, axis=1)[skip:]
+    deviation = np.linalg.norm(m.steps / dt - mean_speeds, axis=1)[skip:]
     limit = dt * m.limits[1] * (1 + OVER) / 4
-    if not len(off) or off.max() <= limit:
+    if not len(deviation) or deviation.max() <= limit:
         return
-    sample = m.first + skip + int(np.argmax(off))
+    sample = m.first + skip + int(np.argmax(deviation))
     yield disagreement(
         "timing.claimed",
         m.where,
         f"the stated speed of {m.what} differs from the difference quotient of the positions",
-        Quantity(float(off.max()) / m.factor, f"{m.unit}/s"),
+        Quantity(float(deviation.max()) / m.factor, f"{m.unit}/s"),
         limit / m.factor,
         AGAIN,
         when=f"phase '{_phase(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
@@ -291,7 +291,7 @@ def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
 
 def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
     """Return a text with the maximum for each kind of quantity, such as speed or jerk."""
-    out = {"computed from": f"{len(trajectory.t)} samples, {1e3 * trajectory.step:g} ms apart, without stated speeds"}
+    facts = {"computed from": f"{len(trajectory.t)} samples, {1e3 * trajectory.step:g} ms apart, without stated speeds"}
     by_code: dict[str, list[Load]] = {}
     for load in loads:
         by_code.setdefault(load.code, []).append(load)
@@ -299,7 +299,7 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
         name = code.removeprefix("timing.")
         most = max(alike, key=_share_of_limit)
         if np.isfinite(most.limit):
-            out[name.replace("_", " ")] = f"{most.what}: {most.text}"
+            facts[name.replace("_", " ")] = f"{most.what}: {most.text}"
             continue
         # Without a limit, quantities of different units cannot be compared.
         note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
@@ -308,8 +308,8 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
             if load.unit not in largest or load.size > largest[load.unit].size:
                 largest[load.unit] = load
         for unit, most in largest.items():
-            out[f"{name}, maximum in {unit}"] = f"{most.what}: {most.text}{note}"
-    return out
+            facts[f"{name}, maximum in {unit}"] = f"{most.what}: {most.text}{note}"
+    return facts
 
 
 def _share_of_limit(load: Load) -> float:

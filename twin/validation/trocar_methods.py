@@ -232,9 +232,9 @@ def _along(solver: PointSolver, case: Case, out: EquationsComparison) -> None:
     """Add a row for each point: the search against the closed form at the tool poses of the protocol."""
     Ts = case.trajectory.Ts_base_tool[out.coarse]
     q = solver.inverse_many(Ts)
-    off = np.linalg.norm(solver.places(q) - solver.closed(Ts), axis=2)
+    distance = np.linalg.norm(solver.places(q) - solver.closed(Ts), axis=2)
     for i, name in enumerate(solver.search.unknowns):
-        known = off[:, i][np.isfinite(off[:, i])]
+        known = distance[:, i][np.isfinite(distance[:, i])]
         note = f"against the closed form, at {len(known)} of {len(Ts)} poses of the protocol"
         what = "along the protocol, the optimisation and the closed form give different positions"
         _row(out, "A", f"{name} along the protocol", known, EXACT, note, what, "protocol")
@@ -256,9 +256,9 @@ def _mechanism(
     trocars = given.trocars[solved]
     shaft = Ts[:, :3, :3] @ np.asarray(axis)
     note = f"mechanism at the joints of the optimisation, {solved.sum()} of {len(qs)} random problems"
-    off = np.linalg.norm(Ts[:, :3, 3] - tips, axis=1)
+    distance = np.linalg.norm(Ts[:, :3, 3] - tips, axis=1)
     missed = np.linalg.norm(np.cross(trocars - Ts[:, :3, 3], shaft), axis=1)
-    for name, values in (("tip by points", off), ("shaft by points", missed)):
+    for name, values in (("tip by points", distance), ("shaft by points", missed)):
         _row(out, "A-B", name, values, case.tolerances.position, note, f"the mechanism misses its target: {name}")
 
 

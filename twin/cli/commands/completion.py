@@ -78,10 +78,10 @@ def _options(name: str) -> list[str]:
     chosen = commands[name]
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
         chosen.parse_known_args(["--help"])  # adds the arguments of the command
-    found: list[str] = []
+    options: list[str] = []
     for action in chosen._actions:
-        found += [option for option in action.option_strings if option.startswith("--")]
-    return found
+        options += [option for option in action.option_strings if option.startswith("--")]
+    return options
 
 
 def _bash(commands: list[str], options: dict[str, list[str]], robots: list[str]) -> str:

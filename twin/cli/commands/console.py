@@ -33,5 +33,5 @@ def run(args: argparse.Namespace) -> int:
     variants = asked(args.variant)
     chosen = [variants] if isinstance(variants, str) else map("-".join, (variants or {}).items())
     with show.progress(args.quiet or args.json) as progress:
-        found = api.console(args.console, variants, progress)
-    return show.store(found, args, show.folder(args, args.console, "-".join(["console", *chosen])))
+        result = api.console(args.console, variants, progress)
+    return show.store(result, args, show.folder(args, args.console, "-".join(["console", *chosen])))

@@ -80,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
     for command, port in PORTS.items():
         rows.append((f"port {port}", *_port(command, port)))
     if args.json:
-        found = {name: version for name, version, _ in rows}
-        content = {"python": platform.python_version(), "found": found, "missing": missing}
+        versions = {name: version for name, version, _ in rows}
+        content = {"python": platform.python_version(), "found": versions, "missing": missing}
         findings = []
         for name in missing:
             findings.append(error("doctor.missing", name, f"{name} is not installed", suggestion=_CURE))

@@ -85,5 +85,5 @@ def _scene(file: Path, args: argparse.Namespace, formats: tuple[str, ...], budge
         )
     folder = Path(args.out) if args.out else Path("twin-out") / file.parent.name / "export"
     with show.progress(args.quiet or args.json) as progress:
-        found = export_scene(file, folder, formats, budget=budget, progress=progress)
-    return show.finish(found, args, folder, [""])
+        bundle = export_scene(file, folder, formats, budget=budget, progress=progress)
+    return show.finish(bundle, args, folder, [""])

@@ -56,9 +56,9 @@ def run(args: argparse.Namespace) -> int:
     folder = show.folder(args, robot.name, "trends" if args.trends else f"{Path(name).stem}-hazards")
     with show.progress(args.quiet or args.json) as progress:
         if args.trends:
-            found = trends(robot, software=software, progress=progress)
+            result = trends(robot, software=software, progress=progress)
         else:
-            found = campaign(
+            result = campaign(
                 robot,
                 name,
                 folder,
@@ -68,4 +68,4 @@ def run(args: argparse.Namespace) -> int:
                 software=software,
                 progress=progress,
             )
-    return show.store(found, args, folder, [] if args.trends else [FILE])
+    return show.store(result, args, folder, [] if args.trends else [FILE])

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
             readable = ", ".join(known)
             raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({readable})")
     with show.progress(args.quiet or args.json) as progress:
-        made = new(
+        robot = new(
             source,
             name,
             out=args.out,
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
             force=args.force,
             progress=progress,
         )
-    show.finish(made, args)
+    show.finish(robot, args)
     return 0
 
 

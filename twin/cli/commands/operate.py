@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     protocol = robot.protocol(args.protocol)
     folder = show.folder(args, robot.name, f"{protocol.name}-operator")
     with show.progress(args.quiet or args.json) as progress:
-        found = api.operate(
+        operated = api.operate(
             robot,
             protocol,
             trials=args.trials,
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             solver=args.solver,
             progress=progress,
         )
-    return show.store(found, args, folder)
+    return show.store(operated, args, folder)
 
 
 def _at_console(file: Path, args: argparse.Namespace) -> int:
@@ -128,7 +128,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
         haptics = None
         if args.haptics is not None:
             haptics = args.haptics == "on"
-        found = operate_console(
+        session = operate_console(
             scene,
             task.name,
             seed=args.seed,
@@ -137,7 +137,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
             mistake=args.mistake or "",
             progress=progress,
         )
-    return show.store(found, args, folder, [FILE])
+    return show.store(session, args, folder, [FILE])
 
 
 def _machine(scene: Scene, args: argparse.Namespace) -> int:
@@ -154,7 +154,7 @@ def _machine(scene: Scene, args: argparse.Namespace) -> int:
             )
     folder = show.folder(args, scene.name, "machine-operator")
     with show.progress(args.quiet or args.json) as progress:
-        found = operate_machine(
+        session = operate_machine(
             scene,
             seed=args.seed,
             triangles=args.trials,
@@ -162,7 +162,7 @@ def _machine(scene: Scene, args: argparse.Namespace) -> int:
             running=running(args.machine),
             progress=progress,
         )
-    return show.store(found, args, folder, [FILE])
+    return show.store(session, args, folder, [FILE])
 
 
 def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) -> int:
@@ -177,5 +177,5 @@ def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) 
                 f"--{option} applies to a console; the options of a procedure are --task, --seed, --mistake"
             )
     with show.progress(args.quiet or args.json) as progress:
-        found = operate_procedure(scene, task, seed=args.seed, mistake=args.mistake or "", progress=progress)
-    return show.store(found, args, folder, [NAME])
+        session = operate_procedure(scene, task, seed=args.seed, mistake=args.mistake or "", progress=progress)
+    return show.store(session, args, folder, [NAME])

@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
 
     folder = show.folder(args) if args.out else None
     with show.progress(args.quiet or args.json) as progress:
-        found = _replayed(args.file, args.scene, progress)
-    return show.finish(found, args) if folder is None else show.store(found, args, folder)
+        session = _replayed(args.file, args.scene, progress)
+    return show.finish(session, args) if folder is None else show.store(session, args, folder)
 
 
 def report(file: str, scene: str) -> bytes:

@@ -38,14 +38,14 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
 
     folder = show.folder(args) if args.out else None
-    found = _found(args)
+    result = _found(args)
     if folder is None:
-        return show.finish(found, args)
+        return show.finish(result, args)
     from twin.validation.ranks import Ranks
 
-    if not isinstance(found, Ranks):
+    if not isinstance(result, Ranks):
         raise TwinError("--out requires groups (a CSV file of users, or sessions as GROUP=FILE); otherwise omit --out")
-    return show.store(found, args, folder, ["users.csv"])
+    return show.store(result, args, folder, ["users.csv"])
 
 
 def _found(args: argparse.Namespace) -> Result:

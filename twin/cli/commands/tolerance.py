@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     folder = show.folder(args, robot.name, "tolerance")
     spread = Spread(args.sigma_um * UM, args.sigma_deg * DEG, args.encoder_um * UM, args.encoder_deg * DEG)
     with show.progress(args.quiet or args.json) as progress, computing_on(device(args)):
-        found = compute(
+        budget = compute(
             robot,
             spread,
             args.protocol,
@@ -77,4 +77,4 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         )
-    return show.store(found, args, folder)
+    return show.store(budget, args, folder)

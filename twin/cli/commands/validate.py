@@ -139,7 +139,7 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
         raise TwinError(f"--variant {variants}: with --samples, give EQ=NAME, such as eq1={variants}")
     folder = show.folder(args, robot.name) / "samples"
     with show.progress(args.quiet or args.json) as progress:
-        found = validate_samples(
+        samples = validate_samples(
             robot,
             args.samples,
             variants=variants,
@@ -148,8 +148,8 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
             progress=progress,
         )
         with assets.atomic_folder(folder) as work:
-            shown = pages.write_result(found, work)
-    return show.finish(found, args, folder, shown)
+            shown = pages.write_result(samples, work)
+    return show.finish(samples, args, folder, shown)
 
 
 def _strokes(robot: Robot, args: argparse.Namespace) -> int:
@@ -173,7 +173,7 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
         raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
     folder = show.folder(args, robot.name) / "sweep"
     with show.progress(args.quiet or args.json) as progress:
-        found = strokes(robot, joints, standins, variants, progress)
+        result = strokes(robot, joints, standins, variants, progress)
         with assets.atomic_folder(folder) as work:
-            pictures = pages.write_result(found, work, "sweep")
-    return show.finish(found, args, folder, pictures)
+            pictures = pages.write_result(result, work, "sweep")
+    return show.finish(result, args, folder, pictures)

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     folder = show.folder(args, robot.name, "workspace")
     with assets.atomic_folder(folder) as work, show.progress(args.quiet or args.json) as progress:
         with computing_on(device(args)):
-            found = search(
+            workspace = search(
                 robot,
                 args.count,
                 args.step_mm * MM if args.step_mm else None,
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
                 progress=progress,
             )
         progress("write", 0.0)
-        shown = write_result(found, work)
-        cloud.write_ply(found, work / "workspace.ply")
-        cloud.write_usd(found, work / "workspace.usdc")
-    return show.finish(found, args, folder, [*shown, "workspace.ply, .usdc, .json"])
+        shown = write_result(workspace, work)
+        cloud.write_ply(workspace, work / "workspace.ply")
+        cloud.write_usd(workspace, work / "workspace.usdc")
+    return show.finish(workspace, args, folder, [*shown, "workspace.ply, .usdc, .json"])

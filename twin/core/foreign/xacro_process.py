@@ -114,7 +114,7 @@ class _Packages:
         return str(self._found[name])
 
     def _searched(self) -> dict[str, Path]:
-        found: dict[str, Path] = {}
+        folders: dict[str, Path] = {}
         left = _FOLDERS
         # the folders around the file are only searched one level deep: they may be the user's whole disk
         for place, levels in [(p, _LEVELS) for p in self._places] + [(p, 1) for p in self._neighbours]:
@@ -124,10 +124,10 @@ class _Packages:
                 folder, level = waiting.pop(0)
                 name = _package_name(folder)
                 if name:
-                    found.setdefault(name, folder.resolve())
+                    folders.setdefault(name, folder.resolve())
                 elif level < levels:
                     waiting += [(inner, level + 1) for inner in _folders(folder)]
-        return found
+        return folders
 
 
 def _neighbours(file: Path) -> Iterator[Path]:
@@ -361,11 +361,11 @@ class _Expansion:
     def _find_meshes(self, root: minidom.Element) -> None:
         """Replace package:// in addresses of meshes by the package's folder, if the mesh is there."""
         for mesh in root.getElementsByTagName("mesh"):
-            found = re.fullmatch(r"package://([\w.-]+)/(.*)", mesh.getAttribute("filename"))
-            if found is None:
+            match = re.fullmatch(r"package://([\w.-]+)/(.*)", mesh.getAttribute("filename"))
+            if match is None:
                 continue
             try:
-                file = Path(self.packages.find(found[1])) / found[2]
+                file = Path(self.packages.find(match[1])) / match[2]
             except _PackageMissingError:
                 continue
             if file.is_file():
@@ -422,15 +422,15 @@ def _missing_package(error: BaseException) -> str | None:
 
 def _error_place(error: BaseException) -> tuple[str, int] | None:
     """Return the place of the element that xacro processed when the error was raised."""
-    found: tuple[str, int] | None = None
+    place_found: tuple[str, int] | None = None
     trace: TracebackType | None = error.__traceback__
     while trace is not None:
         names = trace.tb_frame.f_locals
         if trace.tb_frame.f_code.co_filename.endswith(("xacro/__init__.py", "xacro/xmlutils.py")):
             for name in ("node", "elt", "tag"):
-                found = _place(names.get(name)) or found
+                place_found = _place(names.get(name)) or place_found
         trace = trace.tb_next
-    return found
+    return place_found
 
 
 def main(file: str, request: str, answer: str) -> None:

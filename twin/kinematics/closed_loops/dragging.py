@@ -384,15 +384,15 @@ class Dragger:
 
         Matrices that are not square are first projected onto the singular vectors of the matrix in state `before`.
         """
-        out: dict[str, tuple[float, float]] = {}
+        determinants: dict[str, tuple[float, float]] = {}
         for name, A, B in zip(self._loops, before.loops, look.loops, strict=True):
-            out[f"loop {name}"] = _determinants(A, B)
+            determinants[f"loop {name}"] = _determinants(A, B)
         n = len(look.q)
         if tool and n <= 6:  # a redundant arm can move while its tool is at rest
             A = before.tool * self._scale * LENGTH_SCALE
             B = look.tool * self._scale * LENGTH_SCALE
-            out["tool"] = _determinants(A, B)
-        return out
+            determinants["tool"] = _determinants(A, B)
+        return determinants
 
     def nearest(self, look: LinearizedState) -> str:
         """Return the name of the loop nearest to a singularity, which is probably the loop that no longer closes."""
@@ -414,7 +414,7 @@ class Dragger:
 
     def _stepped(self, u: Array, du: Array) -> Array:
         """Return the unknowns after a step du; quaternions are rotated in their own frame."""
-        out = u.copy()
+        stepped = u.copy()
         i = 0
         j = 0
         for kind in self._kinds:
@@ -423,14 +423,14 @@ class Dragger:
             lengths = STATES[kind]
             if has_quat:
                 lengths -= 4
-            out[i : i + lengths] += du[j : j + lengths]
+            stepped[i : i + lengths] += du[j : j + lengths]
             if has_quat:
                 turn = du[j + lengths : j + STEPS[kind]] / 2
                 quat_wxyz = _product_wxyz(u[i + lengths : end], turn)
-                out[i + lengths : end] = quat_wxyz / np.linalg.norm(quat_wxyz)
+                stepped[i + lengths : end] = quat_wxyz / np.linalg.norm(quat_wxyz)
             i = end
             j += STEPS[kind]
-        return out
+        return stepped
 
 
 class DragGrip:

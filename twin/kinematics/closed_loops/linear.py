@@ -154,15 +154,15 @@ def _normal_matrix(J: ca.SX, pattern: np.ndarray, linked: np.ndarray, order: lis
 def _least_filling(linked: np.ndarray) -> list[int]:
     """Return an order of elimination in which the next unknown is always the one with the fewest neighbours."""
     linked = linked.copy()
-    left = list(range(len(linked)))
+    remaining = list(range(len(linked)))
     order: list[int] = []
-    while left:
-        least = min(left, key=lambda i: int(linked[i, left].sum()))
-        left.remove(least)
+    while remaining:
+        least = min(remaining, key=lambda i: int(linked[i, remaining].sum()))
+        remaining.remove(least)
         order.append(least)
         # The elimination of an unknown links all its neighbours.
         neighbours = []
-        for i in left:
+        for i in remaining:
             if linked[least, i]:
                 neighbours.append(i)
         linked[np.ix_(neighbours, neighbours)] = True

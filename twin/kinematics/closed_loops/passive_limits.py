@@ -48,24 +48,24 @@ class PassiveLimit:
 
 def passive_limits(mechanism: Mechanism) -> tuple[PassiveLimit, ...]:
     """Return the limits of passive joints that poses can violate; ranges of a full turn or more are not among them."""
-    out: list[PassiveLimit] = []
+    limits: list[PassiveLimit] = []
     for joint in mechanism.joints:
         if joint.active:
             continue
         if joint.type == "spherical" and joint.cone is not None and joint.cone < np.pi:
-            out.append(PassiveLimit(joint, "cone"))
+            limits.append(PassiveLimit(joint, "cone"))
         if joint.limits is None or joint.type not in ("revolute", "prismatic"):
             continue
         low, high = joint.limits
         if joint.is_angle and np.isfinite(high - low):
             if high - low < 2 * np.pi:
-                out.append(PassiveLimit(joint, "range"))
+                limits.append(PassiveLimit(joint, "range"))
             continue
         if np.isfinite(low):
-            out.append(PassiveLimit(joint, "lower"))
+            limits.append(PassiveLimit(joint, "lower"))
         if np.isfinite(high):
-            out.append(PassiveLimit(joint, "upper"))
-    return tuple(out)
+            limits.append(PassiveLimit(joint, "upper"))
+    return tuple(limits)
 
 
 def slacks(equations: LoopEquations, limits: tuple[PassiveLimit, ...], stepping: bool = False) -> ca.SX:
@@ -136,8 +136,8 @@ class PassiveCheck:
 
     def slacks(self, q: Array, states: Array) -> Array:
         """Return the slacks (k, c) in m or rad at active joints q (k, n) and loop unknowns `states` (k, m)."""
-        (found,) = self._slacks(np.ascontiguousarray(q.T), np.ascontiguousarray(states.T))
-        return found.T
+        (slacks,) = self._slacks(np.ascontiguousarray(q.T), np.ascontiguousarray(states.T))
+        return slacks.T
 
     def kept(self, q: Array, Ts: Array) -> np.ndarray:
         """Return (k,) bool: whether the mechanism assumes tool poses Ts (k, 4, 4) at q (k, n) within all limits.
@@ -174,9 +174,9 @@ class PassiveCheck:
         Joint values can belong to several tool poses. Where the loops close at another pose than the given one, they
         are closed again, starting from the unknowns of the nearest pose that is placed.
         """
-        found = self._solver.forward_many(q)
-        states = found.states
-        placed = _same(found.Ts_base_tool, Ts)
+        solved = self._solver.forward_many(q)
+        states = solved.states
+        placed = _same(solved.Ts_base_tool, Ts)
         places = _places(Ts)
         tried_seeds = np.full(len(q), -1)
         while placed.any() and not placed.all():
@@ -192,9 +192,9 @@ class PassiveCheck:
                 break
             tried_seeds[open_poses] = seeds
             again = self._solver.forward_many(q[open_poses], states[seeds])
-            good = _same(again.Ts_base_tool, Ts[open_poses])
-            closed = open_poses[good]
-            states[closed] = again.states[good]
+            is_same = _same(again.Ts_base_tool, Ts[open_poses])
+            closed = open_poses[is_same]
+            states[closed] = again.states[is_same]
             placed[closed] = True
         return states, placed
 

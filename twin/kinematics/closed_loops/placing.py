@@ -40,7 +40,7 @@ class LinkPoses:
                 change = np.abs(states - self._states).max(initial=0.0)
                 if change < _JUMP:
                     return states
-        found = self._loops.forward_many(q[None])
-        if not np.isfinite(found.Ts_base_tool).all():
+        solved = self._loops.forward_many(q[None])
+        if not np.isfinite(solved.Ts_base_tool).all():
             self._loops.forward(q)  # raises, with the joint values
-        return found.states[0]
+        return solved.states[0]

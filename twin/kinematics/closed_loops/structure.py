@@ -53,10 +53,10 @@ def blocks(equations: LoopEquations) -> list[EquationBlock]:
     owner = np.concatenate(owners)  # of each step
     whole = pattern.copy()  # all unknowns of a joint are solved for in one block
     for k in range(len(e.passive)):
-        own = owner == k
-        whole[:, own] = pattern[:, own].any(axis=1)[:, None]
+        is_own = owner == k
+        whole[:, is_own] = pattern[:, is_own].any(axis=1)[:, None]
 
-    out: list[EquationBlock] = []
+    ordered: list[EquationBlock] = []
     for rows, columns in _sorted(whole):
         if not columns:  # an equation of active joints alone determines no unknown
             continue
@@ -65,8 +65,8 @@ def blocks(equations: LoopEquations) -> list[EquationBlock]:
         for k in unknowns:
             steps += np.flatnonzero(owner == k).tolist()
         equation_rows = tuple(kept[rows].tolist())
-        out.append(EquationBlock(equation_rows, unknowns, tuple(steps), pattern[np.ix_(rows, steps)]))
-    return out
+        ordered.append(EquationBlock(equation_rows, unknowns, tuple(steps), pattern[np.ix_(rows, steps)]))
+    return ordered
 
 
 def _tried(e: LoopEquations) -> tuple[Array, Array]:
@@ -91,12 +91,12 @@ def _tried(e: LoopEquations) -> tuple[Array, Array]:
 
 def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
     """Return (rows, columns) of the diagonal blocks; each block depends only on the blocks before it."""
-    out: list[tuple[list[int], list[int]]] = []
+    diagonal: list[tuple[list[int], list[int]]] = []
     for rows, columns in _components(pattern):
         part = pattern[np.ix_(rows, columns)]
         sparsity = ca.sparsify(ca.DM(part.astype(float))).sparsity()
         if len(rows) != len(columns) or ca.sprank(sparsity) < len(rows):
-            out.append((rows, columns))  # not as many equations as unknowns: one least-squares block
+            diagonal.append((rows, columns))  # not as many equations as unknowns: one least-squares block
             continue
         # Block triangular form: row_order and column_order permute the matrix, the ends cut it into blocks.
         count, row_order, column_order, row_ends, column_ends, _, _ = sparsity.btf()
@@ -105,8 +105,8 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
             block_columns = column_order[column_ends[block] : column_ends[block + 1]]
             own_rows = [rows[i] for i in block_rows]
             own_columns = [columns[i] for i in block_columns]
-            out.append((own_rows, own_columns))
-    return out
+            diagonal.append((own_rows, own_columns))
+    return diagonal
 
 
 def _components(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:

@@ -114,9 +114,9 @@ def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
     the middle angle is a right angle, the first angle is taken from `near`.
     """
     a, b, c = spatial.euler_angles(R, order, near[0])
-    found = np.array([[a, b, c], [a + np.pi, np.pi - b, c + np.pi]])
-    found -= 2 * np.pi * np.round((found - near) / (2 * np.pi))
-    return min(found, key=lambda angles: float(np.linalg.norm(angles - near)))
+    solutions = np.array([[a, b, c], [a + np.pi, np.pi - b, c + np.pi]])
+    solutions -= 2 * np.pi * np.round((solutions - near) / (2 * np.pi))
+    return min(solutions, key=lambda angles: float(np.linalg.norm(angles - near)))
 
 
 def _turning(start: Array, rate: Array, s: Array, order: RotationOrder) -> tuple[Array, Array, Array]:

@@ -168,10 +168,10 @@ def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) ->
 def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
     """Return the warnings on a protocol whose phases use the waypoints `used`."""
     file = Path(path).name
-    out = []
+    warnings = []
     for name in table.waypoints:
         if name not in used:
-            out.append(
+            warnings.append(
                 warning(
                     "protocol.unused_waypoint",
                     file,
@@ -183,7 +183,7 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
     # an instrument that is in the patient from the start, may stay there
     inserted = table.rcm_mm is None and any(isinstance(phase, InsertionTable) for phase in inside)
     if inserted and not inside[-1].leaves():
-        out.append(
+        warnings.append(
             warning(
                 "protocol.ends_inside",
                 file,
@@ -194,5 +194,7 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
     types = {phase.kind() for phase in table.phases}
     for kind in table.limits:
         if kind not in types:
-            out.append(warning("protocol.unused_limits", file, f"limits.{kind} is not used: no phase has this type"))
-    return [*out, *plausible(table, file)]
+            warnings.append(
+                warning("protocol.unused_limits", file, f"limits.{kind} is not used: no phase has this type")
+            )
+    return [*warnings, *plausible(table, file)]

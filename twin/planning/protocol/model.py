@@ -174,10 +174,10 @@ class Protocol:
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return every number that affects the motion, with its provenance."""
-        out: list[Parameter] = []
+        parameters: list[Parameter] = []
 
         def add(name: str, value: float, unit: str, factor: float, provenance: Provenance, note: str) -> None:
-            out.append(Parameter(name, value, unit, value / factor, provenance, note))
+            parameters.append(Parameter(name, value, unit, value / factor, provenance, note))
 
         for w in self.waypoints.values():
             zyx = self.rotation == "zyx"
@@ -191,7 +191,7 @@ class Protocol:
                 add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)
             if w.depth is not None:
                 add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
-        out += [parameter for phase in self.phases for parameter in phase.parameters()]
+        parameters += [parameter for phase in self.phases for parameter in phase.parameters()]
         for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
             add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM registered from the start; see the protocol file")
         for name, place in self.trocars.items():
@@ -213,4 +213,4 @@ class Protocol:
         for name in ("rcm", "rcm_alarm", "straightness", "waypoint"):
             add(f"tolerance_{name}", getattr(t, name), "mm", MM, t.provenance, t.note)
         add("tolerance_waypoint_angle", t.waypoint_angle, "deg", DEG, t.provenance, t.note)
-        return tuple(out)
+        return tuple(parameters)

@@ -158,8 +158,8 @@ def eq7(P_0, P_1, W_0, W_1, T, scale):
     """Return the error (4, 4) of a tool motion from P_0 to P_1: rotation, and translation in m."""
     R = T[:3, :3]
     wanted = R @ W_1[:3, :3] @ W_0[:3, :3].T @ R.T
-    off = P_1[:3, 3] - P_0[:3, 3] - scale * R @ (W_1[:3, 3] - W_0[:3, 3])
-    err = pose(P_1[:3, :3] @ P_0[:3, :3].T @ wanted.T, off)
+    error = P_1[:3, 3] - P_0[:3, 3] - scale * R @ (W_1[:3, 3] - W_0[:3, 3])
+    err = pose(P_1[:3, :3] @ P_0[:3, :3].T @ wanted.T, error)
     return err
 
 

@@ -66,11 +66,11 @@ class ThroughPort(Block):
         step, part = self._along(np.zeros(4), way)
         if part >= _STUCK:
             return {self._command: q + step}
-        step, done = np.zeros_like(q), np.zeros(4)
+        step, displacement = np.zeros_like(q), np.zeros(4)
         for alone in np.diag(way):
-            further, part = self._along(done, alone)
+            further, part = self._along(displacement, alone)
             if part > 0:
-                step, done = further, done + part * alone
+                step, displacement = further, displacement + part * alone
         return {self._command: q + step}
 
     def _along(self, done: Array, way: Array) -> tuple[Array, float]:

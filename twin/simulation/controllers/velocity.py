@@ -186,7 +186,7 @@ def _slsqp(J: Array, e: Array, lower: Array, upper: Array) -> Array:
         r = J @ x - target
         return float(r @ r), 2 * J.T @ r
 
-    found = minimize(
+    result = minimize(
         cost,
         np.clip(np.zeros(J.shape[1]), lower / size, upper / size),
         jac=True,
@@ -194,4 +194,4 @@ def _slsqp(J: Array, e: Array, lower: Array, upper: Array) -> Array:
         bounds=np.column_stack([lower, upper]) / size,
         options={"ftol": 1e-14, "maxiter": 100},
     )
-    return size * found.x
+    return size * result.x

@@ -451,9 +451,9 @@ def _check_convergence(
     close = errors < _LOST
     if close.all():
         return
-    lost = conditions[int(np.argmin(close.all(axis=1)))]
+    condition = conditions[int(np.argmin(close.all(axis=1)))]
     raise TwinError(
         f"at {motion.t[tick]:.3f} s a joint is more than {_LOST:g} rad or {_LOST * LENGTH_SCALE:g} m from its "
-        f"target: the drives are too weak for this motion, or the bandwidth w = {lost.w:g} rad/s of "
-        f"the controller is unstable at {lost.rate:g} Hz"
+        f"target: the drives are too weak for this motion, or the bandwidth w = {condition.w:g} rad/s of "
+        f"the controller is unstable at {condition.rate:g} Hz"
     )

@@ -396,13 +396,13 @@ def held_at_stop(model_tips: Array, record: Trace) -> Array:
 
 def _off_path(true_tips: Array, path: Array, far: np.ndarray) -> np.ndarray:
     """Return (k,) bool: whether a tip is `far` and more than `HARM` from the path; valid only up to the first True."""
-    off = far.copy()
+    is_off = far.copy()
     for k in np.flatnonzero(far):
         distances = np.linalg.norm(path - true_tips[k], axis=1)
-        off[k] = float(np.min(distances)) * _MM > HARM
-        if off[k]:  # the caller uses only the first
+        is_off[k] = float(np.min(distances)) * _MM > HARM
+        if is_off[k]:  # the caller uses only the first
             break
-    return off
+    return is_off
 
 
 def _packets_until(condition: np.ndarray, start: int) -> int | None:

@@ -84,10 +84,10 @@ class LoopHolding:
         if self._states is not None:
             states = self._solver.close(q, self._states)
         if states is None:
-            found = self._solver.forward_many(q[None])
-            if not np.isfinite(found.Ts_base_tool).all():
+            solved = self._solver.forward_many(q[None])
+            if not np.isfinite(solved.Ts_base_tool).all():
                 raise MechanismError(f"the measured joint values {np.round(q, 6).tolist()} do not close the loops")
-            states = found.states[0]
+            states = solved.states[0]
         self._states = states
         return self._efforts(np.concatenate([q, states]))
 

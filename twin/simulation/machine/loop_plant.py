@@ -79,18 +79,18 @@ class LoopPlant(MotorPlant):
             MechanismError: the loops cannot be closed at q, or the linkage would jam there.
         """
         values = np.asarray(q, float)
-        found = self._solver.forward_many(values[None])
-        if not np.isfinite(found.Ts_base_tool).all():
+        solved = self._solver.forward_many(values[None])
+        if not np.isfinite(solved.Ts_base_tool).all():
             raise MechanismError(
                 f"{self._arm.mechanism.name}: the loops cannot be closed at q = {np.round(values, 6).tolist()}"
             )
-        if not found.margin[0] > JAM:
+        if not solved.margin[0] > JAM:
             raise MechanismError(
                 f"{self._arm.mechanism.name}: q = {np.round(values, 6).tolist()} is at a singularity of the loops: "
-                f"their margin is {found.margin[0]:.3g}, and must be above {JAM:g}"
+                f"their margin is {solved.margin[0]:.3g}, and must be above {JAM:g}"
             )
         rates = np.broadcast_to(np.asarray(qd, float), self._count)
-        self._state = np.concatenate([values, rates, found.states[0]])
+        self._state = np.concatenate([values, rates, solved.states[0]])
 
     def advance(self, torques: Array) -> None:
         """Advance by one tick under motor torques (n,) in N m or N.

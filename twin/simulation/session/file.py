@@ -314,11 +314,11 @@ def _head(path: Path, line: bytes) -> Head:
     except ValidationError as error:
         where, what = first_mistake(error)
         raise WorldError(f"{path}: not a twin-session file of version 1: {where or 'first line'}: {what}") from None
-    own = sizes(start.device)
+    sizes_of_device = sizes(start.device)
     all_signals = sizes(start.world)
-    if len(own) < len(start.device) or len(all_signals) < len(start.world):
+    if len(sizes_of_device) < len(start.device) or len(all_signals) < len(start.world):
         raise WorldError(f"{path}: two signals have the same name")
-    for name, size in own.items():
+    for name, size in sizes_of_device.items():
         if all_signals.get(name) != size:
             raise WorldError(f"{path}: signal '{name}' of the device is not among the signals of the World")
     numbers = sum(all_signals.values())

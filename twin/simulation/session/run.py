@@ -135,8 +135,8 @@ class Keep:
         column_of = columns(all_sizes)
         kept_columns = []
         for name in names:
-            found = column_of[name]
-            kept_columns.append(np.arange(found.start, found.stop))
+            columns_of_signal = column_of[name]
+            kept_columns.append(np.arange(columns_of_signal.start, columns_of_signal.stop))
         self._columns = np.concatenate(kept_columns)
         self._rows: list[Array] = []
         felt = [hand for hand in HANDS if HAND_FORCE.of(hand) in all_sizes]
@@ -261,10 +261,10 @@ def head_of(
     `seed`: random seed of a simulated surgeon; `identity`: hash of the inputs; None: the hash for a World at a console.
     """
     sizes = world.signals.sizes
-    own = {name: size for name, size in sizes.items() if name in device.outputs}
+    device_sizes = {name: size for name, size in sizes.items() if name in device.outputs}
     task = None if setup.task is None else setup.task.name
     identity = identity or console_scene.identity(setup, world.dt)
-    return file.head(setup.scene.name, identity, world.dt, own, sizes, task, seed, setup.condition)
+    return file.head(setup.scene.name, identity, world.dt, device_sizes, sizes, task, seed, setup.condition)
 
 
 def require_scene(session: Session, path: Path, setup: Setup) -> None:
@@ -298,8 +298,8 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
         WorldError: the signals of the World are not those of the session.
     """
     start = session.head
-    own = file.sizes(start.device)
-    recorded = Recorded(Recording(start.dt, own, session.device), *own)
+    device_sizes = file.sizes(start.device)
+    recorded = Recorded(Recording(start.dt, device_sizes, session.device), *device_sizes)
     tape = Tape()
     world = console_scene.world(setup, recorded, start.dt, records=False, watch=[tape], parts=parts)
     if world.signals.sizes != file.sizes(start.world):

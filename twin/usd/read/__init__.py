@@ -256,9 +256,9 @@ def _mount(
 
 def _gravity(scene: RawStage, robot: Usd.Prim) -> tuple[float, float, float]:
     """Return the gravitational acceleration in m/s2 in the world, z up: of the robot, else of the physics scene."""
-    own = robot.GetAttribute("twin:gravity").Get()
-    if own is not None:
-        return (float(own[0]), float(own[1]), float(own[2]))
+    own_gravity = robot.GetAttribute("twin:gravity").Get()
+    if own_gravity is not None:
+        return (float(own_gravity[0]), float(own_gravity[1]), float(own_gravity[2]))
     physics = _physics_scene(scene)
     if physics is None:
         return EARTH

@@ -109,7 +109,7 @@ def read_meshes(scene: RawStage, body: Usd.Prim, names: dict[str, str], notes: l
     Raises:
         StageError: a mesh uses vertices that do not exist.
     """
-    out = []
+    meshes = []
     for prim in below(scene, body):
         if not prim.IsA(UsdGeom.Gprim):
             continue
@@ -121,8 +121,8 @@ def read_meshes(scene: RawStage, body: Usd.Prim, names: dict[str, str], notes: l
             continue
         mesh = _mesh(scene, body, UsdGeom.Mesh(prim), names[str(prim.GetPath())])
         if mesh is not None:
-            out.append(mesh)
-    return tuple(out)
+            meshes.append(mesh)
+    return tuple(meshes)
 
 
 def shows_all(scene: RawStage, body: Usd.Prim) -> bool:

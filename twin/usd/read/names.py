@@ -27,7 +27,7 @@ def unique(wanted: Iterable[tuple[str, str]], reserved: Iterable[str] = ()) -> d
     `wanted` has (key, name) of each object; all keys, such as prim paths, must be different. No object gets one of the
     identifiers `reserved`.
     """
-    out: dict[str, str] = {}
+    identifiers: dict[str, str] = {}
     taken = set(reserved)
     for key, name in wanted:
         base = identifier(name)
@@ -37,5 +37,5 @@ def unique(wanted: Iterable[tuple[str, str]], reserved: Iterable[str] = ()) -> d
             free = f"{base}_{number}"
             number += 1
         taken.add(free)
-        out[key] = free
-    return out
+        identifiers[key] = free
+    return identifiers

@@ -80,26 +80,26 @@ def _name(prim: Usd.Prim, name: str) -> None:
 
 
 def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
-    out = UsdGeom.Mesh.Define(stage, path)
+    usd_mesh = UsdGeom.Mesh.Define(stage, path)
     points = gf.vec3f_array(mesh.vertices)
-    out.CreatePointsAttr(points)
-    out.CreateFaceVertexCountsAttr(gf.int_array(np.full(len(mesh.triangles), 3)))
-    out.CreateFaceVertexIndicesAttr(gf.int_array(mesh.triangles))
+    usd_mesh.CreatePointsAttr(points)
+    usd_mesh.CreateFaceVertexCountsAttr(gf.int_array(np.full(len(mesh.triangles), 3)))
+    usd_mesh.CreateFaceVertexIndicesAttr(gf.int_array(mesh.triangles))
     # The default, Catmull-Clark subdivision, would round the edges.
-    out.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    out.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
+    usd_mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    usd_mesh.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
     # Indexed: most corners of planes and cylinders share a few normals, so that the file is four times smaller.
     rounded = np.round(corner_normals(mesh.vertices, mesh.triangles), 4)
     normals, index = np.unique(rounded, axis=0, return_inverse=True)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    primvar = UsdGeom.PrimvarsAPI(out).CreatePrimvar(
+    primvar = UsdGeom.PrimvarsAPI(usd_mesh).CreatePrimvar(
         "normals", Sdf.ValueTypeNames.Normal3fArray, UsdGeom.Tokens.faceVarying
     )
     primvar.Set(gf.vec3f_array(normals))
     primvar.SetIndices(gf.int_array(index))
     color = gf.vec3f(mesh.color_rgba[:3])
-    out.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([color])
-    return out
+    usd_mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([color])
+    return usd_mesh
 
 
 def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:

@@ -293,20 +293,20 @@ def _write_joint(
     stage: Usd.Stage, mechanism: Mechanism, joint: Joint, closes_loop: bool, q: float | None, effort: float
 ) -> None:
     _refuse_what_is_lost(joint)
-    out = SCHEMAS[joint.type].Define(stage, f"/{mechanism.name}/joints/{joint.name}")
-    prim = out.GetPrim()
-    out.CreateBody0Rel().SetTargets([f"/{mechanism.name}/{joint.parent}"])
-    out.CreateBody1Rel().SetTargets([f"/{mechanism.name}/{joint.child}"])
-    _write_frames(out, joint.T_parent_joint, joint.T_child_joint)
-    out.CreateCollisionEnabledAttr(False)
+    usd_joint = SCHEMAS[joint.type].Define(stage, f"/{mechanism.name}/joints/{joint.name}")
+    prim = usd_joint.GetPrim()
+    usd_joint.CreateBody0Rel().SetTargets([f"/{mechanism.name}/{joint.parent}"])
+    usd_joint.CreateBody1Rel().SetTargets([f"/{mechanism.name}/{joint.child}"])
+    _write_frames(usd_joint, joint.T_parent_joint, joint.T_child_joint)
+    usd_joint.CreateCollisionEnabledAttr(False)
     if closes_loop:
-        out.CreateExcludeFromArticulationAttr(True)
+        usd_joint.CreateExcludeFromArticulationAttr(True)
     if joint.type == "free":
         # It constrains nothing, and no engine has such a joint in an articulation: engines skip a disabled joint.
-        out.CreateJointEnabledAttr(False)
+        usd_joint.CreateJointEnabledAttr(False)
         _attribute(prim, "twin:free", Sdf.ValueTypeNames.Bool, True)
     if joint.type in ("revolute", "prismatic", "spherical"):
-        out.CreateAxisAttr(UsdPhysics.Tokens.z)
+        usd_joint.CreateAxisAttr(UsdPhysics.Tokens.z)
     if joint.type == "cylindrical":
         for axis, direction in enumerate(DIRECTIONS):
             if axis in FREE_AXES["cylindrical"]:
@@ -316,12 +316,12 @@ def _write_joint(
             lock.CreateHighAttr(-1.0)
     if joint.limits is not None:
         low, high = joint.limits
-        out.CreateLowerLimitAttr(to_usd(joint, low))
-        out.CreateUpperLimitAttr(to_usd(joint, high))
+        usd_joint.CreateLowerLimitAttr(to_usd(joint, low))
+        usd_joint.CreateUpperLimitAttr(to_usd(joint, high))
     if joint.cone is not None:
         cone = float(joint.cone / DEG)
-        out.CreateConeAngle0LimitAttr(cone)
-        out.CreateConeAngle1LimitAttr(cone)
+        usd_joint.CreateConeAngle0LimitAttr(cone)
+        usd_joint.CreateConeAngle1LimitAttr(cone)
     if q is not None and len(joint.free_axes) == 1:
         _write_state(prim, joint, to_usd(joint, q))
     _write_actuation(prim, joint, q, effort)
@@ -345,17 +345,17 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
     original axes; UsdPhysics cannot express such a cone. The axis is X, because PhysX's tensor interface accepts no
     other axis for ball joints.
     """
-    out = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
-    prim = out.GetPrim()
+    usd_joint = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
+    prim = usd_joint.GetPrim()
     R_parent_joint = joint.T_parent_joint[:3, :3] @ TURNS["X"].T
     R_child_joint = link_poses[joint.child][:3, :3].T @ link_poses[joint.parent][:3, :3] @ R_parent_joint
-    out.GetAxisAttr().Set(UsdPhysics.Tokens.x)
-    out.GetLocalRot0Attr().Set(gf.quatf(R_parent_joint))
-    out.GetLocalRot1Attr().Set(gf.quatf(R_child_joint))
+    usd_joint.GetAxisAttr().Set(UsdPhysics.Tokens.x)
+    usd_joint.GetLocalRot0Attr().Set(gf.quatf(R_parent_joint))
+    usd_joint.GetLocalRot1Attr().Set(gf.quatf(R_child_joint))
     turn = (R_child_joint @ TURNS["X"]).T @ joint.T_child_joint[:3, :3]
     _attribute(prim, "twin:childTurn", Sdf.ValueTypeNames.Quatd, gf.quatd(turn))
     if joint.cone is not None:
-        for limit in (out.GetConeAngle0LimitAttr(), out.GetConeAngle1LimitAttr()):
+        for limit in (usd_joint.GetConeAngle0LimitAttr(), usd_joint.GetConeAngle1LimitAttr()):
             prim.RemoveProperty(limit.GetName())
         _attribute(prim, "twin:cone", Sdf.ValueTypeNames.Double, float(joint.cone))
 
@@ -504,14 +504,14 @@ def _refuse_what_is_lost(joint: Joint) -> None:
         "a maximum jerk": joint.max_jerk,
         "a drive": joint.drive,
     }
-    lost: list[str] = []
+    refused: list[str] = []
     if len(joint.free_axes) != 1:
-        lost = [name for name, value in scalar.items() if value is not None]
+        refused = [name for name, value in scalar.items() if value is not None]
     if joint.cone is not None and joint.type != "spherical":
-        lost.append("a cone")
-    if lost:
+        refused.append("a cone")
+    if refused:
         raise StageError(
-            f"joint '{joint.name}' is {joint.type} and has {', '.join(lost)}, which UsdPhysics cannot hold for this "
+            f"joint '{joint.name}' is {joint.type} and has {', '.join(refused)}, which UsdPhysics cannot hold for this "
             "type. Only joints with one coordinate can have limits, and only spherical joints can have cones."
         )
     for T in (joint.T_parent_joint, joint.T_child_joint):

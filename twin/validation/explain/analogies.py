@@ -146,7 +146,7 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
     _, usable = source.names_at(statement)
     usable = usable | comprehension_targets(statement.node).keys()
     text = apply(source.data, [edit for edit in fixed if edit.path == source.path], 0, len(source.data))
-    out: dict[str, Atom] = {}
+    atoms: dict[str, Atom] = {}
     with np.errstate(all="ignore"):
         for choices in (
             _replacements(_templates(text, source.name), unread, usable),
@@ -158,8 +158,8 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
                 if tried > _MOST_TRIED:
                     break
                 for written, values in _of_replacements(template, replacements, shift):
-                    out.setdefault(written, Atom(written, values))
-    return list(out.values())
+                    atoms.setdefault(written, Atom(written, values))
+    return list(atoms.values())
 
 
 def _of_other_rows(templates: Sequence[_Template], own: Set[str]) -> Iterator[tuple[_Template, list[dict[str, str]]]]:
@@ -229,7 +229,7 @@ def _templates(text: str, own: str) -> tuple[_Template, ...]:
 @lru_cache(maxsize=16)
 def _row_templates(text: str, own: str) -> tuple[_Template, ...]:
     """Return the expressions of the rows of the function `own` in a file, the longest first, each once."""
-    found: dict[str, _Template] = {}
+    templates: dict[str, _Template] = {}
     for function in ast.parse(text).body:
         if not isinstance(function, ast.FunctionDef) or function.name != own:
             continue
@@ -243,8 +243,8 @@ def _row_templates(text: str, own: str) -> tuple[_Template, ...]:
                 written = ast.unparse(node)
                 names = _own_names(node)
                 if names and len(names) <= _MOST_NAMES and len(written) <= _LONGEST:
-                    found.setdefault(written, _Template(written, compile(written, "<explain>", "eval"), names, row))
-    return tuple(sorted(found.values(), key=lambda template: (-len(template.text), template.text)))
+                    templates.setdefault(written, _Template(written, compile(written, "<explain>", "eval"), names, row))
+    return tuple(sorted(templates.values(), key=lambda template: (-len(template.text), template.text)))
 
 
 class _Inlined(ast.NodeTransformer):
@@ -260,7 +260,7 @@ class _Inlined(ast.NodeTransformer):
 
 def _assigned_once(function: ast.FunctionDef) -> dict[str, ast.expr]:
     """Return the sums, products and calls that a function assigns to a name, if to no other value."""
-    out: dict[str, ast.expr] = {}
+    values: dict[str, ast.expr] = {}
     stored = [n.id for n in ast.walk(function) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
     for statement in function.body:
         if not isinstance(statement, ast.Assign) or len(statement.targets) != 1:
@@ -268,8 +268,8 @@ def _assigned_once(function: ast.FunctionDef) -> dict[str, ast.expr]:
         target = statement.targets[0]
         value = statement.value
         if isinstance(target, ast.Name) and isinstance(value, ast.BinOp | ast.Call) and stored.count(target.id) == 1:
-            out[target.id] = value
-    return out
+            values[target.id] = value
+    return values
 
 
 def _own_names(node: ast.expr) -> tuple[str, ...]:

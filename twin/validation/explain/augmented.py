@@ -62,8 +62,8 @@ class _Rewriter(ast.NodeTransformer):
             return node
         before = ast.Name(node.target.id, ast.Load())
         call = ast.Call(ast.Name(NAME, ast.Load()), [ast.Constant(sign), before, node.value], [])
-        made = ast.copy_location(ast.Assign([node.target], call), node)
-        return ast.fix_missing_locations(made)
+        assignment = ast.copy_location(ast.Assign([node.target], call), node)
+        return ast.fix_missing_locations(assignment)
 
 
 def compiled(text: str, path: str) -> types.CodeType:
@@ -90,9 +90,9 @@ def rewritten(f: types.FunctionType) -> types.CodeType:
         return f.__code__
     if not _has_augmented(node):
         return f.__code__
-    made = _Rewriter().visit(copy.deepcopy(node))  # the tree of the file stays as it is, because others read it
-    made.decorator_list = []
-    module = compile(ast.Module([made], []), f.__code__.co_filename, "exec")
+    tree = _Rewriter().visit(copy.deepcopy(node))  # the tree of the file stays as it is, because others read it
+    tree.decorator_list = []
+    module = compile(ast.Module([tree], []), f.__code__.co_filename, "exec")
     for constant in module.co_consts:
         if isinstance(constant, types.CodeType) and constant.co_name == f.__code__.co_name:
             return constant.replace(co_firstlineno=f.__code__.co_firstlineno)

@@ -90,29 +90,29 @@ class Batch:
             choices: the choices of expressions.
             deadline: time limit; choices that are not decided at its end are left out.
         """
-        out: list[tuple[int, Array]] = []
+        solutions: list[tuple[int, Array]] = []
         for part in _parts([choice.cuts[0].function for choice in choices]):
             if deadline.passed:
                 break
             with unguarded():
                 newton = _Newton(self, equation, fixed, [choices[i] for i in part])
-                found = newton.run(deadline)
-            for n, values in found:
-                out.append((part[n], values))
-        return sorted(out, key=lambda solution: solution[0])
+                found_by_newton = newton.run(deadline)
+            for n, values in found_by_newton:
+                solutions.append((part[n], values))
+        return sorted(solutions, key=lambda solution: solution[0])
 
     def slopes(self, equation: str, cuts: Sequence[Cut]) -> list[dict[Key, Array]]:
         """Return, of each expression, the derivatives (k, entries) of the residuals of the rows that it moves."""
         rows = tuple(self.residuals)
-        out: list[dict[Key, Array]] = [{} for _ in cuts]
+        slopes: list[dict[Key, Array]] = [{} for _ in cuts]
         for part in _parts([cut.function for cut in cuts]):
             choices = [Choice((cuts[i],), rows) for i in part]
             with unguarded():
                 newton = _Newton(self, equation, (), choices)
                 found = newton.slopes()
             for n, i in enumerate(part):
-                out[i] = found[n]
-        return out
+                slopes[i] = found[n]
+        return slopes
 
     @cached_property
     def residuals(self) -> dict[Key, Array]:
@@ -133,16 +133,16 @@ class Batch:
 
 def _parts(functions: Sequence[tuple[Path, str]]) -> list[list[int]]:
     """Return the indices of choices in parts that one evaluation can have: of one function, and not too many."""
-    out: list[list[int]] = []
+    parts_of_choices: list[list[int]] = []
     latest: dict[tuple[Path, str], list[int]] = {}
     for i, function in enumerate(functions):
         part = latest.get(function)
         if part is None or len(part) == _SIZES[-1]:
             part = []
             latest[function] = part
-            out.append(part)
+            parts_of_choices.append(part)
         part.append(i)
-    return out
+    return parts_of_choices
 
 
 class _Newton:
@@ -181,7 +181,7 @@ class _Newton:
             values, base = self._with_values(values, base)
         values[:, :, 0] += DIFFERENCE
         moved = self._residuals(values)
-        out: list[dict[Key, Array]] = []
+        slopes: list[dict[Key, Array]] = []
         for n in range(len(self.choices)):
             found = {}
             if base is not None and moved is not None:
@@ -193,8 +193,8 @@ class _Newton:
                     at += width
                     if not np.array_equal(before, after, equal_nan=True):
                         found[row] = (after - before) / DIFFERENCE
-            out.append(found)
-        return out
+            slopes.append(found)
+        return slopes
 
     def run(self, deadline: Deadline) -> list[tuple[int, Array]]:
         """Return (index, shifts) of the choices with a solution."""
@@ -206,15 +206,15 @@ class _Newton:
         known = np.asarray(np.isfinite(r).all(axis=2))
         enough = known.sum(axis=1) >= self.batch.fewest
         values, r, known = self._only(enough, values, r, known)
-        out: list[tuple[int, Array]] = []
+        solutions: list[tuple[int, Array]] = []
         for _ in range(STEPS + 1):
             if not self.left:
                 break
             size = _largest(r, known)
-            done = size <= TIGHT
-            for i in np.flatnonzero(done):
-                out.append((self.left[i], values[i][:, : len(self.choices[self.left[i]].cuts)]))
-            values, r, known = self._only(~done, values, r, known)
+            converged = size <= TIGHT
+            for i in np.flatnonzero(converged):
+                solutions.append((self.left[i], values[i][:, : len(self.choices[self.left[i]].cuts)]))
+            values, r, known = self._only(~converged, values, r, known)
             if not self.left or deadline.passed:
                 break
             values, r, known, moved = self._ahead(values, r, known)
@@ -223,8 +223,8 @@ class _Newton:
         size = _largest(r, known)
         for n, i in enumerate(self.left):
             if size[n] <= 1:
-                out.append((i, values[n][:, : len(self.choices[i].cuts)]))
-        return sorted(out, key=lambda found: found[0])
+                solutions.append((i, values[n][:, : len(self.choices[i].cuts)]))
+        return sorted(solutions, key=lambda found: found[0])
 
     def _start(self) -> Array:
         poses = len(self.batch.poses)
@@ -246,12 +246,12 @@ class _Newton:
         for factor in STARTS:
             tried = values.copy()
             tried[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
-            there = self._residuals(tried)
-            if there is None:
+            tried_residuals = self._residuals(tried)
+            if tried_residuals is None:
                 break
-            better = (lacks[:, None] & (_costs(there) < _costs(r)))[:, :, None]
+            better = (lacks[:, None] & (_costs(tried_residuals) < _costs(r)))[:, :, None]
             values = np.where(better, tried, values)
-            r = np.where(better, there, r)
+            r = np.where(better, tried_residuals, r)
         return values, r
 
     def _only(
@@ -297,10 +297,10 @@ class _Newton:
 
     def _counts(self) -> NDArray[np.bool_]:
         """Return which unknowns (choices, unknowns) a choice has."""
-        out = np.ones((len(self.left), self.expressions + self.free), bool)
+        is_unknown = np.ones((len(self.left), self.expressions + self.free), bool)
         for n, i in enumerate(self.left):
-            out[n, len(self.choices[i].cuts) : self.expressions] = False
-        return out
+            is_unknown[n, len(self.choices[i].cuts) : self.expressions] = False
+        return is_unknown
 
     def _residuals(self, values: Array) -> Array | None:
         """Return the residuals (choices, poses, entries), zero for rows that a choice does not have; None: no value."""
@@ -318,10 +318,10 @@ class _Newton:
             angle = np.zeros(k)
             angle[: count * poses] = values[:, :, -1].ravel()
         extra: dict[str, Any] = {f"_required_{number}_": shift for number, shift in shifts.items()}
-        found = evaluated(judge, self.equation, self.change, extra, angle)
-        if found is None:
+        by_row = evaluated(judge, self.equation, self.change, extra, angle)
+        if by_row is None:
             return None
-        return self._gathered(judge, found, shifts, values.shape)
+        return self._gathered(judge, by_row, shifts, values.shape)
 
     def _gathered(
         self, judge: Judge, found: dict[Key, Array], shifts: dict[int, Shift], shape: tuple[int, ...]

@@ -141,12 +141,12 @@ def residuals(
             extra = aliases(judge, step, change)
         if extra is None:
             return None
-        found = evaluate(judge, step, list(change), extra)
+        deviations = evaluate(judge, step, list(change), extra)
     except (StopIteration, KinematicsError, IndexError):
         return None
-    if not found:
+    if not deviations:
         return None
-    return {p.key: r for p, r in found.items()}
+    return {p.key: r for p, r in deviations.items()}
 
 
 def evaluated(
@@ -163,11 +163,11 @@ def evaluated(
     for scope in called:
         scope.update(extra)
     try:
-        found = evaluate(judge, step, list(change), extra, angle)
+        deviations = evaluate(judge, step, list(change), extra, angle)
     finally:
         for scope in called:
             for name in extra:
                 scope.pop(name, None)
-    if not found:
+    if not deviations:
         return None
-    return {p.key: r for p, r in found.items()}
+    return {p.key: r for p, r in deviations.items()}

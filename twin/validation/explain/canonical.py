@@ -10,8 +10,8 @@ from twin.validation.explain.source import Edit, Source, Statement
 
 def canonical(source: Source, statement: Statement, change: list[Edit]) -> str:
     """Return the edited statement with the operands of sums and products in a fixed order."""
-    own = [e for e in change if e.statement == statement.index]
-    text = source.edited(statement, own)
+    edits = [e for e in change if e.statement == statement.index]
+    text = source.edited(statement, edits)
     if statement.returns:
         text = text.removeprefix("return").strip()
     return "; ".join(_sorted(n) for n in ast.parse(text).body)

@@ -46,10 +46,10 @@ def conventions(judge: Judge, known: Sequence[Convention] | None = None) -> list
     with np.errstate(all="ignore"):
         if known is None:
             known = general(judge)
-        found = [*known, *_scalars(judge)]
-        if not found:  # a slow search, so only where nothing simpler was found
-            found = list(offsets(judge))
-    return sorted(found, key=lambda c: (-len(c.rows), c.after))
+        candidates = [*known, *_scalars(judge)]
+        if not candidates:  # a slow search, so only where nothing simpler was found
+            candidates = list(offsets(judge))
+    return sorted(candidates, key=lambda c: (-len(c.rows), c.after))
 
 
 def general(judge: Judge) -> list[Convention]:
@@ -142,9 +142,9 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     involved: set[str] = set()
     for place in wrong:
         involved.update(suspects(judge, place))
-    own = np.column_stack([truth.symbols[a] for a in angles])
+    angle_values = np.column_stack([truth.symbols[a] for a in angles])
     for convention, values in _euler_conventions(truth.Ts[:, :3, :3]):
-        if np.abs(np.sin(values - own)).max() < 1e-9:
+        if np.abs(np.sin(values - angle_values)).max() < 1e-9:
             continue  # the formula's own convention
         symbols = {**truth.symbols, **dict(zip(angles, values.T, strict=True))}
         other = replace(truth, symbols=symbols)
@@ -488,14 +488,14 @@ def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | Non
         return None
     probe = (0.3, 0.7, 1.1, 0.45)
     try:
-        made = function(*probe)
+        T = function(*probe)
     except Exception:
         return None
-    if not isinstance(made, Matrix) or made.shape != (4, 4):
+    if not isinstance(T, Matrix) or T.shape != (4, 4):
         return None
     for kind in ("modified", "standard"):
         for order in permutations(range(4)):
             # The four values of the probe differ, so that only one order fits.
-            if np.abs(_dh_row(kind, order, *probe).a - made.a).max() < 1e-12:
+            if np.abs(_dh_row(kind, order, *probe).a - T.a).max() < 1e-12:
                 return kind, order
     return None

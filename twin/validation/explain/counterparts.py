@@ -58,13 +58,13 @@ def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:
 @lru_cache(maxsize=16)
 def _roots_of(data: bytes) -> tuple[ast.expr, ...]:
     """Return the roots of the functions of a file, each text once."""
-    found: dict[str, ast.expr] = {}
+    roots: dict[str, ast.expr] = {}
     for function in ast.parse(data).body:
         if isinstance(function, ast.FunctionDef):
             for statement in function.body:
                 for node in _roots(statement):
-                    found.setdefault(ast.unparse(node), node)
-    return tuple(found.values())
+                    roots.setdefault(ast.unparse(node), node)
+    return tuple(roots.values())
 
 
 def _roots(statement: ast.AST) -> Iterator[ast.expr]:
@@ -81,14 +81,14 @@ def _roots(statement: ast.AST) -> Iterator[ast.expr]:
 
 def _names(node: ast.AST) -> set[str]:
     """Return the names in an expression, without those of functions and numbers."""
-    found: set[str] = set()
+    names: set[str] = set()
     todo = [node]
     while todo:
         part = todo.pop()
         if isinstance(part, ast.Name):
-            found.add(part.id)
+            names.add(part.id)
         todo += _operands(part)
-    return found - _NUMBERS
+    return names - _NUMBERS
 
 
 def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
@@ -105,37 +105,37 @@ def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
         return names if node.value == whole.value else None
     if _called(node) != _called(whole) or _form(node) != _form(whole):
         return None
-    ours = _operands(node)
-    theirs = _operands(whole)
-    if len(ours) != len(theirs):
+    operands = _operands(node)
+    whole_operands = _operands(whole)
+    if len(operands) != len(whole_operands):
         return None
-    for one, other in zip(ours, theirs, strict=True):
-        found = _matched(one, other, names)
-        if found is None:
+    for one, other in zip(operands, whole_operands, strict=True):
+        matched = _matched(one, other, names)
+        if matched is None:
             return None
-        names = found
+        names = matched
     return names
 
 
 def _with_gap(node: ast.AST, whole: ast.AST, names: _Names) -> Iterator[tuple[ast.expr, ast.expr, _Names]]:
     """Yield (part of `node`, the part of `whole` that has more, names) where leaving that out gives `node`."""
     for shorter in _shorter(whole):
-        found = _matched(node, shorter, names)
-        if found is not None and isinstance(node, ast.expr) and isinstance(whole, ast.expr):
-            yield node, whole, found
+        matched = _matched(node, shorter, names)
+        if matched is not None and isinstance(node, ast.expr) and isinstance(whole, ast.expr):
+            yield node, whole, matched
     if type(node) is not type(whole) or _called(node) != _called(whole) or _form(node) != _form(whole):
         return
-    ours = _operands(node)
-    theirs = _operands(whole)
-    if len(ours) != len(theirs):
+    operands = _operands(node)
+    whole_operands = _operands(whole)
+    if len(operands) != len(whole_operands):
         return
-    for i in range(len(ours)):
+    for i in range(len(operands)):
         known: _Names | None = names
-        for j in range(len(ours)):
+        for j in range(len(operands)):
             if j != i and known is not None:
-                known = _matched(ours[j], theirs[j], known)
+                known = _matched(operands[j], whole_operands[j], known)
         if known is not None:
-            yield from _with_gap(ours[i], theirs[i], known)
+            yield from _with_gap(operands[i], whole_operands[i], known)
 
 
 def _shorter(whole: ast.AST) -> list[ast.expr]:

@@ -173,22 +173,22 @@ class Crossed:
         runs = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
-                found: list[tuple[list[tuple[Edit, ...]], dict[Key, Array]]] = []
+                evaluated: list[tuple[list[tuple[Edit, ...]], dict[Key, Array]]] = []
                 scope = self._before(statement, angle)
                 if scope is None:
                     return None
                 for values in self._each(statement, [(edit,) for edit in usable], scope, 1, deadline):
                     residuals = self._rest(statement, self._entered(statement, values, scope, 1), len(values.edits))
-                    found.append((values.edits, residuals or {}))
-                runs.append(found)
+                    evaluated.append((values.edits, residuals or {}))
+                runs.append(evaluated)
         if deadline.passed:
             return None
-        out = set(edits).difference(usable)
+        possible = set(edits).difference(usable)
         for at_angles in zip(*runs, strict=False):
             trials, _ = at_angles[0]
             for n in _agreeing([residuals for _, residuals in at_angles], self.rows):
-                out.update(trials[n])
-        return out
+                possible.update(trials[n])
+        return possible
 
     @cached_property
     def _angles(self) -> tuple[float | None, ...]:
@@ -200,17 +200,17 @@ class Crossed:
         if not self.step.free:
             return True
         last = self.step.source.statements[-1]
-        found = []
+        at_angles = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in (*_THIRDS, _OTHER):
                 scope = self._before(last, angle)
                 if scope is None or not self._between([last], scope):
                     return False
-                found.append(self._rest(last, scope, 1) or {})
+                at_angles.append(self._rest(last, scope, 1) or {})
         for row in self.rows:
-            if not all(row in residuals for residuals in found):
+            if not all(row in residuals for residuals in at_angles):
                 continue
-            zero, ahead, back, other = (residuals[row] for residuals in found)
+            zero, ahead, back, other = (residuals[row] for residuals in at_angles)
             mean, cosine, sine = _harmonics(zero, ahead, back)
             if not np.isfinite(np.hstack([mean, cosine, sine, other])).all():
                 continue
@@ -223,10 +223,10 @@ class Crossed:
     @cached_property
     def _all(self) -> dict[int, list[Edit]]:
         """All edits of each statement, by its index: those that are tried alone as well, and terms of inner sums."""
-        out = {}
+        edits = {}
         for site in self.sites:
-            out[site.statement.index] = [*site.edits, *inner_terms(site), *self._elsewhere(site)]
-        return out
+            edits[site.statement.index] = [*site.edits, *inner_terms(site), *self._elsewhere(site)]
+        return edits
 
     def _elsewhere(self, site: Site) -> Iterator[Edit]:
         """Yield edits that add a term, or a factor of a term, that stands in another function of the same file."""
@@ -300,12 +300,12 @@ class Crossed:
     @cached_property
     def _undefined(self) -> dict[int, list[ByteRange]]:
         """The names without a value in each statement that has some, by its index: the edits must replace all."""
-        out = {}
+        ranges = {}
         for site in self.sites:
             parts = undefined(site)
             if parts:
-                out[site.statement.index] = parts
-        return out
+                ranges[site.statement.index] = parts
+        return ranges
 
     def _defining(self, statement: Statement, edits: Sequence[Edit]) -> list[Edit]:
         """Return the edits of a statement after which all its names have a value."""
@@ -392,9 +392,9 @@ class Crossed:
                 part = [(edit,) for edit in seconds[start : start + most]]
                 for others in self._each(second, part, changed, size, deadline):
                     count = size * len(others.edits)
-                    found = self._rest(second, self._entered(second, others, changed, size), count)
-                    if found is not None:
-                        yield others.edits, values.edits, found
+                    residuals = self._rest(second, self._entered(second, others, changed, size), count)
+                    if residuals is not None:
+                        yield others.edits, values.edits, residuals
 
     def _before(self, statement: Statement, angle: float | None) -> _Scope | None:
         """Return the values before a statement at the pose; None if an earlier statement has no value."""
@@ -435,10 +435,10 @@ class Crossed:
             code = self._compiled(statement, edits)
             if code is None:
                 continue
-            own = {**scope, **copied(filled)}  # a statement may change lists in place
+            own_scope = {**scope, **copied(filled)}  # a statement may change lists in place
             try:
-                exec(code, own)
-                written = [own[name] for name in names]
+                exec(code, own_scope)
+                written = [own_scope[name] for name in names]
             except Exception:  # an edit may be any invalid text: a name without value, vectors of other lengths
                 continue
             forms = tuple(form(value, size) for value in written)
@@ -477,19 +477,19 @@ class Crossed:
     def _entered(self, statement: Statement, values: _Values, scope: _Scope, size: int) -> _Scope:
         """Return a scope with the values of all edits, each of which has `size` values, as one array."""
         count = len(values.edits)
-        out = {name: tiled(value, size, count) for name, value in scope.items()}
+        entered = {name: tiled(value, size, count) for name, value in scope.items()}
         names = (OUT,) if statement.returns else statement.writes
         for n, name in enumerate(names):
-            out[name] = stacked([written[n] for written in values.written], size)
-        return out
+            entered[name] = stacked([written[n] for written in values.written], size)
+        return entered
 
     def _rest(self, statement: Statement, scope: _Scope, size: int) -> dict[Key, Array] | None:
         """Return the residuals of the rows of a statement and of those after it; None without a value."""
         try:
-            found = self.judge.of_size(size).finished(self.step, statement, scope)
+            deviations = self.judge.of_size(size).finished(self.step, statement, scope)
         except Exception:  # as above
             return None
-        return {place.key: residual for place, residual in found.items() if place.key in self.rows}
+        return {place.key: residual for place, residual in deviations.items() if place.key in self.rows}
 
 
 def _is_sum(node: ast.AST | None) -> bool:
@@ -549,7 +549,7 @@ def _harmonics(zero: Array, ahead: Array, back: Array) -> tuple[Array, Array, Ar
 def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
     """Return the residuals (n, entries) at the best swivel angle of each pair, from those at the angles `_THIRDS`."""
     mean, cosine, sine = _harmonics(zero, ahead, back)
-    out = np.full_like(zero, np.inf)
+    residuals = np.full_like(zero, np.inf)
     possible = np.flatnonzero(_may_vanish(mean, cosine, sine))
     mean = mean[possible]
     cosine = cosine[possible]
@@ -569,8 +569,8 @@ def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
         slope = sine * np.cos(best)[:, None] - cosine * np.sin(best)[:, None]
         step = np.sum(slope * at(best), axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
         best = best - np.nan_to_num(step)
-    out[possible] = at(best)
-    return out
+    residuals[possible] = at(best)
+    return residuals
 
 
 def _may_vanish(mean: Array, cosine: Array, sine: Array) -> NDArray[np.bool_]:

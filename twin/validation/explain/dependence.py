@@ -116,7 +116,7 @@ class Dependence:
         for output in step.equation.outputs:
             if output in step.held and output not in step.inputs:
                 symbols.append(output)
-        found: dict[Key, set[str]] = {row: set() for row in rows}
+        symbols_of_row: dict[Key, set[str]] = {row: set() for row in rows}
         for i, base in enumerate(self.bases):
             before = residuals(base, name, change)
             if before is None:
@@ -129,11 +129,11 @@ class Dependence:
                 for row in rows:
                     if symbol == self._symbol[row] and symbol not in step.inputs:
                         continue  # the symbol is the left side
-                    if symbol in found[row] or row not in before or row not in after:
+                    if symbol in symbols_of_row[row] or row not in before or row not in after:
                         continue
                     if _differ(before[row], after[row]):
-                        found[row].add(symbol)
-        return found
+                        symbols_of_row[row].add(symbol)
+        return symbols_of_row
 
     def _moved(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
         """Return a judge of the given equations with one symbol perturbed; None if the symbol has no value."""
@@ -177,16 +177,16 @@ class Dependence:
         gradients = self._gradients(c, row[0], unknown, kinds)
         if gradients is None:
             return False
-        own = gradients.pop(row)
-        known = np.isfinite(own).all(axis=1)
+        own_gradient = gradients.pop(row)
+        known = np.isfinite(own_gradient).all(axis=1)
         if not known.any():
             return False
-        outside = own
+        outside = own_gradient
         if gradients:
             unit = [_unit(g) for g in gradients.values()]
             A = np.stack(unit, axis=1)  # (k, rows, unknowns)
             span = np.linalg.pinv(A, rcond=1e-8) @ A  # projects on the span of the other gradients
-            outside = own - (own[:, None, :] @ span)[:, 0]
+            outside = own_gradient - (own_gradient[:, None, :] @ span)[:, 0]
         share = np.mean(np.linalg.norm(outside, axis=1)[known] > _PARALLEL)
         return float(share) > 0.5
 

@@ -185,10 +185,10 @@ class Double:
     @cached_property
     def counterparts(self) -> list[Edit]:
         """The edits that put back what a similar expression of the file has more; see `counterpart_edits`."""
-        out: list[Edit] = []
+        edits: list[Edit] = []
         for site in self.sites:
-            out += counterpart_edits(site.source, site.statement)
-        return out
+            edits += counterpart_edits(site.source, site.statement)
+        return edits
 
     def _assigns(self, site: Site, rows: Sequence[Key]) -> bool:
         """Return whether a statement assigns one of the rows itself."""
@@ -240,15 +240,15 @@ class Double:
     def cuts(self, rows: Sequence[Key], deadline: Deadline) -> list[Cut]:
         """Return the largest scalar expressions of the statements whose values move the rows."""
         if self._cuts is None:
-            found = self._largest_scalars(deadline)
-            if found is None:  # the time is over; a later call has more
+            largest = self._largest_scalars(deadline)
+            if largest is None:  # the time is over; a later call has more
                 return []
-            self._cuts = found
-        out = []
+            self._cuts = largest
+        moving = []
         for cut in self._cuts:
             if any(row in cut.slopes for row in rows):
-                out.append(cut)
-        return out
+                moving.append(cut)
+        return moving
 
     def _largest_scalars(self, deadline: Deadline) -> list[Cut] | None:
         todo: list[tuple[Site, ast.AST]] = [(site, site.statement.node) for site in self.sites]
@@ -276,18 +276,18 @@ class Double:
                     below += [(site, child) for child in ast.iter_child_nodes(node)]
             todo = below
         slopes = self.full.slopes(self.step.equation.name, cuts)
-        out = []
+        moving = []
         for cut, moved in zip(cuts, slopes, strict=True):
             if moved:
-                out.append(Cut(cut.site, cut.node, moved, cut.value, cut.several))
-        return sorted(out, key=lambda cut: cut.place)
+                moving.append(Cut(cut.site, cut.node, moved, cut.value, cut.several))
+        return sorted(moving, key=lambda cut: cut.place)
 
     def _probed(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe | None]:
         """Return the probes of expressions; None if the text with a probe cannot be evaluated, or is not."""
         together: dict[tuple[Path, str], list[int]] = {}
         for i, (site, _) in enumerate(nodes):
             together.setdefault((site.source.path, site.source.name), []).append(i)
-        out: list[_Probe | None] = [None] * len(nodes)
+        probe_of_node: list[_Probe | None] = [None] * len(nodes)
         for numbers in together.values():
             parts = [numbers]
             if not self._probe([nodes[i] for i in numbers]):
@@ -296,8 +296,8 @@ class Double:
                 probes = self._probe([nodes[i] for i in part])
                 for i, probe in zip(part, probes, strict=False):
                     if probe.called:
-                        out[i] = probe
-        return out
+                        probe_of_node[i] = probe
+        return probe_of_node
 
     def _probe(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe]:
         """Return the probes of expressions of one function, all at once; an empty list if they have no values."""
@@ -309,8 +309,8 @@ class Double:
             change.append(shifted(site.source, site.statement, node, name, scope=False))
             extra[name] = probes[i]
         with unguarded():
-            found = evaluated(self.judge, self.step.equation.name, change, extra)
-        if found is None:
+            deviations = evaluated(self.judge, self.step.equation.name, change, extra)
+        if deviations is None:
             return []
         return probes
 
@@ -343,12 +343,12 @@ class Double:
 
     def _binding(self, cuts: Sequence[Cut], rows: Sequence[Key]) -> tuple[Key, ...]:
         """Return the rows that determine the values of expressions: rows that agree must still agree."""
-        out = []
+        binding = []
         for key, r in self.full.residuals.items():
             moved = any(key in cut.slopes for cut in cuts)
             if moved and (key in rows or worst(r) <= 1):
-                out.append(key)
-        return tuple(out)
+                binding.append(key)
+        return tuple(binding)
 
     def _solutions(
         self,
@@ -407,10 +407,10 @@ class Double:
             shift = Shift(len(values))
             shift.shift = values[:, u : u + 1]
             shifts.append(shift)
-        found = self._residuals(choice.cuts, shifts, fixed)
-        if found is None or any(row not in found for row in choice.rows):
+        deviations = self._residuals(choice.cuts, shifts, fixed)
+        if deviations is None or any(row not in deviations for row in choice.rows):
             return None
-        r = np.hstack([found[row] for row in choice.rows])
+        r = np.hstack([deviations[row] for row in choice.rows])
         known = np.isfinite(r).all(axis=1)
         if not (known.any() and np.abs(r[known]).max() <= 1):
             return None
@@ -425,15 +425,15 @@ class Double:
 
         All combinations of some shifts are tried at few poses, for several pairs by one evaluation.
         """
-        out: dict[tuple[Cut, ...], Array] = {}
+        starts: dict[tuple[Cut, ...], Array] = {}
         for part in _together(pairs):
             if deadline.passed:
                 break
             for (a, b), guess in zip(part, self._guess(part, rows), strict=True):
                 if guess is not None:
                     i, j = divmod(guess, _CHOICES)
-                    out[a, b] = np.stack([self._shifts(a)[i], self._shifts(b)[j]], axis=1)
-        return out
+                    starts[a, b] = np.stack([self._shifts(a)[i], self._shifts(b)[j]], axis=1)
+        return starts
 
     def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[Key]) -> list[int | None]:
         """Return the index of the shifts of `_shifts` after which least of the residuals is left, if little."""

@@ -51,8 +51,8 @@ class EditedFunctions:
         parts = []
         for path, name, i in sorted(places):
             source = self._source(c, path, name)
-            own = [edit for edit in c.edits if (edit.path, edit.function) == (path, name)]
-            parts.append(f"{name}:{i}:{canonical(source, source.statements[i], own)}")
+            edits = [edit for edit in c.edits if (edit.path, edit.function) == (path, name)]
+            parts.append(f"{name}:{i}:{canonical(source, source.statements[i], edits)}")
         return "; ".join(parts)
 
     def _source(self, c: Candidate, path: Path, name: str) -> Source:
@@ -64,16 +64,16 @@ class EditedFunctions:
 
     def perturbed(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
         """Return a candidate's residuals at perturbed values, to compare functions; None if a row has only NaN."""
-        found = residuals(self.shaken, c.step.equation.name, c.edits)
-        if not found:
+        deviations = residuals(self.shaken, c.step.equation.name, c.edits)
+        if not deviations:
             return None
-        out = {}
-        for row, residual in found.items():
+        of_rows = {}
+        for row, residual in deviations.items():
             if row in rows:
-                out[row] = residual
+                of_rows[row] = residual
                 if not np.isfinite(residual).any():
                     return None
-        return out
+        return of_rows
 
 
 def _group_of(groups: list[_Group], text: str, value: dict[Key, Array] | None) -> _Group | None:

@@ -111,9 +111,9 @@ def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
         targets = target.elts
         values = value.elts
     pairs = []
-    for one, own in zip(targets, values, strict=True):
+    for one, value_of_one in zip(targets, values, strict=True):
         if isinstance(one, ast.Name):
-            pairs.append((one.id, own))
+            pairs.append((one.id, value_of_one))
     return pairs
 
 

@@ -323,12 +323,12 @@ def _section(title: str, parts: Sequence[Part]) -> Iterator[Part]:
 
 def _first_changes(repairs: Sequence[Repair]) -> dict[str, tuple[Change, ...]]:
     """Return, for each row with a fix, the changes of its first fix: they are where the fault is."""
-    out: dict[str, tuple[Change, ...]] = {}
+    changes: dict[str, tuple[Change, ...]] = {}
     for repair in repairs:
         if repair.cures:
             for row in repair.rows:
-                out.setdefault(row, repair.cures[0][0].changes)
-    return out
+                changes.setdefault(row, repair.cures[0][0].changes)
+    return changes
 
 
 def _row(r: Row, faults: Sequence[Change]) -> Iterator[Line]:

@@ -86,12 +86,12 @@ class Expression:
             if self.deadline.passed:
                 return
             needed = self.needed(part, (), wanted)
-            own = self.value((), self.span_of(part))
-            if needed is None or own is None:
+            values = self.value((), self.span_of(part))
+            if needed is None or values is None:
                 continue
             shift = Flat(self.k, self.scopes)
-            shift.value = own[:, None]
-            shift.shift = (needed - own)[:, None]
+            shift.value = values[:, None]
+            shift.shift = (needed - values)[:, None]
             shift.known = self.known
             if atoms is None:
                 atoms = scalar_atoms(self.site.source, self.site.statement, shift)
@@ -130,13 +130,13 @@ class Expression:
     @cached_property
     def parts(self) -> list[ast.expr]:
         """The scalar parts of the expression, itself first."""
-        out = []
+        scalars = []
         for node in expressions(self.node, self.site.parents):
             if self.deadline.passed:
                 break
             if self.value((), self.span_of(node)) is not None:
-                out.append(node)
-        return out
+                scalars.append(node)
+        return scalars
 
     def span_of(self, node: ast.expr) -> tuple[int, int]:
         """Return (first byte, end byte) of a part."""
@@ -157,9 +157,9 @@ class Expression:
 
     def needed(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
         """Return the values (k,) of a part with which the expression after `change` has the values `wanted`."""
-        found = self._inverted(part, change, wanted)
-        if found is not None:
-            return found
+        inverted = self._inverted(part, change, wanted)
+        if inverted is not None:
+            return inverted
         start, end = self.span_of(part)
         source = self.site.source
         line = source.line_of(start)
@@ -183,11 +183,11 @@ class Expression:
         values = values.copy()
         last = np.inf
         for _ in range(_NEWTON):
-            here = self._run(code, values)
-            if here is None:
+            result = self._run(code, values)
+            if result is None:
                 return None
-            off = here - wanted
-            size = float(np.abs(off[known]).max())
+            error = result - wanted
+            size = float(np.abs(error[known]).max())
             if size <= limit:
                 return values
             if not size < max(last, 10 * limit):  # also without a value
@@ -196,7 +196,7 @@ class Expression:
             ahead = self._run(code, values + DIFFERENCE)
             if ahead is None:
                 return None
-            step = off / ((ahead - here) / DIFFERENCE)
+            step = error / ((ahead - result) / DIFFERENCE)
             values = values - np.where(np.isfinite(step), step, 0.0)
         return None
 
@@ -220,7 +220,7 @@ class Expression:
     @cached_property
     def singles(self) -> tuple[list[Edit], Array]:
         """The single edits inside the expression that give it a value, and these values (edits, k)."""
-        found, values = [], []
+        edits_with_value, values = [], []
         start, end = self._span
         for edit in self.site.edits:
             if self.deadline.passed:
@@ -228,9 +228,9 @@ class Expression:
             if start <= edit.start and edit.end <= end:
                 value = self.value((edit,), self._span)
                 if value is not None:
-                    found.append(edit)
+                    edits_with_value.append(edit)
                     values.append(value)
-        return found, np.array(values).reshape(len(found), self.k)
+        return edits_with_value, np.array(values).reshape(len(edits_with_value), self.k)
 
     def edited(self, part: ast.expr, singles: Sequence[Edit], inside: NDArray[np.intp]) -> Array:
         """Return the values (edits, k) of a part after each of the edits `inside` it."""
@@ -263,11 +263,11 @@ class Expression:
         """
         if not len(values):
             return np.zeros(0, np.intp)
-        off = values[:, self.known] - wanted[self.known]
-        turns = np.round(off[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
-        off = off - 2 * np.pi * np.nan_to_num(turns)
+        differences = values[:, self.known] - wanted[self.known]
+        turns = np.round(differences[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
+        differences = differences - 2 * np.pi * np.nan_to_num(turns)
         limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), size, 1e-9)
-        return np.flatnonzero(np.abs(off).max(axis=1) <= limit)
+        return np.flatnonzero(np.abs(differences).max(axis=1) <= limit)
 
     def value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
         """Return the values (k,) of the text in `span` after the edits in it; None if it is not a scalar."""

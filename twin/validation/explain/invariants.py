@@ -93,17 +93,17 @@ def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
 
 def _outputs_at(judge: Judge, equation: str, names: list[str], x: list[float]) -> Array | None:
     """Return the outputs `names` (k, n) of an equation for the values x of its inputs with the same names."""
-    found = outputs(judge, equation, dict(zip(names, x, strict=True)))
-    if not found:
+    values = outputs(judge, equation, dict(zip(names, x, strict=True)))
+    if not values:
         return None
-    return np.stack([to_array(found[name], judge.truth.k)[:, 0] for name in names], axis=1)
+    return np.stack([to_array(values[name], judge.truth.k)[:, 0] for name in names], axis=1)
 
 
 def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
     """Return findings on violated invariants; none if the formula agrees."""
     values = {**said(judge), **solved(judge)}
-    found = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
-    return [*found, *_rotations(judge), *_dimensions(judge)]
+    violated = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
+    return [*violated, *_rotations(judge), *_dimensions(judge)]
 
 
 def _parts(judge: Judge, point: str) -> tuple[str, ...]:
@@ -147,10 +147,10 @@ def _distance(
     judge: Judge, length: Array, true: float, name: str, code: str, what: str, body: str = ""
 ) -> Iterator[Finding]:
     """Yield a finding if one of the lengths (k,) in m differs from the true one; `body`: on which it is measured."""
-    off = np.abs(length - true)
-    if not np.isfinite(off).any():
+    error = np.abs(length - true)
+    if not np.isfinite(error).any():
         return
-    largest = float(np.nanmax(off))
+    largest = float(np.nanmax(error))
     if largest <= judge.tolerance.length:
         return
     digits = decimals(largest / MM)
@@ -168,7 +168,7 @@ def _distance(
         text,
         mm(largest),
         mm(judge.tolerance.length),
-        when=judge.truth.pose_text(int(np.nanargmax(off))),
+        when=judge.truth.pose_text(int(np.nanargmax(error))),
         word="",
     )
 
@@ -263,16 +263,16 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
             R = value.a[:, :3, :3]
             if not np.isfinite(R).all():
                 continue
-            off = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
-            if off > 1e-9:
-                what = f"not orthogonal (R^T R - I is {off:.2g})"
+            deviation = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
+            if deviation > 1e-9:
+                what = f"not orthogonal (R^T R - I is {deviation:.2g})"
             elif np.linalg.det(R).min() < 0:
                 what = "left-handed (its determinant is -1)"
             else:
                 continue
             where = f"{step.equation.name}.{name}"
             text = f"rotation {name} of {step.equation.name} is {what}"
-            yield disagreement("invariant.rotation", where, text, Quantity(off), 1e-9, word="")
+            yield disagreement("invariant.rotation", where, text, Quantity(deviation), 1e-9, word="")
 
 
 def outputs(judge: Judge, equation: str, given: Mapping[str, Value] = MappingProxyType({})) -> dict[str, Value]:
@@ -315,8 +315,8 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
         if not (np.isfinite(before).all() and np.isfinite(after).all()):
             continue
         factor, unit = (_SCALE, "a length") if kind == "length" else (1.0, "an angle")
-        off = float(np.abs(after - factor * before).max()) / max(float(np.abs(before).max()), 1e-300)
-        if off > 1e-6:
+        deviation = float(np.abs(after - factor * before).max()) / max(float(np.abs(before).max()), 1e-300)
+        if deviation > 1e-6:
             yield disagreement(
                 "invariant.dimension",
                 f"{place.name}, line {place.line}",

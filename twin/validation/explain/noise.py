@@ -34,7 +34,7 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
     """
     rng = np.random.default_rng(1)
     others = [_residuals(noise, cad, judge, parameters, rng) for _ in range(_DRAWS)]
-    out: dict[str, Array] = {}
+    largest: dict[str, Array] = {}
     for place, residual in judge.residuals.items():
         changes = np.array([other[place] - residual for other in others if place in other])
         if not len(changes):
@@ -42,8 +42,8 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
         # Entries of one value have similar errors; the largest of them is the most certain estimate.
         sigma = np.sqrt((changes**2).mean(axis=0)).max(axis=1, keepdims=True)
         limit = np.maximum(1.0, _SIGMA * np.where(np.isnan(sigma), np.inf, sigma))
-        out[place.symbol] = np.maximum(limit, out.get(place.symbol, 1.0))
-    return out
+        largest[place.symbol] = np.maximum(limit, largest.get(place.symbol, 1.0))
+    return largest
 
 
 def _residuals(

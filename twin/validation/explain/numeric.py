@@ -41,8 +41,8 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
             return NotImplemented
         parts = [_entries(x) for x in args]
         if ufunc is np.matmul:
-            out = np.matmul(*parts)
-            return out[:, 0, 0] if out.shape[1:] == (1, 1) else Matrix(out)
+            product = np.matmul(*parts)
+            return product[:, 0, 0] if product.shape[1:] == (1, 1) else Matrix(product)
         shapes = {p.shape[1:] for p in parts} - {(1, 1)}
         if len(shapes) > 1:
             raise ValueError(f"shapes {sorted(shapes)} do not match")
@@ -52,8 +52,8 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         """Return the product; two matrices need no dispatch by NumPy, which takes longer than the product itself."""
         if not isinstance(other, Matrix):
             return super().__matmul__(other)
-        out = np.matmul(self.a, other.a)
-        return out[:, 0, 0] if out.shape[1:] == (1, 1) else Matrix(out)
+        product = np.matmul(self.a, other.a)
+        return product[:, 0, 0] if product.shape[1:] == (1, 1) else Matrix(product)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -261,12 +261,12 @@ def turn(axis: int) -> Callable[[Value], Matrix]:
 
     def rotation(a: Value) -> Matrix:
         angle = np.atleast_1d(np.asarray(a, float))
-        out = np.zeros((len(angle), 3, 3))
-        out[:, axis, axis] = 1
-        out[:, i, i] = out[:, j, j] = np.cos(angle)
-        out[:, j, i] = np.sin(angle)
-        out[:, i, j] = -out[:, j, i]
-        return Matrix(out)
+        R = np.zeros((len(angle), 3, 3))
+        R[:, axis, axis] = 1
+        R[:, i, i] = R[:, j, j] = np.cos(angle)
+        R[:, j, i] = np.sin(angle)
+        R[:, i, j] = -R[:, j, i]
+        return Matrix(R)
 
     return rotation
 
@@ -276,11 +276,11 @@ def _pose(R: Value, p: Value) -> Matrix:
     p = _entries(p)
     if R.shape[1:] != (3, 3) or p.shape[1] * p.shape[2] != 3:
         raise ValueError("a pose needs a (3, 3) rotation and three numbers")
-    out = np.zeros((max(len(R), len(p)), 4, 4))
-    out[:, :3, :3] = R
-    out[:, :3, 3] = p.reshape(len(p), 3)
-    out[:, 3, 3] = 1
-    return Matrix(out)
+    T = np.zeros((max(len(R), len(p)), 4, 4))
+    T[:, :3, :3] = R
+    T[:, :3, 3] = p.reshape(len(p), 3)
+    T[:, 3, 3] = 1
+    return Matrix(T)
 
 
 _FAST = {"rotation_x": turn(0), "rotation_y": turn(1), "rotation_z": turn(2), "pose": _pose}
@@ -315,18 +315,18 @@ def _remembering(f: types.FunctionType) -> types.FunctionType:
             return f(*args, **named)
         if key in results:
             return kept(results[key].a.copy())
-        out = f(*args)
-        if isinstance(out, kept):  # operators never change a matrix, but may change an array or a list
-            state["entries"] += out.a.size
+        remembering = f(*args)
+        if isinstance(remembering, kept):  # operators never change a matrix, but may change an array or a list
+            state["entries"] += remembering.a.size
             if state["entries"] > most:
                 results.clear()
-                state["entries"] = out.a.size
-            results[key] = kept(out.a.copy())
-        return out
+                state["entries"] = remembering.a.size
+            results[key] = kept(remembering.a.copy())
+        return remembering
 
-    out = types.FunctionType(remembered.__code__, f.__globals__, f.__name__, None, remembered.__closure__)
-    out.__wrapped__ = f  # type: ignore[attr-defined]
-    return out
+    remembering = types.FunctionType(remembered.__code__, f.__globals__, f.__name__, None, remembered.__closure__)
+    remembering.__wrapped__ = f  # type: ignore[attr-defined]
+    return remembering
 
 
 def _is_leaf(f: types.FunctionType) -> bool:
@@ -355,18 +355,18 @@ def _global_names(code: types.CodeType) -> set[str]:
 
 def _key(args: tuple[Value, ...]) -> tuple[Value, ...] | None:
     """Return a key, equal only for equal arguments; None if an argument is long, or neither number nor matrix."""
-    out: list[Value] = [_UNGUARDED.get()]
+    key: list[Value] = [_UNGUARDED.get()]
     for x in args:
         a = x.a if isinstance(x, Matrix) else x
         if isinstance(a, float):
-            out.append(a.hex())  # 0.0 and -0.0 are equal, but not their arc tangents
+            key.append(a.hex())  # 0.0 and -0.0 are equal, but not their arc tangents
         elif isinstance(a, int):
-            out.append(a)
+            key.append(a)
         elif isinstance(a, np.ndarray) and a.dtype == np.float64 and a.size <= _SHORT:
-            out.append((type(x), a.shape, a.tobytes()))
+            key.append((type(x), a.shape, a.tobytes()))
         else:
             return None
-    return tuple(out)
+    return tuple(key)
 
 
 class Rebuilder:

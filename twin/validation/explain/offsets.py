@@ -35,9 +35,9 @@ def offsets(judge: Judge) -> Iterator[Convention]:
         step = judge.step(place.equation)
         if step.stage != "forward" or judge.truth.kinds[place.symbol] != "pose":
             continue
-        found = _search(judge, place)
-        if found is not None:
-            text, after = found
+        fit = _search(judge, place)
+        if fit is not None:
+            text, after = fit
             yield Convention("offset", f"{place.symbol} of {place.equation} {text}", (place.name,), after)
 
 
@@ -56,9 +56,9 @@ def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
         ends = _ends(T[:, :3, :3], true[:, :3, :3])
         if ends is None:
             continue
-        found = _placed(judge, place, moved, slides, T, *ends)
-        if found is not None:
-            return found
+        fit = _placed(judge, place, moved, slides, T, *ends)
+        if fit is not None:
+            return fit
     return None
 
 

@@ -143,19 +143,19 @@ def _of_groups(
             return
         others = seconds[0][begin : begin + most]
         size = count * len(others)
-        own = copied(scope)
-        own[_HOLES[0]] = tiled(stacked(values, 1), count, len(others))
+        own_scope = copied(scope)
+        own_scope[_HOLES[0]] = tiled(stacked(values, 1), count, len(others))
         if len(operands) == 2:
-            own[_HOLES[1]] = stacked(seconds[1][begin : begin + most], count)
+            own_scope[_HOLES[1]] = stacked(seconds[1][begin : begin + most], count)
         try:
-            exec(code, own)
+            exec(code, own_scope)
             names = (OUT,) if site.statement.returns else site.statement.writes
-            fits = all(form(own[name], size) is not None for name in names)
+            fits = all(form(own_scope[name], size) is not None for name in names)
         except Exception:  # operands of forms that do not fit
             return
-        found = rest(site.statement, own, size) if fits else None
-        if found is not None:
-            yield others, ones, found
+        deviations = rest(site.statement, own_scope, size) if fits else None
+        if deviations is not None:
+            yield others, ones, deviations
 
 
 def _hole(source: Source, statement: Statement, operand: ast.AST, name: str) -> Edit:

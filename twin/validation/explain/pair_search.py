@@ -62,7 +62,7 @@ class PairSearch:
         other rows; one of them may be the first edit.
         """
         until = deadline.within(_DOUBLE_PART * deadline.left)
-        out: list[Candidate] = []
+        pairs: list[Candidate] = []
         firsts = [c.edits[0] for c in singles if k in c.scores and c.edits[0].define is None]
         firsts.sort(key=lambda e: (e.kind not in FORMS, e.kind not in TOKENS))  # few replacements come first
         searches = []
@@ -93,12 +93,12 @@ class PairSearch:
         for stage in (stages[_IN_ONE], stages[_IN_TWO]):
             # A pose rejects nearly all wrong pairs of expressions, so that this takes little time.
             end = until.within(_POSE_PART * until.left)
-            out += self._tried_pairs(stage, [search for search in searches if self._has_pose(*search)], end)
-            if self.choice.has_repair(k, out):
-                return out, True
-        out += self._of_two_statements(until)
-        if self.choice.has_repair(k, out):
-            return out, True
+            pairs += self._tried_pairs(stage, [search for search in searches if self._has_pose(*search)], end)
+            if self.choice.has_repair(k, pairs):
+                return pairs, True
+        pairs += self._of_two_statements(until)
+        if self.choice.has_repair(k, pairs):
+            return pairs, True
         for share, stage in zip(_DOUBLE_SHARES, stages, strict=True):
             of_stage = until.within(share * until.left)
             for m, (double, rows) in enumerate(searches):
@@ -108,29 +108,29 @@ class PairSearch:
                 if m == len(searches) - 1:
                     part = 1.0
                 end = of_stage.within(part * of_stage.left)
-                out += self._tried_pairs(stage, [(double, rows)], end)
-                if self.choice.has_repair(k, out):
-                    return out, True
-        return out, not until.passed
+                pairs += self._tried_pairs(stage, [(double, rows)], end)
+                if self.choice.has_repair(k, pairs):
+                    return pairs, True
+        return pairs, not until.passed
 
     def _tried_pairs(
         self, stage: _Stage, searches: Sequence[tuple[Double, Sequence[Key]]], end: Deadline
     ) -> list[Candidate]:
         """Return the candidates for the pairs of edits that a stage of `found` finds in some equations."""
-        out: list[Candidate] = []
+        candidates: list[Candidate] = []
         for double, rows in searches:
             if end.passed:
                 break
             for first, second in stage(double, rows, end):
                 candidate = self._pair(double, first, second)
                 if candidate is not None:
-                    out.append(candidate)
-        return out
+                    candidates.append(candidate)
+        return candidates
 
     def _has_pose(self, double: Double, rows: Sequence[Key]) -> bool:
         """Return whether one of `rows` is a pose that an equation returns."""
-        own = [row for row in rows if row[0] == double.step.equation.name]
-        return any(self.trials.raw[row].shape[1] >= _POSE for row in own)
+        rows_of_equation = [row for row in rows if row[0] == double.step.equation.name]
+        return any(self.trials.raw[row].shape[1] >= _POSE for row in rows_of_equation)
 
     def crossed(self, step: Step) -> Crossed | None:
         """Return the search for edits in the statements of an equation itself; None for a plain function."""
@@ -184,8 +184,8 @@ class PairSearch:
         few = np.linspace(0, k - 1, min(_COARSE, k)).astype(int)
         coarse = Batch(self.trials.judge, [int(i) for i in few], _COARSE // 2)
         full = Batch(self.trials.judge, range(k))
-        out = []
+        searches = []
         for step, sites in self.trials.sites():
-            out.append(Double(coarse, full, step, sites, self.trials.failing))
+            searches.append(Double(coarse, full, step, sites, self.trials.failing))
         # Rows with several entries reject nearly all wrong expressions, so that they are tried first.
-        return sorted(out, key=lambda double: self.trials.entries(double.step), reverse=True)
+        return sorted(searches, key=lambda double: self.trials.entries(double.step), reverse=True)

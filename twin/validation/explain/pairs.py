@@ -250,13 +250,13 @@ class Pairs:
             called = [h.function.__globals__ for h in judge.helpers(step)]
         for scope in called:
             scope.update(picks)
-        found = residuals(judge, self.step.equation.name, change, {**extra, **picks})
+        deviations = residuals(judge, self.step.equation.name, change, {**extra, **picks})
         for scope in called:
             for name in picks:
                 scope.pop(name, None)
-        if found is None or self.row not in found:
+        if deviations is None or self.row not in deviations:
             return None
-        r = found[self.row]
+        r = deviations[self.row]
         if len(r) != n * (_PLACES + 1):
             return None
         return r.reshape(n, _PLACES + 1, -1)[:count]

@@ -97,11 +97,11 @@ _FILLED = frozenset((list, dict, np.ndarray))
 
 def copied(scope: Mapping[str, Value]) -> dict[str, Value]:
     """Return a scope with copies of its lists, dicts and object arrays, because statements may change them."""
-    own = dict(scope)
+    copies = dict(scope)
     for n, x in scope.items():
         if type(x) in _FILLED and (type(x) is not np.ndarray or x.dtype == object):
-            own[n] = x.copy()
-    return own
+            copies[n] = x.copy()
+    return copies
 
 
 def held(source: Source, outputs: tuple[str, ...]) -> set[str]:

@@ -39,13 +39,13 @@ class PositionPairs:
         """
         trials = self.trials
         out: list[Candidate] = []
-        done: set[frozenset[int]] = set()
+        tried: set[frozenset[int]] = set()
         for pairs in (self._additive(row, singles, deadline), self._with_shared(row, singles, shared, deadline)):
             for a, b in pairs:
                 pair = frozenset((id(a), id(b)))
-                if pair in done or not _fit(a, b):
+                if pair in tried or not _fit(a, b):
                     continue
-                done.add(pair)
+                tried.add(pair)
                 candidate = trials.attempt(a.step, [a.edits[0], b.edits[0]])
                 if candidate is not None:
                     out.append(candidate)
@@ -104,17 +104,17 @@ class PositionPairs:
 
     def _undefined(self, step: Step) -> list[ByteRange]:
         """Return where names without a value stand in the statements of an equation on which failing rows depend."""
-        out: list[ByteRange] = []
+        ranges: list[ByteRange] = []
         for other, sites in self.trials.sites():
             if other is step:
                 for site in sites:
-                    out += undefined(site)
-        return out
+                    ranges += undefined(site)
+        return ranges
 
     def _moving(self, row: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
         """Return the one-token edits that change a row, grouped by the equation in which they are tried."""
-        own = self.trials.judge.step(row[0])
-        called = {(helper.source.path, helper.source.name) for helper in self.trials.judge.helpers(own)}
+        step_of_row = self.trials.judge.step(row[0])
+        called = {(helper.source.path, helper.source.name) for helper in self.trials.judge.helpers(step_of_row)}
         raw = self.trials.raw[row]
         has_values = bool(np.isfinite(raw).all())
         moving: list[tuple[Step, Edit]] = []
@@ -122,16 +122,16 @@ class PositionPairs:
             # Without a value, the effect of a single edit may be invisible.
             if not has_values or _moves(c, row, raw):
                 moving.append((c.step, c.edits[0]))
-        if own.stuck:
+        if step_of_row.stuck:
             moving += self.trials.senseless
-        out: dict[str, tuple[Step, list[Edit]]] = {}
+        edits_of_step: dict[str, tuple[Step, list[Edit]]] = {}
         for step, edit in moving:
             if edit.kind not in TOKENS or edit.kind == "left side":
                 continue
-            tried_in = own if (edit.path, edit.function) in called else step
-            _, edits = out.setdefault(tried_in.equation.name, (tried_in, []))
+            tried_in = step_of_row if (edit.path, edit.function) in called else step
+            _, edits = edits_of_step.setdefault(tried_in.equation.name, (tried_in, []))
             edits.append(edit)
-        return sorted(out.values(), key=lambda group: group[0] is not own)
+        return sorted(edits_of_step.values(), key=lambda group: group[0] is not step_of_row)
 
 
 def _fit(a: Candidate, b: Candidate) -> bool:

@@ -63,12 +63,12 @@ def proved(formula: Formula, found: Sequence[Found], prover: RepairProver | None
     """
     if prover is None:
         return [ProvedFound(result) for result in found]
-    out = []
+    results = []
     proofs = _Proofs(formula, prover)
     for result in found:
         others = [edit for other in found if other is not result for edit in _first_edits(other)]
-        out.append(proofs.of(result, others))
-    return out
+        results.append(proofs.of(result, others))
+    return results
 
 
 def _first_edits(found: Found) -> list[Edit]:

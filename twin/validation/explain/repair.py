@@ -121,7 +121,7 @@ class Search(Trials):
 
         `only`: (equation, index) of the statements to edit; None for all.
         """
-        out: list[Candidate] = []
+        candidates: list[Candidate] = []
         sites = [x for x in self.own_sites() if only is None or (x[0].equation.name, x[1].index) in only]
         for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
@@ -132,7 +132,7 @@ class Search(Trials):
             likely = self._likely(step, statement, every)
             for edit in every:
                 if self._is_late():
-                    return out
+                    return candidates
                 steps = [step, *others] if not edit.define else [step]
                 if likely is not None and edit not in likely:
                     # With a swivel, one edit takes as long as ten others, so that only likely ones are evaluated.
@@ -141,10 +141,10 @@ class Search(Trials):
                     continue
                 candidate = self.everywhere(steps, [edit])
                 if candidate is not None:
-                    out.append(candidate)
+                    candidates.append(candidate)
                 else:
                     self.senseless.append((step, edit))
-        return out
+        return candidates
 
     def _likely(self, step: Step, statement: Statement, every: Sequence[Edit]) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs; None: all of them.
@@ -172,7 +172,7 @@ class Search(Trials):
 
         `only`: identities of the functions to edit; None for all.
         """
-        out: list[Candidate] = []
+        candidates: list[Candidate] = []
         reached: dict[int, tuple[Helper, list[Step]]] = {}
         for step in {id(s): s for s, _ in self.own_sites()}.values():
             for h in self.judge.helpers(step):
@@ -189,16 +189,16 @@ class Search(Trials):
                 choice = pool(source, statement, set(source.arguments), self.parameters, helper.function.__globals__)
                 for edit in edits(source, statement, choice, kinds):
                     if self._is_late():
-                        return out
+                        return candidates
                     if self._is_refuted(edit):
                         self._deferred.append((every, edit))
                         continue
                     candidate = self.everywhere(every, [edit])
                     if candidate is not None:
-                        out.append(candidate)
+                        candidates.append(candidate)
                     else:
                         self.senseless.append((every[0], edit))
-        return out
+        return candidates
 
     def _is_refuted(self, edit: Edit) -> bool:
         inside = False
@@ -225,42 +225,44 @@ class Search(Trials):
 
     def deferred(self) -> list[Candidate]:
         """Evaluate the single edits that were left out because Gauss-Newton found no value for their expressions."""
-        out: list[Candidate] = []
+        candidates: list[Candidate] = []
         for steps, edit in self._deferred:
             if self._is_late():
                 break
             candidate = self.everywhere(steps, [edit])
             if candidate is not None:
-                out.append(candidate)
+                candidates.append(candidate)
             else:
                 self.senseless.append((steps[0], edit))
         self._deferred = []
-        return out
+        return candidates
 
     def required(self, rows: Sequence[Key]) -> list[Candidate]:
         """Evaluate the edits that give an expression the value with which wrong rows agree; see `Required`."""
-        out: list[Candidate] = []
+        candidates: list[Candidate] = []
         until = self.deadline.within(_REQUIRED * self.deadline.left)
         sites = [(step, step.source, s) for step, s in self.own_sites(rows)]
         steps = list({id(step): step for step, _, _ in sites}.values())
         # Rows with several entries determine an expression of a called function best.
         for step in sorted(steps, key=self.entries, reverse=True):
             sites += [(step, h.source, s) for h in self.judge.helpers(step) for s in h.source.statements]
-        done: set[tuple[Path, int]] = set()
+        tried_statements: set[tuple[Path, int]] = set()
         for step, source, statement in sites:
-            if (source.path, statement.start) in done:
+            if (source.path, statement.start) in tried_statements:
                 continue
             others = self.callers(source, step)
             for edit in Required(self.judge, step, rows, until, refuted=self._refuted).edits(source, statement):
-                done.add((source.path, statement.start))  # a statement without an edit is tried for the next equation
+                tried_statements.add(
+                    (source.path, statement.start)
+                )  # a statement without an edit is tried for the next equation
                 candidate = self.everywhere([step, *others], [edit])
                 if candidate is not None:
-                    out.append(candidate)
-        return out
+                    candidates.append(candidate)
+        return candidates
 
     def counterparts(self, rows: Sequence[Key]) -> list[Candidate]:
         """Evaluate the edits that put back what similar expressions of the file have more."""
-        out: list[Candidate] = []
+        candidates: list[Candidate] = []
         tried: set[Edit] = set()
         for step, statement in self.own_sites(rows):
             places = [(step.source, statement)]
@@ -271,12 +273,12 @@ class Search(Trials):
                     if edit in tried:
                         continue
                     if self.deadline.passed:
-                        return out
+                        return candidates
                     tried.add(edit)
                     candidate = self.everywhere([step, *self.callers(source, step)], [edit])
                     if candidate is not None:
-                        out.append(candidate)
-        return out
+                        candidates.append(candidate)
+        return candidates
 
     # -- groups ---------------------------------------------------------------------------------------------
 
@@ -285,12 +287,12 @@ class Search(Trials):
 
         `budget` is the time limit in s of the search for pairs of edits; 0: single edits only.
         """
-        found, left = self._quiet(self._run)
-        if not left:
-            found, left = self._quiet(lambda: self.choice.together(found))
-        if left:
-            return self.pairs(found, left, budget)
-        return found, left
+        results, unrepaired = self._quiet(self._run)
+        if not unrepaired:
+            results, unrepaired = self._quiet(lambda: self.choice.together(results))
+        if unrepaired:
+            return self.pairs(results, unrepaired, budget)
+        return results, unrepaired
 
     def pairs(self, found: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
         """Search pairs of edits for rows that single edits do not repair; arguments and result are those of `run`."""
@@ -307,28 +309,28 @@ class Search(Trials):
     def _run(self) -> tuple[list[Found], list[Key]]:
         self._singles = []
         self._groups: list[list[Key]] = []
-        left = list(self.failing)
+        unrepaired = list(self.failing)
         left_out: list[int] = []
         rest_tried = False
         by_required = False
         # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
         # edits repair the rows, one that repairs more of them is searched where they have something in common.
         for n, (in_called, kinds) in enumerate(_STAGES):
-            settled = not left and len(self._groups) < 2
+            settled = not unrepaired and len(self._groups) < 2
             # A value that must be often has several formulas: fewer of them than edits of one token make sense.
             if settled and not by_required and (in_called or kinds == REST):
                 left_out.append(n)
                 continue
-            everywhere = self._stage(n, settled, left)
+            everywhere = self._stage(n, settled, unrepaired)
             rest_tried |= everywhere and not in_called and kinds == REST
-            left = self._covered()
-            if n == _REQUIRED_AFTER and left:
+            unrepaired = self._covered()
+            if n == _REQUIRED_AFTER and unrepaired:
                 self._until = self.deadline
                 self._refute()  # first, because no value is required of expressions without a right one
-                self._singles += self.counterparts(left)
-                self._singles += self.required(left)
-                left = self._covered()
-                by_required = not left
+                self._singles += self.counterparts(unrepaired)
+                self._singles += self.required(unrepaired)
+                unrepaired = self._covered()
+                by_required = not unrepaired
         # If one token suffices, all other edits of the same statement are tried as well, as alternatives.
         looked: set[tuple[str, int]] = set()
         for group in self._groups:
@@ -337,13 +339,13 @@ class Search(Trials):
         if not rest_tried:
             self._until = self.deadline.within(_ALTERNATIVES * self.deadline.left)
             self._singles += self.singles(REST, looked)
-        out, left = self._results(left)
-        for n in left_out if left else ():  # the repair because of which these were left out holds only by chance
-            self._stage(n, False, left)
-        if left and left_out:
-            out, left = self._results(self._covered())
+        results, unrepaired = self._results(unrepaired)
+        for n in left_out if unrepaired else ():  # the repair because of which these were left out holds only by chance
+            self._stage(n, False, unrepaired)
+        if unrepaired and left_out:
+            results, unrepaired = self._results(self._covered())
         self._until = self.deadline
-        return out, left
+        return results, unrepaired
 
     def _stage(self, n: int, settled: bool, left: Sequence[Key]) -> bool:
         """Try the edits of one stage; return whether they were tried everywhere, and not only where groups meet.
@@ -367,15 +369,15 @@ class Search(Trials):
 
     def _results(self, left: Sequence[Key]) -> tuple[list[Found], list[Key]]:
         """Return (results of the groups that have a repair, rows without one)."""
-        out: list[Found] = []
-        lost = list(left)
+        results: list[Found] = []
+        unrepaired = list(left)
         for group in self._groups:
-            found = self._found(group, self._singles, self._singles)
-            if found.cures:
-                out.append(found)
+            result = self._found(group, self._singles, self._singles)
+            if result.cures:
+                results.append(result)
             else:  # two edits may repair these rows for all values of the parameters
-                lost += group
-        return out, lost
+                unrepaired += group
+        return results, unrepaired
 
     def _pairs_of(self, out: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
         singles = self._singles
@@ -417,7 +419,7 @@ class Search(Trials):
 
         The values of parameters may hide another error of the same function: no row disagrees because of it.
         """
-        out: list[Candidate] = []
+        pairs: list[Candidate] = []
         firsts = [c for c in singles if c.by_chance and c.scores.get(k, np.inf) <= 1 and not (c.broken or c.hollow)]
         firsts.sort(key=lambda c: c.rank)
         for c in firsts[:_CHANCES]:
@@ -429,15 +431,15 @@ class Search(Trials):
                 choice = pool(source, statement, set(source.arguments), self.parameters, c.step.scope)
                 for second in edits(source, statement, choice, FORMS):
                     if deadline.passed:
-                        return out
+                        return pairs
                     if not (second.end < first.start or first.end < second.start):
                         continue
                     pair = self.everywhere(steps, [first, second])
                     if pair is None or not self.exact([k], [pair]):
                         continue
                     if self.choice.is_general(pair) and self.choice.states.after(pair.edits) is not None:
-                        out.append(pair)
-        return out
+                        pairs.append(pair)
+        return pairs
 
     def _widest(
         self, k: Key, left: list[Key], out: list[Found], tried: list[Candidate], pairs: list[Candidate]
@@ -488,21 +490,21 @@ class Search(Trials):
 
     def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
         """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""
-        left = set(rows)
+        unrepaired = set(rows)
         repaired: list[frozenset[Key]] = []
         for c in candidates:
             if c.serves:
-                repaired.append(frozenset(row for row, off in c.scores.items() if off <= 1 and row in left))
+                repaired.append(frozenset(row for row, off in c.scores.items() if off <= 1 and row in unrepaired))
         groups: list[list[Key]] = []
-        while left:
+        while unrepaired:
             largest: frozenset[Key] = frozenset()
             for some in repaired:
-                if len(some & left) > len(largest):
-                    largest = some & left
+                if len(some & unrepaired) > len(largest):
+                    largest = some & unrepaired
             if not largest:
                 break
             groups.append([row for row in rows if row in largest])
-            left -= largest
+            unrepaired -= largest
         return groups
 
     def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:

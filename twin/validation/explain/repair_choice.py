@@ -157,10 +157,10 @@ class RepairChoice:
 
 def _first_edits(found: Sequence[Found]) -> list[Edit]:
     """Return the edits of the first reading of the first repair of each group."""
-    out: list[Edit] = []
+    first_edits: list[Edit] = []
     for f in found:
-        out += f.cures[0][0].edits
-    return out
+        first_edits += f.cures[0][0].edits
+    return first_edits
 
 
 def _touching(change: Sequence[Edit]) -> bool:

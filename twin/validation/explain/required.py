@@ -122,15 +122,15 @@ class Required:
         moved = self._residual(edit, at_zero, self._swivel)
         if moved is None:
             return None
-        mine = [k for k in self.rows if k in moved and k in base and not np.array_equal(base[k], moved[k])]
+        moved_rows = [k for k in self.rows if k in moved and k in base and not np.array_equal(base[k], moved[k])]
         every = [k for k in moved if k in base and not np.array_equal(base[k], moved[k])]
-        if not entries and mine:
+        if not entries and moved_rows:
             called = self._called(edit, every, at_zero)
             if called is not None:
                 return called
-        choices = [mine, *([k] for k in mine if len(mine) > 1)]
-        if entries and mine:  # rows that agree also determine entries of a vector
-            choices = [every, mine]
+        choices = [moved_rows, *([k] for k in moved_rows if len(moved_rows) > 1)]
+        if entries and moved_rows:  # rows that agree also determine entries of a vector
+            choices = [every, moved_rows]
         for rows in choices:
             shift = self._fitted(edit, rows, entries) if rows else None
             if shift is not None:
@@ -164,10 +164,10 @@ class Required:
 
         def residual(values: Array) -> Array | None:
             shift.shift = values
-            found = self._residual(edit, shift, None)
-            if found is None or shift.count != count or any(k not in found for k in rows):
+            by_row = self._residual(edit, shift, None)
+            if by_row is None or shift.count != count or any(k not in by_row for k in rows):
                 return None
-            return np.hstack([found[k] for k in rows])
+            return np.hstack([by_row[k] for k in rows])
 
         solved = solution(residual, np.zeros_like(shift.shift), lambda: shift.values.copy(), self.deadline)
         if solved is None:
@@ -187,10 +187,10 @@ class Required:
         def residual(values: Array) -> Array | None:
             shift.shift = values[:, :unknowns]
             angle = None if swivel is None else values[:, -1]
-            found = self._residual(edit, shift, angle)
-            if found is None or any(k not in found for k in rows):
+            by_row = self._residual(edit, shift, angle)
+            if by_row is None or any(k not in by_row for k in rows):
                 return None
-            return np.hstack([found[k] for k in rows])
+            return np.hstack([by_row[k] for k in rows])
 
         def scale() -> Array:
             if swivel is not None:
@@ -255,9 +255,9 @@ def scalar_atoms(source: Source, statement: Statement, shift: Shift, fixed: Sequ
     """
     scope = shift.scope
     texts: dict[str, None] = {}
-    own = {w for s in source.statements[: statement.index + 1] for w in (*s.reads, *s.writes)}
-    own.update(comprehension_targets(statement.node))
-    for name in sorted({*source.arguments, *own}):
+    names_so_far = {w for s in source.statements[: statement.index + 1] for w in (*s.reads, *s.writes)}
+    names_so_far.update(comprehension_targets(statement.node))
+    for name in sorted({*source.arguments, *names_so_far}):
         value = scope.get(name)
         size = len(value) if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1 else 0
         if isinstance(value, Matrix) and value.shape[1] == 1:
@@ -277,28 +277,28 @@ def scalar_atoms(source: Source, statement: Statement, shift: Shift, fixed: Sequ
                     if isinstance(angle, ast.Name):
                         texts[f"{node.func.id}({angle.id})"] = None
                         texts[f"{cofunction}({angle.id})"] = None
-    out = []
+    found_atoms = []
     with np.errstate(all="ignore"):
         for text in sorted(texts, key=len):
             values = scalar_values(compile(text, "<explain>", "eval"), shift)
             if values is not None:
-                out.append(Atom(text, values))
-    return [*out[:_MOST_ATOMS], *analogies(source, statement, shift, fixed)]
+                found_atoms.append(Atom(text, values))
+    return [*found_atoms[:_MOST_ATOMS], *analogies(source, statement, shift, fixed)]
 
 
 def _patterns(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> list[list[Atom]]:
     """Return, of each sum of the function, the terms that are among `atoms` and are no terms of `expression`."""
-    own = {ast.unparse(term) for term in _summands(expression)}
-    known = {a.text: a for a in atoms if a.text not in own}
-    out: dict[tuple[str, ...], list[Atom]] = {}
+    own_terms = {ast.unparse(term) for term in _summands(expression)}
+    known = {a.text: a for a in atoms if a.text not in own_terms}
+    terms_of_sums: dict[tuple[str, ...], list[Atom]] = {}
     for s in source.statements:
         for node in ast.walk(s.node):
             if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
                 continue
             texts = sorted({ast.unparse(term) for term in _summands(node)} & known.keys())
             if len(texts) > 1:
-                out[tuple(texts)] = [known[text] for text in texts]
-    return list(out.values())
+                terms_of_sums[tuple(texts)] = [known[text] for text in texts]
+    return list(terms_of_sums.values())
 
 
 def _summands(node: ast.expr) -> Iterator[ast.expr]:
@@ -379,20 +379,20 @@ def _present(part: ast.expr, shift: Shift) -> Array | None:
 def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
     """Return the shifts of the operands of an expression that give it its required value; see `inverse`."""
     wanted = shift.value[:, 0] + shift.shift[:, 0]
-    out: dict[ast.expr, Shift] = {}
+    shifts: dict[ast.expr, Shift] = {}
     for child in ast.iter_child_nodes(node):
         if not isinstance(child, ast.expr):
             continue
         needed = inverse(node, child, wanted, lambda part: _present(part, shift))
-        own = _present(child, shift) if needed is not None else None
-        if needed is None or own is None or not np.isfinite((needed + own)[shift.known]).all():
+        values = _present(child, shift) if needed is not None else None
+        if needed is None or values is None or not np.isfinite((needed + values)[shift.known]).all():
             continue
-        inner = Flat(len(own), shift.scopes)
+        inner = Flat(len(values), shift.scopes)
         inner.known = shift.known
-        inner.value = own[:, None]
-        inner.shift[shift.known, 0] = (needed - own)[shift.known]
-        out[child] = inner
-    return out
+        inner.value = values[:, None]
+        inner.shift[shift.known, 0] = (needed - values)[shift.known]
+        shifts[child] = inner
+    return shifts
 
 
 def is_square(node: ast.AST) -> TypeGuard[ast.BinOp]:
@@ -425,16 +425,19 @@ def in_square(
     todo = [(node.left, root, -root)]
     while todo:
         part, first, second = todo.pop(0)
-        own = value(part)
-        if own is not None and np.isfinite(own[known]).all():
+        values_of_part = value(part)
+        if values_of_part is not None and np.isfinite(values_of_part[known]).all():
             with np.errstate(all="ignore"):
-                added = products.either(first[known] - own[known], second[known] - own[known])
-                ratios = products.either(first[known] / own[known], second[known] / own[known])
-            for values in (*(own[known] + added[:_MOST_EITHER]), *(own[known] * ratios[:_MOST_EITHER])):
-                inner = Flat(len(own), shift.scopes)
+                added = products.either(first[known] - values_of_part[known], second[known] - values_of_part[known])
+                ratios = products.either(first[known] / values_of_part[known], second[known] / values_of_part[known])
+            for values in (
+                *(values_of_part[known] + added[:_MOST_EITHER]),
+                *(values_of_part[known] * ratios[:_MOST_EITHER]),
+            ):
+                inner = Flat(len(values_of_part), shift.scopes)
                 inner.known = known
-                inner.value = own[:, None]
-                inner.shift[known, 0] = values - own[known]
+                inner.value = values_of_part[:, None]
+                inner.shift[known, 0] = values - values_of_part[known]
                 yield from islice(written(source, statement, part, parents, inner, atoms), _MOST_EDITS)
         for child in ast.iter_child_nodes(part):
             if isinstance(child, ast.expr):
@@ -454,7 +457,7 @@ def _written_vectors(
     """Yield the edits that give an expression its required value, a vector."""
     text = source.text(*source.span(node))
     known = shift.known
-    mine = [Atom(a.text, a.values[known]) for a in atoms]
+    scalars = [Atom(a.text, a.values[known]) for a in atoms]
     vectors = [Atom(a.text, a.values[known]) for a in vector_atoms(source, shift.scope, len(known))]
-    for new in vector_texts(text, node, shift.value[known], shift.shift[known], mine, vectors):
+    for new in vector_texts(text, node, shift.value[known], shift.shift[known], scalars, vectors):
         yield _replaced(source, statement, node, parents.get(node), new, "missing")

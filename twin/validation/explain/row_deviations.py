@@ -176,7 +176,7 @@ class Judge:
     def _run_step(self, step: Step) -> bool:
         """Run an equation and store its residuals and outputs; return whether it could be run on arrays."""
         scope = self._environment(step, step.computed)
-        found: Residuals = {}
+        residuals: Residuals = {}
         statement = step.source.statements[0]
         label = f"{step.equation.name} ({step.variant})"
         try:
@@ -186,22 +186,22 @@ class Judge:
                     exec(code, scope)
                 except (NameError, IndexError) as error:
                     # A misspelt name or a wrong index is a fault of the formula, so the rows count as wrong.
-                    step.without_value |= self._without_value(step, statement, (), scope, found, error)
+                    step.without_value |= self._without_value(step, statement, (), scope, residuals, error)
                     step.stuck = True
                     self.notes.append(f"{label} fails in line {statement.line}: {error}")
-                self._check(step, statement, statement.writes, scope, found)
-            step.gave = self._outputs(step, scope, found)
+                self._check(step, statement, statement.writes, scope, residuals)
+            step.gave = self._outputs(step, scope, residuals)
         except (NameError, IndexError) as error:
             step.without_value |= {(statement.index, -1)}
             step.stuck = True
-            self._count_as_wrong(step, statement, found)
+            self._count_as_wrong(step, statement, residuals)
             step.gave = {name: self.truth.symbols[name] for name in step.known}
             self.notes.append(f"{label} fails in line {statement.line}: {error}")
         except Exception as error:
             step.missing = str(error)
             self.notes.append(f"{label} fails on arrays: {error}")
             return False
-        self.residuals |= found
+        self.residuals |= residuals
         return True
 
     def _without_value(
@@ -375,12 +375,12 @@ class Judge:
             Exception: any exception of the edited code, including SyntaxError.
         """
         extra = extra or {}
-        own: list[Edit] = []
+        own_edits: list[Edit] = []
         foreign: list[Edit] = []
         for edit in edits:
             in_step = edit.function == step.source.name and edit.path == step.source.path
             if in_step:
-                own.append(edit)
+                own_edits.append(edit)
             else:
                 foreign.append(edit)
         replaced: list[tuple[dict[str, Value], str, Value]] = []
@@ -391,14 +391,14 @@ class Judge:
             if free and angle is not None:
                 step.free = {self.truth.free: angle}
             elif free:
-                self._place(step, own, extra)
+                self._place(step, own_edits, extra)
                 for value in extra.values():
                     if isinstance(value, Shift):  # the values while the swivel was fitted are not those of the row
                         value.begin()
-            found = self._retry(step, own, extra, bool(foreign) or bool(free))
+            residuals = self._retry(step, own_edits, extra, bool(foreign) or bool(free))
             if foreign:
-                found |= self._from_before(step, foreign)
-            return found
+                residuals |= self._from_before(step, foreign)
+            return residuals
         finally:
             step.free = free
             for scope, name, original in replaced:
@@ -434,10 +434,10 @@ class Judge:
         own_globals = helper.function.__globals__
         scope: dict[str, Value] = dict(own_globals)
         exec(helper.source.whole(edits), scope)
-        made = scope[helper.source.name]
+        original = scope[helper.source.name]
         # The edited text ran in a copy of the globals; the function must see the real ones, where searches put names.
         defaults = inspect.unwrap(helper.function).__defaults__  # type: ignore[attr-defined]
-        edited = FunctionType(made.__code__, own_globals, made.__name__, defaults)
+        edited = FunctionType(original.__code__, own_globals, original.__name__, defaults)
         scopes = [own_globals]
         for other in self.steps:
             scopes.append(other.scope)
@@ -463,9 +463,9 @@ class Judge:
         writes: dict[int, tuple[str, ...]] = {}  # other left sides, by index of the edited statement
         edited = {e.statement for e in edits}
         for i in edited:
-            own = [e for e in edits if e.statement == i]
-            codes[i] = step.source.compiled(statements[i], own)
-            writes[i] = _renamed(statements[i].writes, own)
+            own_edits = [e for e in edits if e.statement == i]
+            codes[i] = step.source.compiled(statements[i], own_edits)
+            writes[i] = _renamed(statements[i].writes, own_edits)
         if anew:
             first = 0
             scope = self._environment(step, step.computed)
@@ -476,29 +476,29 @@ class Judge:
         self._define_arguments(step, edits, scope)
         for name, value in extra.items():
             scope.setdefault(name, value)
-        found: Residuals = {}
+        residuals: Residuals = {}
         dirty: set[str] = set()  # variables whose values differ from those of the unedited equation
         for statement in statements[first:]:
             i = statement.index
             names = writes.get(i, statement.writes)
             if anew or i in edited or dirty & statement.reads:
-                if not self.ran(step, statement, codes[i], edits, scope, found):
-                    self._count_as_wrong(step, statement, found)
-                    return found
-                self._check(step, statement, names, scope, found)
+                if not self.ran(step, statement, codes[i], edits, scope, residuals):
+                    self._count_as_wrong(step, statement, residuals)
+                    return residuals
+                self._check(step, statement, names, scope, residuals)
                 dirty |= set(names) - step.held
                 continue
             if statement.returns:
-                return found
+                return residuals
             after = step.before[i + 1]
             for name in names:  # these outputs do not change, because their inputs do not change
                 scope[name] = plain.copied({name: after[name]})[name]
                 dirty.discard(name)
-        outputs = self._outputs(step, scope, found)
+        outputs = self._outputs(step, scope, residuals)
         changed = set(outputs).difference(self.truth.kinds)
         if changed and onwards:
-            self._downstream(step, outputs, changed, found)
-        return found
+            self._downstream(step, outputs, changed, residuals)
+        return residuals
 
     def ran(
         self,
@@ -520,10 +520,10 @@ class Judge:
         try:
             exec(code, scope)
         except (NameError, IndexError) as error:
-            own = [edit for edit in edits if edit.statement == statement.index]
-            as_before = (statement.index, -1) in step.without_value and not own
+            own_edits = [edit for edit in edits if edit.statement == statement.index]
+            as_before = (statement.index, -1) in step.without_value and not own_edits
             try:
-                places = self._without_value(step, statement, own, scope, found, error)
+                places = self._without_value(step, statement, own_edits, scope, found, error)
             except (NameError, IndexError):
                 if as_before:
                     return False
@@ -593,17 +593,17 @@ class Judge:
         Raises:
             Exception: any exception of the statements and equations.
         """
-        found: Residuals = {}
-        self._check(step, statement, statement.writes, scope, found)
+        residuals: Residuals = {}
+        self._check(step, statement, statement.writes, scope, residuals)
         for later in step.source.statements[statement.index + 1 :]:
-            if not self.ran(step, later, step.codes[later.index], (), scope, found):
-                return found
-            self._check(step, later, later.writes, scope, found)
-        outputs = self._outputs(step, scope, found)
+            if not self.ran(step, later, step.codes[later.index], (), scope, residuals):
+                return residuals
+            self._check(step, later, later.writes, scope, residuals)
+        outputs = self._outputs(step, scope, residuals)
         changed = set(outputs).difference(self.truth.kinds)
         if changed:
-            self._downstream(step, outputs, changed, found)
-        return found
+            self._downstream(step, outputs, changed, residuals)
+        return residuals
 
     # -- failing rows -----------------------------------------------------------------------------------
 
@@ -631,14 +631,14 @@ def _add_helpers(source: Source, scope: Mapping[str, Value], found: dict[int, He
 
 def _renamed(names: tuple[str, ...], edits: Iterable[Edit]) -> tuple[str, ...]:
     """Return the names on the left side of a statement after edits of the left side."""
-    left = list(names)
+    left_side = list(names)
     for edit in edits:
         if edit.kind != "left side":
             continue
         for i, name in enumerate(names):
             if name == edit.old:
-                left[i] = edit.new
-    return tuple(left)
+                left_side[i] = edit.new
+    return tuple(left_side)
 
 
 def returned_values(step: Step, value: Value) -> list[Value]:

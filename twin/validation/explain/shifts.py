@@ -99,10 +99,10 @@ class Shift:
         self.value = np.where(np.isnan(values), 0.0, values)  # without a value, the shift is the value
         if scope is not None:
             self.scope = scope
-        out = self.value + self.shift
+        shifted_value = self.value + self.shift
         if self.entries:
-            return Matrix(out[:, :, None])
-        return type(value)(out[:, 0]) if isinstance(value, Scalar) else out[:, 0]
+            return Matrix(shifted_value[:, :, None])
+        return type(value)(shifted_value[:, 0]) if isinstance(value, Scalar) else shifted_value[:, 0]
 
 
 class Calls(Shift):
@@ -129,16 +129,16 @@ class Calls(Shift):
         self.values[:, call] = np.nan_to_num(to_array(x, len(self.shift))[:, 0], posinf=np.inf, neginf=-np.inf)
         if scope is not None:
             self._scopes[call] = scope
-        out = self.values[:, call] + self.shift[:, call]
-        return type(value)(out) if isinstance(value, Scalar) else out
+        shifted_value = self.values[:, call] + self.shift[:, call]
+        return type(value)(shifted_value) if isinstance(value, Scalar) else shifted_value
 
     def flat(self) -> Shift:
         """Return one shift for all calls, with the values of the first call first."""
-        out = Flat(self.shift.size, self._scopes)
-        out.shift = self.shift.T.reshape(-1, 1)
-        out.value = self.values.T.reshape(-1, 1)
-        out.known = np.tile(self.known, self.shift.shape[1])
-        return out
+        flat = Flat(self.shift.size, self._scopes)
+        flat.shift = self.shift.T.reshape(-1, 1)
+        flat.value = self.values.T.reshape(-1, 1)
+        flat.known = np.tile(self.known, self.shift.shape[1])
+        return flat
 
 
 class Flat(Shift):
@@ -186,11 +186,11 @@ def solution(
         return None
     for factor in STARTS if not np.isfinite(r).all() else ():  # where the wrong row has no value
         tried = factor * scale()
-        there = residual(tried)
-        if there is None:
+        tried_residuals = residual(tried)
+        if tried_residuals is None:
             return None
-        better = (cost(there) < cost(r))[:, None]
-        values, r = np.where(better, tried, values), np.where(better, there, r)
+        better = (cost(tried_residuals) < cost(r))[:, None]
+        values, r = np.where(better, tried, values), np.where(better, tried_residuals, r)
     known = np.asarray(np.isfinite(r).all(axis=1))
     if known.sum() < FEWEST:
         return None
@@ -226,10 +226,10 @@ def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, kn
     for i in range(values.shape[1]):
         ahead = values.copy()
         ahead[:, i] += DIFFERENCE
-        there = residual(ahead)
-        if there is None:
+        residuals_ahead = residual(ahead)
+        if residuals_ahead is None:
             return None
-        slopes.append((there - r) / DIFFERENCE)
+        slopes.append((residuals_ahead - r) / DIFFERENCE)
     J = np.stack(slopes, axis=2)[known]
     if not np.isfinite(J).all():
         return None

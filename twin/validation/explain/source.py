@@ -104,14 +104,14 @@ def _names(node: ast.AST, *contexts: type[ast.expr_context]) -> set[str]:
 
 def comprehension_targets(node: ast.AST) -> dict[str, list[ast.Name]]:
     """Return the loop variables of comprehensions, which have a value only there, with their targets in the tree."""
-    out: dict[str, list[ast.Name]] = {}
+    targets: dict[str, list[ast.Name]] = {}
     for inner in ast.walk(node):
         if not isinstance(inner, ast.comprehension):
             continue
         for target in ast.walk(inner.target):
             if isinstance(target, ast.Name):
-                out.setdefault(target.id, []).append(target)
-    return out
+                targets.setdefault(target.id, []).append(target)
+    return targets
 
 
 class Source:
@@ -297,23 +297,23 @@ def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
     """Return edits that have the effect of `edits` and also tidy the edited statements."""
     starts = line_starts(data)
     out: list[Edit] = []
-    left = list(edits)
+    remaining = list(edits)
     for statement in ast.walk(_tree(data)):
         if not isinstance(statement, ast.Assign | ast.AugAssign | ast.Return | ast.Expr):
             continue
         start, end = span(statement, starts)
-        own = [e for e in left if start <= e.start and e.end <= end]
-        if not own:
+        inside = [e for e in remaining if start <= e.start and e.end <= end]
+        if not inside:
             continue
-        left = [e for e in left if e not in own]
-        text = apply(data, own, start, end).encode()
-        tidied = tidy(text, _edited_parts(own, start))
+        remaining = [e for e in remaining if e not in inside]
+        text = apply(data, inside, start, end).encode()
+        tidied = tidy(text, _edited_parts(inside, start))
         if tidied == text:
-            out += own
+            out += inside
             continue
         old = data[start:end].decode()
-        out.append(replace(own[0], start=start, end=end, old=old, new=tidied.decode(), define=None))
-    return out + left
+        out.append(replace(inside[0], start=start, end=end, old=old, new=tidied.decode(), define=None))
+    return out + remaining
 
 
 def _edited_parts(edits: list[Edit], start: int) -> list[tuple[int, int]]:

@@ -11,12 +11,12 @@ from twin.validation.explain.rows import RowPlace, Step
 
 def suspects(judge: Judge, place: RowPlace) -> dict[str, set[int]]:
     """Return {equation: indices of the statements on which the value of a row depends}."""
-    out: dict[str, set[int]] = {}
+    statements: dict[str, set[int]] = {}
     step = judge.step(place.equation)
-    _trace(judge, step, place.statement, place.position, out, set())
+    _trace(judge, step, place.statement, place.position, statements, set())
     if step.stuck:  # the return statement could not be reached, and may have another fault
-        out[place.equation].add(step.source.statements[-1].index)
-    return out
+        statements[place.equation].add(step.source.statements[-1].index)
+    return statements
 
 
 def unread(step: Step) -> set[int]:
@@ -24,13 +24,13 @@ def unread(step: Step) -> set[int]:
 
     A result that nobody reads is itself a hint: a later statement may have another name in its place.
     """
-    found: set[int] = set()
+    indices: set[int] = set()
     read: set[str] = set()
     for statement in reversed(step.source.statements):
         if not (statement.returns or step.held.intersection(statement.writes) or read.intersection(statement.writes)):
-            found.add(statement.index)
+            indices.add(statement.index)
         read |= statement.reads
-    return found
+    return indices
 
 
 def shared(judge: Judge, places: Sequence[RowPlace]) -> bool:
@@ -89,10 +89,10 @@ def available(judge: Judge, step: Step) -> set[str]:
 
 def _trace(judge: Judge, step: Step, index: int, position: int, out: dict[str, set[int]], seen: set[str]) -> None:
     """Add to `out` the statements on which the value at a position of a statement depends; `seen`: symbols done."""
-    found = out.setdefault(step.equation.name, set())
+    indices = out.setdefault(step.equation.name, set())
     statements = step.source.statements
     statement = statements[index]
-    found.add(index)
+    indices.add(index)
     wanted = set(statement.reads)
     if statement.returns:
         wanted = statement.reads_at(position)
@@ -103,7 +103,7 @@ def _trace(judge: Judge, step: Step, index: int, position: int, out: dict[str, s
         if written <= step.held:  # compared there, and then replaced by the mechanism's values
             wanted -= written
             continue
-        found.add(i)
+        indices.add(i)
         wanted |= statements[i].reads
         if not statements[i].reads & written:  # a statement that also reads the variable keeps a part of its value
             wanted -= written

@@ -25,11 +25,11 @@ def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Ar
     """
 
     def residuals(angle: Array) -> Array:
-        found = rows(angle)
-        if not found:
+        by_row = rows(angle)
+        if not by_row:
             return np.zeros((states, 0))
-        places = sorted(found, key=lambda place: (place.statement, place.position))
-        return np.hstack([found[place].reshape(states, -1) for place in places])
+        places = sorted(by_row, key=lambda place: (place.statement, place.position))
+        return np.hstack([by_row[place].reshape(states, -1) for place in places])
 
     def cost(r: Array) -> Array:
         return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)

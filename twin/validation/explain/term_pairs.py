@@ -127,12 +127,12 @@ def _in_another_part(
             if needed is not None:
                 edits_with_needs.setdefault(part, []).append((edit, needed))
     for part, with_needs in edits_with_needs.items():
-        own = expression.own(part)
-        if own is None or expression.deadline.passed:
+        values_of_part = expression.own(part)
+        if values_of_part is None or expression.deadline.passed:
             continue
         edits = [edit for edit, _ in with_needs]
         needs = np.array([needed for _, needed in with_needs])
-        for inner, values, rows in _inner_parts(expression, part, own, needs):
+        for inner, values, rows in _inner_parts(expression, part, values_of_part, needs):
             if expression.deadline.passed:
                 return
             yield from _completed(expression, inner, values, edits, rows, atoms, products)

@@ -158,9 +158,9 @@ def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
     """Yield (index, coefficient) of the rows (n, k) that are proportional to `wanted` (k,)."""
     with np.errstate(all="ignore"):
         coefficients = (rows @ wanted) / np.sum(rows**2, axis=1)
-        off = np.abs(coefficients[:, None] * rows - wanted).max(axis=1)
+        differences = np.abs(coefficients[:, None] * rows - wanted).max(axis=1)
     limit = EQUAL * max(float(np.abs(wanted).max()), 1e-9)
-    for i in np.flatnonzero(off <= limit):
+    for i in np.flatnonzero(differences <= limit):
         yield int(i), float(coefficients[i])
 
 
@@ -197,12 +197,12 @@ class Products:
         if not len(self.table) or not (np.isfinite(first).all() and np.isfinite(second).all()):
             return np.zeros((0, len(first)))
         limit = EQUAL * max(float(np.abs(first).max()), float(np.abs(second).max()), 1e-9)
-        found = []
+        matches = []
         for sign in (1.0, -1.0):
             signed = sign * self.table
-            off = np.minimum(np.abs(signed - first), np.abs(signed - second)).max(axis=1)
-            found.append(signed[off <= limit])
-        return np.vstack(found)
+            differences = np.minimum(np.abs(signed - first), np.abs(signed - second)).max(axis=1)
+            matches.append(signed[differences <= limit])
+        return np.vstack(matches)
 
 
 def in_product(text: str) -> str:

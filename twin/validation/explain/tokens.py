@@ -11,10 +11,10 @@ from typing import AnyStr
 
 def line_starts(text: AnyStr) -> list[int]:
     """Return the offset of each line of a text (in bytes or characters), and of its end."""
-    out = [0]
+    starts = [0]
     for line in text.splitlines(keepends=True):
-        out.append(out[-1] + len(line))
-    return out
+        starts.append(starts[-1] + len(line))
+    return starts
 
 
 def span(node: ast.AST, starts: list[int]) -> tuple[int, int]:

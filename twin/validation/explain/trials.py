@@ -43,41 +43,41 @@ class Trials:
 
         The latter are the statements whose results nobody reads.
         """
-        out: dict[Key, dict[str, set[int]]] = {}
+        statements_of_row: dict[Key, dict[str, set[int]]] = {}
         for place in self.targets:
-            found = suspects(self.judge, place)
-            for equation, indices in found.items():
+            statements = suspects(self.judge, place)
+            for equation, indices in statements.items():
                 last = max(indices)
                 indices.update(i for i in unread(self.judge.step(equation)) if i < last)
-            out[place.key] = found
-        return out
+            statements_of_row[place.key] = statements
+        return statements_of_row
 
     def own_sites(self, rows: Container[Key] | None = None) -> list[tuple[Step, Statement]]:
         """Return the statements on which a failing row depends; `rows`: only of these rows."""
-        out: dict[tuple[str, int], tuple[Step, Statement]] = {}
+        sites: dict[tuple[str, int], tuple[Step, Statement]] = {}
         for place in self.targets:
             if rows is not None and place.key not in rows:
                 continue
             for equation, indices in self._suspects[place.key].items():
                 step = self.judge.step(equation)
                 for i in sorted(indices):
-                    out.setdefault((equation, i), (step, step.source.statements[i]))
-        return list(out.values())
+                    sites.setdefault((equation, i), (step, step.source.statements[i]))
+        return list(sites.values())
 
     def sites(self) -> list[tuple[Step, list[Site]]]:
         """Return, for each equation on which rows depend, its statements and those of the functions that it calls."""
-        out: dict[str, tuple[Step, list[Site]]] = {}
+        sites_of_equation: dict[str, tuple[Step, list[Site]]] = {}
         for step, statement in self.own_sites():
             choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
-            sites = out.setdefault(step.equation.name, (step, []))[1]
+            sites = sites_of_equation.setdefault(step.equation.name, (step, []))[1]
             sites.append(Site(step.source, statement, choice))
-        for step, sites in out.values():
+        for step, sites in sites_of_equation.values():
             for h in self.judge.helpers(step):
                 for statement in h.source.statements:
                     arguments = set(h.source.arguments)
                     choice = pool(h.source, statement, arguments, self.parameters, h.function.__globals__)
                     sites.append(Site(h.source, statement, choice))
-        return list(out.values())
+        return list(sites_of_equation.values())
 
     def calls(self, step: Step, source: Source) -> bool:
         """Return whether an equation calls a function."""
@@ -88,11 +88,11 @@ class Trials:
 
     def callers(self, source: Source, besides: Step) -> list[Step]:
         """Return the equations, without `besides`, that call a function."""
-        out = []
+        callers = []
         for step in self.judge.steps:
             if step is not besides and not step.missing and self.calls(step, source):
-                out.append(step)
-        return out
+                callers.append(step)
+        return callers
 
     def everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
         """Return the candidate for edits of one function, judged in all equations that it affects; None: cannot run.
@@ -129,13 +129,13 @@ class Trials:
         """Return the candidate for edits of one equation, or None if the edited formula is not valid."""
         self.tried += 1
         extra = aliases(self.judge, step, change)
-        found = None if extra is None else evaluate(self.judge, step, change, extra)
-        if found is None:
+        residuals = None if extra is None else evaluate(self.judge, step, change, extra)
+        if residuals is None:
             return None
         worsts: dict[Key, float] = {}
         changed: dict[Key, Array] = {}
         broken = False
-        for place, residual in found.items():
+        for place, residual in residuals.items():
             row = place.key
             worsts[row] = worst(residual)
             broken |= is_worse(self.base, row, worsts[row])

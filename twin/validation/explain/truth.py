@@ -250,11 +250,11 @@ def _free(formula: Formula, model: ReferenceModel) -> str:
         if equation.stage != "helper":
             required, optional = arguments(equation.variants[equation.default])
             read[equation.stage] |= {*required, *optional}
-    found: list[str] = []
+    angles: list[str] = []
     for p in formula.parameters:
         if p.unit in ("deg", "rad") and p.name in read["inverse"] and p.name not in read["forward"]:
-            found.append(p.name)
-    return found[0] if len(found) == 1 else ""
+            angles.append(p.name)
+    return angles[0] if len(angles) == 1 else ""
 
 
 def _passed_on(formula: Formula) -> dict[str, list[tuple[str, int | None]]]:

@@ -13,11 +13,11 @@ ByteRange = tuple[int, int]
 
 def undefined(site: Site) -> list[ByteRange]:
     """Return where names without a value stand in a statement."""
-    out: list[ByteRange] = []
+    ranges: list[ByteRange] = []
     for node in ast.walk(site.statement.node):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in site.pool.unknown:
-            out.append(site.source.span(node))
-    return sorted(out)
+            ranges.append(site.source.span(node))
+    return sorted(ranges)
 
 
 def replaces(edit: Edit, part: ByteRange) -> bool:

@@ -56,5 +56,5 @@ def _holds(judge: Judge, name: str, parameter: str, equations: list[str]) -> boo
     values |= {**symbols, name: symbols[parameter]}
     truth = judge.truth.with_parameters(values)
     with np.errstate(all="ignore"):
-        found = judge.on(truth, equations).residuals
-    return bool(found) and all(worst(r) <= 1 for r in found.values())
+        residuals = judge.on(truth, equations).residuals
+    return bool(residuals) and all(worst(r) <= 1 for r in residuals.values())

@@ -39,18 +39,18 @@ _ANGLES = ("deg", "rad")
 def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     """Return the groups of equal parameters, and each assumed parameter; without values derived from others."""
     stated = [parameter for parameter in formula.parameters if parameter.provenance != "DERIVED"]
-    out: list[tuple[Parameter, ...]] = []
+    found_groups: list[tuple[Parameter, ...]] = []
     for i, parameter in enumerate(stated):
         if not parameter.value:
             continue
         equal = [other for other in stated[i:] if _is_equal(parameter, other)]
-        is_part = any(set(equal) <= set(group) for group in out)
+        is_part = any(set(equal) <= set(group) for group in found_groups)
         if len(equal) > 1 and not is_part:
-            out.append(tuple(equal))
+            found_groups.append(tuple(equal))
     for parameter in stated:
         if parameter.provenance == "ASSUMED":
-            out.append((parameter,))
-    return out
+            found_groups.append((parameter,))
+    return found_groups
 
 
 def _is_equal(parameter: Parameter, other: Parameter) -> bool:
@@ -88,13 +88,13 @@ def closes(judge: Judge, values: Mapping[str, float]) -> bool | None:
         judge: gives the equations, and the joint values at which they are evaluated.
         values: parameters in SI that differ from those of `judge`.
     """
-    off = _differences(judge, values)
-    if off is None:
+    differences = _differences(judge, values)
+    if differences is None:
         return None
-    known = np.isfinite(off).all(axis=1)
+    known = np.isfinite(differences).all(axis=1)
     if np.mean(known) < 0.5:
         return None
-    return bool(np.abs(off[known]).max() <= _CLOSED)
+    return bool(np.abs(differences[known]).max() <= _CLOSED)
 
 
 def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
@@ -103,7 +103,7 @@ def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
     if closes(judge, {}) is not True:
         return []
     derived = [p.name for p in judge.formula.parameters if p.provenance == "DERIVED"]
-    out = []
+    coinciding = []
     for group in groups(judge.formula):
         other = changed(group, values)
         closed = closes(judge, other)
@@ -112,8 +112,8 @@ def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
             closed = closes(judge, other)
         # An inverse that has no values near those of the mechanism does not belong to the forward equations there.
         if not closed and not (derived and _closes_with(judge, other, derived)):
-            out.append(group)
-    return out
+            coinciding.append(group)
+    return coinciding
 
 
 def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[str]) -> bool:
@@ -126,20 +126,20 @@ def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[st
     steps = np.maximum(np.abs(tried), 1e-3) * _STEP
     for _ in range(_NEWTON):
         given = dict(values) | dict(zip(derived, tried, strict=True))
-        off = _differences(judge, given)
-        if off is None:
+        differences = _differences(judge, given)
+        if differences is None:
             return False
         slopes = []
         for i, name in enumerate(derived):
             moved = _differences(judge, given | {name: tried[i] + steps[i]})
             if moved is None:
                 return False
-            slopes.append(((moved - off) / steps[i]).ravel())
+            slopes.append(((moved - differences) / steps[i]).ravel())
         J = np.stack(slopes, axis=1)
-        known = np.isfinite(J).all(axis=1) & np.isfinite(off.ravel())
+        known = np.isfinite(J).all(axis=1) & np.isfinite(differences.ravel())
         if not known.any():
             return False
-        tried = tried - np.linalg.lstsq(J[known], off.ravel()[known], rcond=None)[0]
+        tried = tried - np.linalg.lstsq(J[known], differences.ravel()[known], rcond=None)[0]
         if closes(judge, dict(values) | dict(zip(derived, tried, strict=True))):
             return True
     return False
@@ -147,10 +147,10 @@ def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[st
 
 def _values(judge: Judge) -> dict[str, float]:
     """Return the parameters in SI with which the equations are judged."""
-    out = {}
+    values = {}
     for p in judge.formula.parameters:
-        out[p.name] = float(np.asarray(judge.truth.symbols[p.name]))
-    return out
+        values[p.name] = float(np.asarray(judge.truth.symbols[p.name]))
+    return values
 
 
 def _differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
@@ -190,8 +190,8 @@ def _outputs(judge: Judge, symbols: dict[str, object], stage: str) -> dict[str, 
     truth = Truth(symbols, {}, judge.truth.k, judge.truth.Ts, None, judge.truth.coordinates, {})
     only = [step.equation.name for step in judge.steps if step.stage == stage]
     run = judge.on(truth, only)
-    out: dict[str, object] = {}
+    outputs: dict[str, object] = {}
     for step in run.steps:
         if not step.missing:
-            out.update(step.gave)
-    return out
+            outputs.update(step.gave)
+    return outputs

@@ -33,7 +33,7 @@ def vector_atoms(source: Source, scope: Mapping[str, Value], k: int) -> list[Ato
                 texts[ast.unparse(node)] = None
             if isinstance(node, ast.Subscript):
                 texts.update(dict.fromkeys(_columns(node)))
-    out = []
+    atoms = []
     with np.errstate(all="ignore"):
         for text in sorted(texts, key=len):
             try:
@@ -43,8 +43,8 @@ def vector_atoms(source: Source, scope: Mapping[str, Value], k: int) -> list[Ato
             if isinstance(value, Matrix) and value.shape == (VECTOR, 1):
                 values = to_array(value, k)
                 if np.isfinite(values).any() and np.nanmax(np.abs(values)) > 0:
-                    out.append(Atom(text, values))
-    return out[:_MOST_VECTORS]
+                    atoms.append(Atom(text, values))
+    return atoms[:_MOST_VECTORS]
 
 
 def _columns(node: ast.Subscript) -> Iterator[str]:

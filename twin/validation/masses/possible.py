@@ -123,25 +123,27 @@ def least_mass(tensor: Array, first: Array) -> float:
 
 def judged(body: StatedInertia) -> JudgedInertia:
     """Check a body's stated mass data; return derived quantities and findings."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     mass = body.mass
     first = np.asarray(body.first, float)
     tensor = 0.5 * (body.tensor + body.tensor.T)
 
     def say(code: str, what: str, *more: Any, severity: Severity = "disagreement", word: str = "limit") -> None:
         at = body.source
-        found.append(finding(severity, f"inertia.{code}", body.name, f"{body.name}: {what}", *more, when=at, word=word))
+        findings.append(
+            finding(severity, f"inertia.{code}", body.name, f"{body.name}: {what}", *more, when=at, word=word)
+        )
 
     numbers = np.concatenate([first, body.tensor.ravel()])
     if not np.all(np.isfinite(numbers)) or (mass is not None and not np.isfinite(mass)):
         say("number", "a mass or moment is not a finite number")
-        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
+        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(findings))
     skew = float(np.abs(body.tensor - body.tensor.T).max())
     if skew > 1e-9 * float(np.abs(tensor).max()):
         say("symmetry", "the tensor is not symmetric", Quantity(skew, "kg m2"), 0.0)
     if mass is not None and mass <= 0:
         say("mass", "the mass is not positive", Quantity(mass, "kg"), 0.0)
-        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(found))
+        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(findings))
     least = least_mass(tensor, first)
     if mass is not None:
         about = _about_centre(tensor, first, mass)
@@ -168,8 +170,8 @@ def judged(body: StatedInertia) -> JudgedInertia:
         say("impossible", text, Quantity(mass, "kg"), least, word="minimum")
     density, outside = _against_shapes(body, first, mass, say)
     if mass is not None and body.meshes:
-        found += guesses(body.name, body.source, about, first / mass, mass, _shape_tensor(body))
-    return JudgedInertia(body.name, body.source, mass, least, slack, definite, density, outside, tuple(found))
+        findings += guesses(body.name, body.source, about, first / mass, mass, _shape_tensor(body))
+    return JudgedInertia(body.name, body.source, mass, least, slack, definite, density, outside, tuple(findings))
 
 
 def _three(values: Array) -> str:

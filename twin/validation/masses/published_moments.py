@@ -171,9 +171,9 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
         mass_printed = least_mass(J, h)
         mass_negated = least_mass(J_negated, h)
         rows.append(MassRow(body.name, definite, slack, mass_printed, mass_negated, repaired))
-    found = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
+    findings = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
     if falling(rows, convention(rows)):
-        found.append(
+        findings.append(
             warning(
                 "inertia.composites",
                 exhibit.title,
@@ -182,7 +182,7 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
                 suggestion="no masses are published, so the conclusion is not certain: other explanations are possible",
             )
         )
-    return rows, found
+    return rows, findings
 
 
 def convention(rows: list[MassRow]) -> Products:

@@ -118,10 +118,10 @@ def _table(text: str) -> tuple[list[str], Array]:
     for k, row in enumerate(rows):
         if len(row) != len(head) or not np.isfinite(row).all():
             raise ValueError(f"row {k + 1} must have {len(head)} finite numbers")
-    out = np.array(rows).reshape(-1, len(head))
-    if len(out) < 2 or (np.diff(out[:, 0]) <= 0).any():
+    numbers = np.array(rows).reshape(-1, len(head))
+    if len(numbers) < 2 or (np.diff(numbers[:, 0]) <= 0).any():
         raise ValueError(f"{_TIME} must increase from row to row, over at least two rows")
-    return names, out
+    return names, numbers
 
 
 @dataclass(frozen=True)

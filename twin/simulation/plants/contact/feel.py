@@ -307,8 +307,10 @@ class _Proxy:
         self._position = np.zeros(3)
         planes = ca.SX.sym("planes", SIZE)
         T = ca.SX.sym("T", 16)
-        found = symbolic.unflat(planes, COUNT, WIDTH)
-        levers = ca.horzcat(found[:, :3], found[:, :3], found[:, 6:])  # levers instead of normals
+        planes_by_row = symbolic.unflat(planes, COUNT, WIDTH)
+        levers = ca.horzcat(
+            planes_by_row[:, :3], planes_by_row[:, :3], planes_by_row[:, 6:]
+        )  # levers instead of normals
         displacement, _ = proxy(levers, symbolic.unflat(T, 4, 4))
         function = ca.Function("proxy", [planes, T], [ca.densify(displacement)])
         self._displacement, self._compute = attach(function, self.planes, self._T)

@@ -75,7 +75,7 @@ def measure(
     time = _time(kept.t, driven, lens)
     course = np.array([aligned.seen_ends(alignment, T, view) for T in Ts_world_picture])
     angle = aligned.angle(course[-1])
-    off = aligned.off(course[-1], alignment.line)
+    deviation = aligned.off(course[-1], alignment.line)
     seen, refused = in_picture(sight, view)
     driven_steps = driven[1:] & driven[:-1]
     hands = {}
@@ -84,7 +84,7 @@ def measure(
         steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
         hands[hand] = float(steps[driven_steps].sum())
     path = movement.path_length(lens)
-    return AlignMeasures(time, angle, off, seen, refused, path, hands, course)
+    return AlignMeasures(time, angle, deviation, seen, refused, path, hands, course)
 
 
 def _time(t: Array, driven: np.ndarray, lens: Array) -> float:

@@ -171,11 +171,11 @@ class GuidingSurgeon(SurgeonHands):
         aside = np.cross(n, up)
         first_side, second_side = self.manner.sides
         side = first_side if hand == self._first else second_side
-        out = np.cos(side) * up + np.sin(side) * aside
+        approach = np.cos(side) * up + np.sin(side) * aside
         y = flip * n
-        R = np.column_stack([np.cross(y, -out), y, -out])
+        R = np.column_stack([np.cross(y, -approach), y, -approach])
         radius = self.ring.size[0]
-        tip = centre + (radius - self.manner.beyond + back) * out
+        tip = centre + (radius - self.manner.beyond + back) * approach
         return spatial.pose(R, tip) @ spatial.inverse(self.arms[hand].T_tool_tip)
 
     def _flip(self, hand: str, places: Sequence[tuple[Array, Array]]) -> float:

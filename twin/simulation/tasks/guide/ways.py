@@ -82,13 +82,13 @@ class Ways:
             for body, T in self._models[other].solve(q_other).link_poses.items():
                 poses[other][body] = T_world_other @ T
         mechanisms = {name: member.mechanism for name, member in self._members.items()}
-        found = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
+        stills = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
         T_base_world = spatial.inverse(T_world_base)
         for item in self._scene.objects:
             if item.name in objects:
                 body = Body(item.name, (item.mesh(),))
-                found.append(Still(item.name, body, T_base_world @ objects[item.name]))
-        return found
+                stills.append(Still(item.name, body, T_base_world @ objects[item.name]))
+        return stills
 
     def plan(
         self,

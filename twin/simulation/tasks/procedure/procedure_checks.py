@@ -290,13 +290,13 @@ class ProcedureReferee(Block):
 
     def _expose(self) -> ProcedureCheck:
         p = self.procedure
-        done = self._last_lift >= p.lift_mm * MM
+        exposed = self._last_lift >= p.lift_mm * MM
         when = "when the first clip was placed" if self.closed else "at the end"
         text = (
             f"the held point of the {spoken(p.organ)} was {self._last_lift / MM:.1f} mm above its place {when} "
             f"(required: {p.lift_mm:g} mm)"
         )
-        if done:
+        if exposed:
             return ProcedureCheck("expose", True, self._t_lifted, text)
         return ProcedureCheck("expose", False, None, text, lost=bool(self.closed))
 
@@ -308,9 +308,9 @@ class ProcedureReferee(Block):
             f"{p.camera} saw at least {p.seen:.0%} of the {spoken(p.vessel)} for {longest:.1f} s"
             f"{when} (required: {p.seen_s:g} s)"
         )
-        done = self._t_shown is not None
-        lost = bool(self.closed) and not done
-        return ProcedureCheck("show", done, self._t_shown, text, lost)
+        shown = self._t_shown is not None
+        lost = bool(self.closed) and not shown
+        return ProcedureCheck("show", shown, self._t_shown, text, lost)
 
     def _clip(self) -> ProcedureCheck:
         p = self.procedure
@@ -386,8 +386,8 @@ class ProcedureReferee(Block):
             f"deepest tip {depth / MM:.1f} mm below the rest surface of the {spoken(worst)} "
             f"(allowed: {p.depth_mm:g} mm)"
         )
-        done = depth <= p.depth_mm * MM
-        return ProcedureCheck("organs", done, None, text, not done)
+        spared = depth <= p.depth_mm * MM
+        return ProcedureCheck("organs", spared, None, text, not spared)
 
     def _other_vessels(self) -> ProcedureCheck:
         wrong = []

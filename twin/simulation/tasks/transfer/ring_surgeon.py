@@ -246,12 +246,12 @@ class RingSurgeon(SurgeonHands):
             aside = -aside
         aside = aside - n * (n @ aside)
         up = np.cross(n, np.cross([0.0, 0.0, 1.0], n))
-        out = np.cos(self.manner.side) * _unit(up) + np.sin(self.manner.side) * _unit(aside)
+        approach = np.cos(self.manner.side) * _unit(up) + np.sin(self.manner.side) * _unit(aside)
         # The jaws are interchangeable: at the first grasp, the hand uses the orientation that needs less rotation.
         sign = 1.0 if n @ self._tool(hand)[:3, 1] > 0 else -1.0
         y = n * self._turned.setdefault(hand, sign)
-        R = np.column_stack([np.cross(y, -out), y, -out])
-        return spatial.pose(R, centre + (ring.radius + self._ahead(hand)) * out)
+        R = np.column_stack([np.cross(y, -approach), y, -approach])
+        return spatial.pose(R, centre + (ring.radius + self._ahead(hand)) * approach)
 
     def _ahead(self, hand: str) -> float:
         """Return the distance in m from the tool to the wire that the jaws hold."""

@@ -129,8 +129,8 @@ class RingsReferee(InstrumentReferee):
                 continue
             tone, text = news
             if tone == "good":
-                done = sum(each.settled for each in self._rings)
-                text += f": {done} of {len(self._rings)}"
+                settled = sum(each.settled for each in self._rings)
+                text += f": {settled} of {len(self._rings)}"
             self._tell(k, tone, text)
 
     @property
