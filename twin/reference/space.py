@@ -486,22 +486,20 @@ class JointSpace:
             required = pairs.required[pair]
             approach = approaches[row, pair]
             margin = np.maximum(required, required / 2 + approach)
-            uncertain = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
-            low, high = pairs.bounds.at(
-                poses, row[uncertain], pair[uncertain], margin[uncertain], required[uncertain], fine
-            )
+            unsure = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
+            low, high = pairs.bounds.at(poses, row[unsure], pair[unsure], margin[unsure], required[unsure], fine)
             if exact:
-                near = high < required[uncertain]
+                near = high < required[unsure]
             else:
-                near = pairs.seem_near(X, poses, row[uncertain], pair[uncertain], low, high, is_clear[paths])
-            is_clear[path[uncertain[near]]] = False
-            uncertain = uncertain[(low < margin[uncertain]) & is_clear[path[uncertain]]]
+                near = pairs.seem_near(X, poses, row[unsure], pair[unsure], low, high, is_clear[paths])
+            is_clear[path[unsure[near]]] = False
+            unsure = unsure[(low < margin[unsure]) & is_clear[path[unsure]]]
             if not exact:
-                split = uncertain[approach[uncertain] > _SEARCH].tolist()
+                split = unsure[approach[unsure] > _SEARCH].tolist()
             else:
                 split = []
                 # where the bounds do not decide and the interval is short, exact distances do
-                for i in uncertain:
+                for i in unsure:
                     self._check()
                     if not is_clear[path[i]]:
                         continue
@@ -514,10 +512,10 @@ class JointSpace:
                     undecided = margin[i] > _NARROW * required[i] or pairs.celled(p)
                     if undecided or pairs.nearer(p, T, float(margin[i])):
                         split.append(i)
-            uncertain = np.array([i for i in split if is_clear[path[i]]], int)
-            path = np.repeat(path[uncertain], halves)
-            pair = np.repeat(pair[uncertain], halves)
-            place = (place[uncertain, None] * halves + np.arange(halves)).ravel()
+            unsure = np.array([i for i in split if is_clear[path[i]]], int)
+            path = np.repeat(path[unsure], halves)
+            pair = np.repeat(pair[unsure], halves)
+            place = (place[unsure, None] * halves + np.arange(halves)).ravel()
             level += _LEVELS
         return is_clear
 

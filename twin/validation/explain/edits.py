@@ -353,7 +353,7 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 
 def _other_numbers(w: _Writer, node: ast.Constant, number: float) -> Iterator[Edit]:
-    """Yield other numbers in place of a number: another index, exponent, factor or term."""
+    """Yield other numbers instead of a number: another index, exponent, factor or term."""
     parent = w.parent(node)
     in_index = isinstance(parent, ast.Subscript | ast.Slice)
     if isinstance(parent, ast.Tuple):
