@@ -426,12 +426,12 @@ def test_every_residual_is_told_in_its_own_unit(any_desk):
         found = _joint_error(any_desk, off, q)
         assert (found.what, found.is_angle) == (f"joint {joint.name}", joint.is_angle)
         assert readout.amount(found) == ("14.324°" if joint.is_angle else "250.000 mm")
-        reading = replace(read(any_desk), residual=found, scope="")
+        reading = replace(read(any_desk), residual=found, incomparable="")
         assert readout.amount(found) in readout.table(reading)
         assert readout.amount(found) in differs(reading)
         state = measured(reading, None)
         assert (state["residual_m"] is None, state["residual_rad"] is None) == (joint.is_angle, not joint.is_angle)
-    assert measured(SimpleNamespace(gap=0.0, residual=found, scope="", rcm_error=None, depth=None), 0.5)[
+    assert measured(SimpleNamespace(gap=0.0, residual=found, incomparable="", rcm_error=None, depth=None), 0.5)[
         "residual_m"
     ] == pytest.approx(0.5)
 
