@@ -35,7 +35,10 @@ from twin.exchange import audit as auditing
 from twin.exchange.audit.folder import find
 from twin.exchange.xacro import XacroSettings
 
-FOUND = ("found", "refused", "none")
+SINGLE = r"twin:(maxAcceleration|maxJerk|softLimits|tool|base)|twin/postures"
+"""Kinds of values that one file of an export alone states: without the mechanism there is nothing to compare with."""
+
+FOUND = ("found", "refused", "none", "single")
 """Classes of changes that are no miss."""
 
 WORDS = {
@@ -197,13 +200,14 @@ def _key(f: Finding) -> str:
     return f"{f.code} {f.where} {f.message}"
 
 
-def classified(change: FieldChange, told: Any, effect: str) -> tuple[str, list[str]]:
+def classified(change: FieldChange, told: Any, effect: str, mechanism: bool) -> tuple[str, list[str]]:
     """Return the class of a change, and what the audit told."""
     if isinstance(told, dict):
         return "crash", [told["error"]]
     texts = [f"{severity} {where}: {text}" for severity, where, text in told]
     stem = change.file.rpartition("/")[2]
-    own = [t for t in texts if stem in t or (stem.startswith(("physics", "geometry")) and ".usd" in t)]
+    layer = stem in LAYERS or stem.endswith(".usdc")  # findings name the stages that it is in
+    own = [t for t in texts if stem in t or (layer and ".usd" in t)]
     words = {*change.subjects}
     for subject in change.subjects:
         words.update(WORDS.get(subject, ()))
@@ -215,6 +219,8 @@ def classified(change: FieldChange, told: Any, effect: str) -> tuple[str, list[s
         return "elsewhere", texts
     if effect == "none":
         return "none", texts
+    if not mechanism and re.search(SINGLE, change.kind):
+        return "single", texts
     return "missed", texts
 
 
@@ -262,7 +268,7 @@ def run(source: Path, arguments: Arguments, file: str, changes: Iterable[FieldCh
                     continue
                 settled.add(field)
             for mechanism in (False, True):
-                verdict, texts = classified(change, campaign.told(mechanism), effect)
+                verdict, texts = classified(change, campaign.told(mechanism), effect, mechanism)
                 counts[verdict, mechanism] += 1
                 outcome = Outcome(file, change.kind, change.place, mechanism, verdict, effect, texts[:4])
                 print(json.dumps(asdict(outcome)), file=out, flush=True)

@@ -48,7 +48,13 @@ def usd(layer: str, kind: str, says: str) -> Callable:
     def add(change: Callable[[Sdf.Layer, str], bool | None]):
         def edit(folder: Path) -> bool:
             robot = next(folder.glob("*.urdf")).stem
-            file = folder / "usd" / layer.replace("ROBOT", robot)
+            name = layer.replace("ROBOT", robot)
+            if "CLIP" in name:
+                motions = sorted((folder / "usd/motion").glob("*.usdc"))
+                if not motions:
+                    return False
+                name = name.replace("CLIP", motions[0].stem)
+            file = folder / "usd" / name
             own = Sdf.Layer.OpenAsAnonymous(str(file))
             if change(own, robot) is False:
                 return False
@@ -279,6 +285,8 @@ def key_exchanged(root):
     key = root.find("keyframe/key")
     q = numbers(key.get("qpos"))
     a, b = max(((i, i + 1) for i in range(len(q) - 1)), key=lambda p: abs(q[p[0]] - q[p[1]]))
+    if q[a] == q[b]:
+        return False
     q[[a, b]] = q[[b, a]]
     key.set("qpos", written(q))
 
@@ -507,9 +515,12 @@ def axes_xyzw(layer, robot):
     for body in bodies(layer)[1:]:
         a = attribute_of(body, "physics:principalAxes")
         w, (x, y, z) = a.default.GetReal(), a.default.GetImaginary()
-        moments = np.array(value(body, "physics:diagonalInertia"))
-        if abs(x - w) + abs(y - x) + abs(z - y) > 0.2 and np.ptp(moments) > 0.1 * moments.max():
-            a.default = Gf.Quatf(x, y, z, w)
+        turned = Gf.Quatf(x, y, z, w)
+        moments = np.diag(np.array(value(body, "physics:diagonalInertia"), float))
+        before, after = (np.array(Gf.Matrix3d(Gf.Quatd(q))).T for q in (a.default, turned))
+        change = after @ moments @ after.T - before @ moments @ before.T
+        if np.abs(change).max() > 1e-3 * moments.max():
+            a.default = turned
             return True
     return False
 
@@ -558,7 +569,7 @@ def scene_without_link(layer, robot):
     prim.SetInfo("active", False)
 
 
-@usd("ROBOT.usda", "a layer with an offset", "layer|time|offset|sample|range")
+@usd("ROBOT_CLIP.usda", "the layer of a motion with an offset", "clip|time|offset|sample|range|joint|link")
 def layer_offset(layer, robot):
     layer.subLayerOffsets[0] = Sdf.LayerOffset(10.0, 0.5)
 

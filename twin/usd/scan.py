@@ -426,9 +426,12 @@ def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, t
             joint = UsdPhysics.PrismaticJoint(prim)
         low = joint.GetLowerLimitAttr().Get()
         high = joint.GetUpperLimitAttr().Get()
-    if np.isneginf(low) and np.isposinf(high):
+    # A blocked limit has no value, as if it were not authored.
+    lower = -np.inf if low is None else float(low)
+    upper = np.inf if high is None else float(high)
+    if np.isneginf(lower) and np.isposinf(upper):
         return instance, None
-    return instance, (float(low), float(high))
+    return instance, (lower, upper)
 
 
 def quaternion_attributes(prim: Usd.Prim) -> list[tuple[Usd.Attribute, Gf.Quatf]]:

@@ -208,7 +208,7 @@ def _listed_kinds(physics: FilePhysics) -> tuple[str, ...]:
     """Return the first words of the subjects of which a file states all that the robot has."""
     kinds = list(physics.marks)
     if physics.complete:
-        kinds.append("joint")
+        kinds += ["joint", "body"]
         if physics.all_motors:
             kinds.append("motor")
         if physics.couplings is not None:
@@ -463,6 +463,8 @@ def _state_joints(view: View, canonical: Mapping[str, FileJoint], known: set[str
         found.update(names_only)
         for name in names_only:
             view.say(f"joint '{name}'", {"existence": True})
+    for link in physics.loads(known):
+        view.say(f"body '{link}'", {"existence": True})
     for joint in physics.added(known):
         view.say(f"joint '{_stem(joint)}'", {"existence": True})
     for name, joint in canonical.items():

@@ -387,20 +387,36 @@ class FilePhysics:
         `reduced` leaves them out together with the links, because some formats need such links: they are almost
         without mass.
         """
+        added: list[FileJoint] = []
+        for joint in self._of_heavy_ends(known).values():
+            if joint.names and joint.kind not in ("", "fixed"):
+                added.append(joint)
+        return added
+
+    def loads(self, known: Collection[str]) -> list[str]:
+        """Return the links outside `known` that have a mass and are fixed to one other link, such as a payload.
+
+        Where a format divides a link, the masses of its parts are those of no link of the others either.
+        """
+        loads: list[str] = []
+        for link, joint in self._of_heavy_ends(known).items():
+            if joint.kind == "fixed":
+                loads.append(link)
+        return loads
+
+    def _of_heavy_ends(self, known: Collection[str]) -> dict[str, FileJoint]:
+        """Return {link: its joint} of the links outside `known` that are heavier than a helper and have one joint."""
         whole = 0.0
         for mass in self.masses.values():
             whole += mass.mass
-        added: list[FileJoint] = []
+        found: dict[str, FileJoint] = {}
         for link, mass in self.masses.items():
             if link in known or not mass.mass > _HELPER * whole:
                 continue
             joints = _at(link, self.joints)
-            if len(joints) != 1:
-                continue
-            joint = joints[0]
-            if joint.names and joint.kind not in ("", "fixed"):
-                added.append(joint)
-        return added
+            if len(joints) == 1:
+                found[link] = joints[0]
+        return found
 
 
 def _at(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:

@@ -55,7 +55,8 @@ def _check_drives(joints: list[RawJoint]) -> Iterator[Finding]:
         lack = "has no drive"
         if joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
             drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
-            if drive.GetStiffnessAttr().Get() + drive.GetDampingAttr().Get() > 0:
+            gains = (drive.GetStiffnessAttr().Get() or 0.0) + (drive.GetDampingAttr().Get() or 0.0)
+            if gains > 0:
                 continue
             lack = "its drive has no gains"
         yield warning(

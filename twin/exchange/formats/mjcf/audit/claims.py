@@ -18,6 +18,8 @@ from twin.exchange.audit.report import Ledger, Measured
 _STEPPING = re.compile(r"<!--[^>]*At this time step, with this integrator")
 _HOLDING = re.compile(r"<!--[^>]*Zero holds the robot at home")
 
+_KINDS = re.compile(r"<!--[^>]*as stated by the text of that name")
+
 _TESTED = {"timestep": 0.001, "iterations": 100, "tolerance": 1e-12}
 """Options at which the loops were tested to stay closed (tests/exchange/test_exporting_engines.py)."""
 
@@ -61,6 +63,8 @@ def check_claims(text: str, m: mujoco.MjModel, balance: Balance | None, weighed:
     """
     if _STEPPING.search(text):
         _check_stepping(m, ledger)
+    if _KINDS.search(text):
+        _check_kinds(m, ledger)
     if _HOLDING.search(text):
         if balance is None:
             advice = "write the keyframe again, or remove the comment"
@@ -68,6 +72,27 @@ def check_claims(text: str, m: mujoco.MjModel, balance: Balance | None, weighed:
             ledger.add("mjcf.claim", "warning", message, "keyframe", suggestion=advice)
         elif weighed:
             _check_holding(m, balance, ledger)
+
+
+def _check_kinds(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report motors without the text that states the kind of their coordinate, or of no tuple of joints and motors."""
+    texts = {mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_TEXT, i) for i in range(m.ntext)}
+    grouped = set()
+    for k in range(sum(m.tuple_size.tolist())):
+        if m.tuple_objtype[k] == int(mujoco.mjtObj.mjOBJ_ACTUATOR):
+            grouped.add(int(m.tuple_objid[k]))
+    for a in range(m.nu):
+        if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+            continue
+        name = m.actuator(a).name
+        lacking = []
+        if name not in texts:
+            lacking.append("no text that states the kind of its coordinate")
+        if int(m.tendon_num[int(m.actuator_trnid[a, 0])]) > 1 and a not in grouped:
+            lacking.append("no tuple that names its joints and motors")
+        if lacking:
+            text = f"motor '{name}' has {' and '.join(lacking)}; a comment of the file states that it has."
+            ledger.wrong("mjcf.claim", text, name, suggestion="write the <custom> elements again")
 
 
 def _check_stepping(m: mujoco.MjModel, ledger: Ledger) -> None:

@@ -144,6 +144,11 @@ def _further_numbers(name: str, item: Any) -> dict[str, str]:
             numbers = np.asarray(getattr(item, key), float)[first:]
             if np.any(np.nan_to_num(numbers)):
                 fields[f"{key}[{first}:]"] = _text(numbers)
+    elif name == "equalities" and item.type == mujoco.mjtEq.mjEQ_JOINT and item.name2:
+        # Couplings are compared as linear ones.
+        powers = np.asarray(item.data, float)[2:5]
+        if np.any(powers):
+            fields["polycoef[2:]"] = _text(powers)
     return fields
 
 

@@ -111,6 +111,9 @@ def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger:
     _check_listed(root, physics, ledger)
     _check_schemas(stage, ledger)
     _check_joints(stage, ledger)
+    _check_ends(stage, ledger)
+    _check_sampled(stage, ledger)
+    _check_scene(stage, ledger)
     _check_colliders(stage, ledger)
     _check_meshes(stage, ledger)
     _check_engines(stage, ledger)
@@ -260,6 +263,46 @@ def _check_joints(stage: Usd.Stage, ledger: Ledger) -> None:
         if driven and prim.GetAttribute("twin:active").Get() is None:
             text = f"joint '{name}' has a drive, but no twin:active: readers take it for active without being told."
             ledger.add("usd.mark", "warning", text, name, suggestion="export the stage again")
+
+
+def _check_ends(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report joints that do not join two prims: only the fixed joint of the base may be one to the world."""
+    for prim in stage.Traverse():
+        if not prim.IsA(UsdPhysics.Joint) or prim.IsA(UsdPhysics.FixedJoint):
+            continue
+        for name in ("physics:body0", "physics:body1"):
+            relationship = prim.GetRelationship(name)
+            targets = relationship.GetForwardedTargets() if relationship else []
+            if len(targets) != 1:
+                text = f"joint '{prim.GetName()}' has {len(targets)} targets of {name}, expected one link."
+                ledger.wrong("usd.joint_end", text, prim.GetName(), suggestion=f"name one link in {name}")
+
+
+def _check_sampled(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report joints without samples of their coordinate if most others have some."""
+    sampled: dict[str, bool] = {}
+    for prim in stage.Traverse():
+        for token in ("angular", "linear"):
+            attribute = prim.GetAttribute(f"state:{token}:physics:position")
+            if attribute and attribute.HasAuthoredValue():
+                sampled[prim.GetName()] = attribute.GetNumTimeSamples() > 0
+    for name, own, common, count in _odd(sampled):
+        if common and not own:
+            text = f"joint '{name}' has no samples of its coordinate; {count} others have some."
+            ledger.add("usd.state", "warning", text, name, suggestion="bake the motion again")
+
+
+def _check_scene(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report a stage that says of itself that it is in a physics scene, without one; and one with several."""
+    scenes = [str(prim.GetPath()) for prim in stage.Traverse() if prim.IsA(UsdPhysics.Scene)]
+    layer = stage.GetRootLayer()
+    said = "physics scene" in f"{layer.comment} {layer.documentation}"
+    if said and not scenes:
+        text = "the stage is documented as one in a physics scene (physicsScene), but has no PhysicsScene."
+        ledger.wrong("usd.scene", text, "physicsScene", suggestion="add the scene, with its gravity")
+    if len(scenes) > 1:
+        text = f"the stage has {len(scenes)} physics scenes, {', '.join(scenes)}: engines simulate in one of them."
+        ledger.wrong("usd.scene", text, scenes[1], suggestion="keep one of them")
 
 
 def _check_colliders(stage: Usd.Stage, ledger: Ledger) -> None:

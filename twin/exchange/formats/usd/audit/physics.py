@@ -281,8 +281,9 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
     effort = None
     law = None
     if driven:
-        stiffness = _scaled(drive.GetStiffnessAttr().Get(), effort_unit, unit)
-        damping = _scaled(drive.GetDampingAttr().Get(), effort_unit, unit)
+        # A blocked attribute has no value, as if it were not authored: the schema's is 0.
+        stiffness = _scaled(drive.GetStiffnessAttr().Get() or 0.0, effort_unit, unit)
+        damping = _scaled(drive.GetDampingAttr().Get() or 0.0, effort_unit, unit)
         effort = _scaled(drive.GetMaxForceAttr().Get(), effort_unit, 1.0)
         if effort is not None and not np.isfinite(effort):
             effort = None
@@ -310,7 +311,7 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
 
 
 def _unlimited(drive: FileDrive, own: bool) -> FileDrive:
-    """Return a drive of a stage of this project: a speed that it does not state has no limit, nor has an effort.
+    """Return a drive of a stage of this project: what it does not state has no limit.
 
     `own`: whether the drive is at the joint itself; motors behind a transmission have efforts of their own.
     """
@@ -318,7 +319,9 @@ def _unlimited(drive: FileDrive, own: bool) -> FileDrive:
         return drive
     speed = np.inf if drive.speed is None else drive.speed
     effort = np.inf if own and drive.effort is None else drive.effort
-    return replace(drive, speed=speed, effort=effort)
+    acceleration = np.inf if drive.acceleration is None else drive.acceleration
+    jerk = np.inf if drive.jerk is None else drive.jerk
+    return replace(drive, speed=speed, effort=effort, acceleration=acceleration, jerk=jerk)
 
 
 def _scaled(value: float | None, unit: float, per: float) -> float | None:
