@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from made import audit_seeds, audit_seeds_more, bundle
+from made.lanes import thinned
 from twin.exchange.audit import audit
 
 EVERY = os.environ.get("TWIN_SEEDS") == "all"
@@ -27,7 +28,7 @@ def bars(tmp_path_factory) -> Path:
     return bundle.write_good(tmp_path_factory.mktemp("good") / "bars")
 
 
-@pytest.mark.parametrize("name", FEW)
+@pytest.mark.parametrize("name", thinned(FEW, every=3))
 def test_a_seeded_defect_of_a_declaration_is_found_by_its_cause(name, bars, tmp_path):
     one = next(s for s in audit_seeds_more.MORE if s.name == name)
     assert audit_seeds_more.copied(bars, tmp_path / "spoilt", one), "this robot has nothing of the kind"

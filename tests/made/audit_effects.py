@@ -58,6 +58,10 @@ def mjcf_model(file: Path) -> dict[str, Any]:
             continue
         if isinstance(value, np.ndarray | int | float):
             read[name] = np.array(value)
+            if name.endswith("quat"):  # the sign of a quaternion is none of a rotation
+                rows = read[name]
+                largest = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
+                read[name] = rows * np.where(largest < 0, -1.0, 1.0)
     for name in dir(m.opt):
         value = getattr(m.opt, name)
         if not name.startswith("_") and isinstance(value, np.ndarray | int | float):
@@ -153,7 +157,8 @@ NO_EFFECT = (
     (r".*over2 \(apiSchemas\): without PhysicsMassAPI", r"/(base|frame|world)$", "the base is fixed"),
     (r"worldbody/site@quat.*", r"point_", "a point has no directions"),
     (r"worldbody/joint@pos\[2\]: small", r"", "the axis is along z: the anchor may be anywhere on it"),
-    (r"link/inertial.*", r"_[ab]$", "the end of a loop has 1 mg"),
+    (r"link/inertial.*", r"_([ab]|[xyz]_axis)$", "the end of a loop, or a part of a ball joint, has 1 mg"),
+    (r"joint/origin@rpy.*", r"_[ab]_fixed$", "a ball closes its loop at a point, in any direction"),
     (r"transmission@name: unknown", r"", "nothing refers to a transmission by name"),
     (r"transmission/actuator/hardwareInterface: removed", r"", "ros_control reads that of the joint, since Indigo"),
     (r"transmission/actuator/mechanicalReduction: removed", r"", "without one it is 1, as it was here"),

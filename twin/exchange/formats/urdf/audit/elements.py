@@ -83,6 +83,9 @@ _INTERFACES = (
 )
 """Interfaces of the package hardware_interface."""
 
+_COLORED = (".dae", ".glb", ".gltf")
+"""Suffixes of mesh files that have colours of their own."""
+
 _NEAR = 0.75
 """Similarity (0..1) from which an unknown name is a known one with a mistake in it."""
 
@@ -162,11 +165,14 @@ def _repeated(names: Iterable[str]) -> list[str]:
 
 
 def _check_materials(root: ET.Element, ledger: Ledger) -> None:
-    """Report visual meshes without a material if most others have one."""
+    """Report visual shapes without a material if most others have one."""
     bare = []
     count = 0
     for link in root.findall("link"):
         for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            if mesh is not None and str(mesh.get("filename")).lower().endswith(_COLORED):
+                continue
             count += 1
             if visual.find("material") is None:
                 bare.append((str(link.get("name")), str(visual.get("name") or "")))

@@ -383,7 +383,8 @@ def check_primvars(stage: Usd.Stage, ledger: Ledger) -> None:
             name = str(primvar.GetPrimvarName())
             interpolation = str(primvar.GetInterpolation())
             values = primvar.Get()
-            if name not in ("normals", "displayColor", "displayOpacity") or values is None:
+            known = name in ("normals", "displayColor", "displayOpacity") and interpolation in needed
+            if not known or values is None or primvar.GetElementSize() != 1:
                 continue
             count = len(values)
             indices = np.array(primvar.GetIndices() if primvar.IsIndexed() else np.arange(count), int)
@@ -476,8 +477,9 @@ def default_prim_fault(stage: Usd.Stage) -> str:
     name = stage.GetRootLayer().defaultPrim
     if not name:
         return ""
-    path = Sdf.Path.absoluteRootPath.AppendPath(Sdf.Path(name)) if Sdf.Path.IsValidPathString(name) else None
-    prim = stage.GetPrimAtPath(path) if path else None
+    prim = None
+    if Sdf.Path.IsValidPathString(name):  # a name, or since OpenUSD 23.11 a path
+        prim = stage.GetPrimAtPath(Sdf.Path(name).MakeAbsolutePath(Sdf.Path.absoluteRootPath))
     if not prim:
         return f"the default prim '{name}' does not exist."
     if not prim.IsActive():
