@@ -162,9 +162,6 @@ class Urdf:
         physics = _tree_physics(bodies, masses, self.above.values(), moving)
         physics.shown = {link: self._shown[link] for link in bodies}
         physics.joints += self.closures.joints()
-        home = {joint: q for joint, q in self.closures.home.items() if joint in self.closures.driven}
-        if home:
-            physics.postures = {"home": home}
         if self.closures.couplings is not None:
             couplings: dict[str, tuple[Mapping[str, float], float]] = {}
             for joint in self.above.values():
