@@ -4,8 +4,9 @@
 
 Bodies, meshes and colours come from `read_stage`, link poses from `read_motion` at the first sample that
 stands at the waypoint; viser shows them to a headless Chromium (on the PATH; Debian: apt-get install
-chromium), no graphics card needed. Props drawn here alone: floor, trocar (RCM, orange ball and ring), axis of
-the shaft and, in sils_lowered.png, table and abdomen. Three minutes for SILS; same bytes again on one machine.
+chromium), no graphics card needed. Drawn and not measured: what scenery.toml of a robot or a scene names,
+floor, trocar (RCM, orange ball and ring), axis of the shaft and, in sils_lowered.png, the patient. Three
+minutes for SILS; same bytes again on one machine.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ from twin.model.movable import together
 from twin.model.scene import load_scene
 from twin.planning.phase_path import rotation
 from twin.reference import ReferenceModel
+from twin.ui.session.drawn_parts import drawn_parts
+from twin.ui.session.patient import patient_of
+from twin.ui.viewer.drawn_nodes import DrawnNodes
 from twin.usd.read import read_motion, read_stage
 
 FLAGS = (
@@ -81,7 +85,10 @@ SHOTS = (
     Shot("B", "B  insertion point", "table2", "b", "b"),
     Shot("I", "I  inserted by 40 mm", "table2", "i", "b"),
     Shot("T", "T′  turned about the RCM", "table2", "t_prime", "b"),
-    Shot("lowered", "", "lowered_patient", "far", "port", (-42, 19, 26.8), (0.119, 0.411, 0.075), (1600, 840), True),
+    Shot(
+        "lowered", "", "lowered_patient", "far", "port", (-64, 24, 27), (0.26, 0.36, 0.1), (1600, 840), True,
+        distance=3.3,
+    ),
     Shot(
         "sher", "", "sclerotomy", "nasal", "entry", (-52, 16, 30), (0.21, 0.0, 0.135), (1600, 1000),
         robot="sher", trocar=0.0035, floor=-0.115, distance=1.35,
@@ -153,17 +160,23 @@ def stand(robot: twin.Robot, shot: Shot) -> tuple[Mechanism, dict[str, Array], A
     return mechanism, {name: T[k] for name, T in poses.items()}, rcm, shaft
 
 
-def fill(scene: viser.SceneApi, robot: twin.Robot | None, shot: Shot) -> None:
-    """Show the robot at the waypoint, floor, lights, trocar, shaft axis and, if asked for, table and abdomen."""
+def fill(server: viser.ViserServer, robot: twin.Robot | None, shot: Shot) -> None:
+    """Show the robot at the waypoint, floor, lights, trocar, shaft axis and, if asked for, the patient."""
+    scene = server.scene
     scene.reset()
     if shot.scene:
         for owner, mechanism, poses in actors(shot):
             add_bodies(scene, mechanism, poses, f"/{owner}", {"patient_abdomen": 0.35})
+        file = assets.data_folder() / "cad" / shot.scene / "scene.toml"
+        add_drawn(server, file)
         light(scene, shot)
         return
     assert robot is not None
     mechanism, poses, rcm, shaft = stand(robot, shot)
     add_bodies(scene, mechanism, poses, "")
+    drawn = drawn_parts(robot.files.description, poses)
+    if drawn is not None:
+        DrawnNodes(server, "", drawn, poses)
     light(scene, shot)
     if not shot.trocar:
         return
@@ -172,7 +185,16 @@ def fill(scene: viser.SceneApi, robot: twin.Robot | None, shot: Shot) -> None:
     scene.add_mesh_simple("/shown/trocar", ring.vertices, ring.faces, color=ORANGE, position=rcm, cast_shadow=False)
     scene.add_line_segments("/shown/axis", shaft[None], ORANGE, thickness=shot.trocar / 9)
     if shot.patient:
-        add_patient(scene, shot, rcm)
+        add_patient(scene, robot, shot)
+
+
+def add_drawn(server: viser.ViserServer, file: Path) -> None:
+    """Show the drawn parts of a scene."""
+    props = load_scene(file).props
+    names = () if props is None else [body.name for body in read_mechanism(props, with_mass=False).mechanism.bodies]
+    drawn = drawn_parts(file, (), names)
+    if drawn is not None:
+        DrawnNodes(server, "/drawn", drawn, {})
 
 
 def add_bodies(
@@ -191,7 +213,8 @@ def add_bodies(
             solid = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
             solid = trimesh.graph.smooth_shade(solid, angle=CREASE, facet_minarea=None)
             color = np.round(255 * linear_to_srgb(np.array(mesh.color_rgba[:3]))).astype(int)
-            see = {"opacity": clear[mesh.name], "cast_shadow": False} if clear and mesh.name in clear else {}
+            opacity = clear[mesh.name] if clear and mesh.name in clear else mesh.color_rgba[3]
+            see = {"opacity": opacity, "cast_shadow": False} if opacity < 1 else {}
             scene.add_mesh_simple(f"{place}/{mesh.name}", solid.vertices, solid.faces, color=color, **see)
 
 
@@ -227,17 +250,11 @@ def light(scene: viser.SceneApi, shot: Shot) -> None:
     scene.add_grid("/floor", 6, 6, position=(0.2, 0.3, shot.floor), **lines, **look)
 
 
-def add_patient(scene: viser.SceneApi, shot: Shot, rcm: Array) -> None:
-    """Show table and abdomen about a trocar."""
-    x, y, z = rcm
-    under = z - 0.23 - shot.floor
-    for i, (*sides, height) in enumerate(((0.42, 0.66, 0.03, under + 0.015), (0.1, 0.2, under, under / 2))):
-        middle = (x, y, shot.floor + height)
-        scene.add_box(f"/table{i}", (160, 174, 186), dimensions=tuple(sides), position=middle, opacity=0.6)
-    dome = trimesh.creation.uv_sphere(1.0, count=(64, 96))
-    dome.vertices = dome.vertices.clip([-1, -1, 0], 1) * (0.16, 0.24, 0.203) + (x, y, z - 0.203)
-    skin = {"color": (226, 160, 128), "opacity": 0.42, "cast_shadow": False}
-    scene.add_mesh_simple("/abdomen", dome.vertices, dome.faces, **skin)
+def add_patient(scene: viser.SceneApi, robot: twin.Robot, shot: Shot) -> None:
+    """Show the patient of the protocol, on a table."""
+    patient = patient_of(robot, robot.protocol(shot.protocol), shot.floor)
+    assert patient is not None
+    add_bodies(scene, patient.mechanism, patient.poses, "/patient")
 
 
 @contextmanager
@@ -262,7 +279,7 @@ def viewer(width: int, height: int) -> Iterator[tuple[viser.ViserServer, viser.C
 
 def render(server: viser.ViserServer, client: viser.ClientHandle, robot: twin.Robot | None, shot: Shot) -> Image.Image:
     """Return the picture of one shot."""
-    fill(server.scene, robot, shot)
+    fill(server, robot, shot)
     width, height = (OVERSAMPLING * v for v in shot.size)
     a, e, fov = np.radians(shot.view)  # the camera: z forward, y down
     z = -np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
