@@ -14,6 +14,7 @@ import argparse
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -240,8 +241,10 @@ def main() -> int:
             times[name] = time.monotonic() - begin
             print(f"{name}: {times[name]:.0f} s", flush=True)
     total = sum(times.values())
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
     waiting, processors = os.getloadavg()[1], os.cpu_count()
     print(f"total: {total:.0f} s (limit {LIMIT:.0f} s), with a load of {waiting:.1f} on {processors} processors")
+    print(f"processor time: {used.ru_utime + used.ru_stime:.0f} s")
     print(json.dumps({name: round(seconds, 1) for name, seconds in times.items()}))
     return 0 if total < LIMIT else 1
 
