@@ -171,11 +171,12 @@ class FacePage(ViewerPage):
         if current is None or name == current.name:
             return  # the page itself wrote the name into the field
 
+        if not name:
+            return  # the user clears the field before typing
+
         def rename() -> None:
-            try:
-                self.picker.rename(name)
-            finally:
-                self._show_panel()
+            self.picker.rename(name)  # a name that is refused stays in the field, to be corrected
+            self._show_panel()
 
         self.ask("rename", rename)
 
@@ -191,7 +192,7 @@ class FacePage(ViewerPage):
         current = self.picker.current
         self._facts.content = "" if current is None else _facts(current)
         self._name.visible = current is not None and current.feature is not None
-        if current is not None:
+        if current is not None and self._name.value != current.name:
             self._name.value = current.name
         self._drop.visible = current is not None
         self._clear.visible = len(self.picker.picked) > 1

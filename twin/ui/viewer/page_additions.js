@@ -4,7 +4,7 @@
   root?.setAttribute('role', 'main');
   const style = document.createElement('style');
   style.textContent = `
-    :root, :root[data-mantine-color-scheme] { --mantine-color-dimmed: light-dark(#56606b, #aab4be) !important; --mantine-color-blue-filled: #1b6ec2 !important; --mantine-primary-color-filled: #1b6ec2 !important; --mantine-color-gray-filled: #5c6670 !important; }
+    :root, :root[data-mantine-color-scheme] { --mantine-color-dimmed: light-dark(#56606b, #aab4be) !important; --mantine-color-blue-filled: #1b6ec2 !important; --mantine-primary-color-filled: #1b6ec2 !important; --mantine-color-blue-filled-hover: #185fa8 !important; --mantine-primary-color-filled-hover: #185fa8 !important; --mantine-color-gray-filled: #5c6670 !important; }
     label { color: light-dark(#56606b, #aab4be); }
     .twin-unseen { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
     .twin-keys, .twin-gone { font: 15px/1.4 system-ui, sans-serif; color: #17212e; background: #fff; border: 1px solid #b9c4d0; border-radius: 12px; padding: 16px 20px; }
