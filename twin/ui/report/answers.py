@@ -63,7 +63,8 @@ def _nearest(report: Report) -> str:
     row = max(judged, key=lambda row: row.worst / (row.tolerance or 1.0))
     pair = PAIRS.get(row.pair, (row.pair, row.pair))[0]
     worst = fmt.deviation(row.worst, row.unit, row.tolerance)
-    return f"{pair}: {label(row)} {worst}; {fmt.quantity(row.tolerance, row.unit)} allowed; the others are further from their tolerances"
+    allowed = fmt.quantity(row.tolerance, row.unit)
+    return f"{pair}: {label(row)} {worst}; {allowed} allowed; the others are further from their tolerances"
 
 
 def _which(report: Report, picture: RobotPicture | None) -> str:
