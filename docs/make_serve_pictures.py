@@ -36,6 +36,12 @@ def nothing(page: Page) -> None:
     """Leave the page as it opens."""
 
 
+def room(page: Page) -> None:
+    """Show the room in the large view."""
+    until(page, "twin.app.drawn.any")
+    page.evaluate("twin.app.console.views.swap()")
+
+
 def instrument(page: Page) -> None:
     """Move an instrument by a key."""
     begin = page.evaluate("twin.app.model.time")
@@ -70,8 +76,13 @@ PICTURES: dict[str, tuple[tuple[str, ...], Callable[[Page], None]]] = {
     "serve_cholecystectomy": (("vsrs", "--task", "cholecystectomy"), nothing),
     "serve_pegboard": (("davinci", "--task", "pegboard"), nothing),
     "raven_trainer": (("raven",), rehearsed),
+    "serve_raven_dome": (("raven_dome",), nothing),
+    "serve_dark": (("davinci",), room),
 }
 """By file: arguments of `twin serve`, and what is done with the page before its picture is taken."""
+
+DARK = {"serve_dark"}
+"""Pictures of the page on a system with dark colours."""
 
 
 def at_rest(page: Page, url: str, prepare: Callable[[Page], None]) -> bytes:
@@ -98,7 +109,8 @@ def served(browser: Browser, name: str) -> bytes:
                 if not s.connect_ex(("127.0.0.1", port)):
                     break
             time.sleep(0.2)
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        scheme = "dark" if name in DARK else "light"
+        page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
         picture = at_rest(page, f"http://127.0.0.1:{port}/", prepare)
         page.close()
     finally:

@@ -13,7 +13,6 @@ import {
   type Object3D,
   TorusGeometry,
 } from 'three';
-import { toCreasedNormals } from 'three/addons/utils/BufferGeometryUtils.js';
 import { loadGlb } from './glb';
 import { Label } from './label';
 import type { Member } from './member';
@@ -24,7 +23,6 @@ import { poseOf } from './robot';
 import { layTissue, tissueTexture } from './tissue';
 import type { World } from './world';
 
-const ROUND = (50 * Math.PI) / 180; // angle between triangles below which a surface of the surroundings is round
 const THROUGH = 0.25; // opacity of transparent surroundings
 const SIGHT = 0.12; // length in m of the pyramid of a camera's field of view
 
@@ -52,8 +50,6 @@ export class Surroundings {
       if (!(o instanceof Mesh)) return;
       const mesh = o as Mesh<BufferGeometry, MeshStandardMaterial>;
       mesh.material = mesh.material.clone(); // parts may share a material
-      // the triangles of surroundings are large: without this, a dome has facets
-      mesh.geometry = toCreasedNormals(mesh.geometry, ROUND);
       this.opacities.set(mesh, mesh.material.opacity);
     });
   }
