@@ -145,7 +145,7 @@ class Proved(Result):
         proof = self.proof
         yield f"  {self.summary}"
         text = f"  {100 * proof.inside:.3g} % of the drawn states are within reach and have values"
-        if proof.inside < 1 or proof.refused is not None:
+        if proof.inside < 1 or (proof.refused is not None and proof.refused.compared):
             text += f"; {_of_refused(proof.refused)}"
         yield text
         yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"

@@ -580,6 +580,9 @@ def examined(
     lost = undefined + [i for i, other in zip(rest, found, strict=True) if not other.shape[1]]
     refusing = searched(branches, lost, state, limits, refused=True) if lost else []
     columns = np.hstack([np.zeros((len(limits), 0)), *refusing])
+    if columns.shape[1]:
+        finite, reach = branches.judged(columns)
+        columns = columns[:, ~(finite & reach)]
     refused = dict(zip(branches.names, columns, strict=True))
     known = (count, drawn, len(undefined), len(sure), number_found, unfound)
     return BranchReport(*known, tuple(texts), tuple(silent), states, refused, without_value)

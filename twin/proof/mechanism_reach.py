@@ -62,7 +62,7 @@ def at_joints(mechanism: Mechanism, joints: list[str], q: Array) -> MechanismSta
     Driven joints that are not in `joints`, as those of a jaw, are as in the CAD.
 
     Raises:
-        TwinError: the mechanism has a driven joint that closes a loop, or a free one.
+        TwinError: the mechanism has a driven joint that closes a loop, or a free one; or a joint is not driven.
     """
     why = supported(mechanism)
     if why:
@@ -72,17 +72,10 @@ def at_joints(mechanism: Mechanism, joints: list[str], q: Array) -> MechanismSta
     targets = values[:, linkage.driven]
     names = [joint.name for joint in mechanism.active]
     for column, name in enumerate(joints):
+        if name not in names:
+            raise TwinError(f"{mechanism.name}: where it can be assembled is unknown: joint {name} is not driven")
         targets[:, names.index(name)] = q[:, column]
-    found = _assembled(linkage, values, balls, targets)
-    motors = {actuator.name: actuator for actuator in mechanism.actuators}
-    within = found.within
-    for j, name in enumerate(mechanism.motor_names):
-        limits = motors[name].limits if name in motors else None
-        if limits is not None:
-            low, high = limits
-            motor = mechanism.motors(targets)[:, j]
-            within = within & (motor >= low + _WITHIN) & (motor <= high - _WITHIN)
-    return replace(found, within=within)
+    return _assembled(linkage, mechanism, values, balls, targets)
 
 
 def at_poses(mechanism: Mechanism, T_base_tool: Array) -> MechanismStates:
@@ -104,7 +97,7 @@ def at_poses(mechanism: Mechanism, T_base_tool: Array) -> MechanismStates:
     yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
     targets = np.column_stack([T_base_tool[:, :3, 3] - T_rest[:3, 3], yaw, pitch, roll])
-    return _assembled(linkage, values, balls, targets)
+    return _assembled(linkage, mechanism, values, balls, targets)
 
 
 def _held(mechanism: Mechanism) -> Mechanism:
@@ -159,8 +152,47 @@ def _drawn(linkage: Linkage, count: int) -> tuple[Array, dict[str, Array]]:
     return np.repeat(values, count, axis=0), rotations
 
 
-def _assembled(linkage: Linkage, values: Array, balls: dict[str, Array], targets: Array) -> MechanismStates:
-    """Return what is known at values of the driven coordinates (k, n), starting from other coordinates (k, m)."""
+def _assembled(
+    linkage: Linkage, mechanism: Mechanism, values: Array, balls: dict[str, Array], targets: Array
+) -> MechanismStates:
+    """Return what is known of a mechanism at some states.
+
+    Args:
+        linkage: the coordinates; those of the mechanism, or of one whose tool is held.
+        mechanism: the mechanism, with its motors.
+        values: coordinates (k, m) to start from.
+        balls: rotations {ball joint: (k, 3, 3)} to start from.
+        targets: values of the driven coordinates (k, n) at the states.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        values, rotations = _led(linkage, values, balls, targets)
+        prediction = TaylorModel(values[None], np.zeros(values.shape))
+        if linkage.closes:
+            enclosure = enclosed(linkage, prediction, rotations)
+            placed = enclosure.placed
+            closed = enclosure.closed & (enclosure.gap < _GAP)
+        else:
+            placed = linkage.place(prediction, rotations)
+            closed = np.ones(len(values), bool)
+        poses = {name: spatial.pose(frame.R.c[0], frame.p.c[0]) for name, frame in placed.frames.items()}
+        within = closed.copy()
+        for joint in linkage.mechanism.joints:
+            within &= joint.beyond(poses[joint.parent], poses[joint.child]) <= -_WITHIN
+        q = np.column_stack([values[:, linkage.index(joint.name)] for joint in mechanism.active])
+    motors = {actuator.name: actuator for actuator in mechanism.actuators}
+    for j, name in enumerate(mechanism.motor_names):
+        limits = motors[name].limits if name in motors else None
+        if limits is not None:
+            low, high = limits
+            motor = mechanism.motors(q)[:, j]
+            within &= (motor >= low + _WITHIN) & (motor <= high - _WITHIN)
+    return MechanismStates(closed, within)
+
+
+def _led(
+    linkage: Linkage, values: Array, balls: dict[str, Array], targets: Array
+) -> tuple[Array, dict[str, TaylorModel]]:
+    """Return coordinates (k, m) and rotations of balls after small steps to the states; see `_assembled`."""
     start = values[:, linkage.driven].copy()
     steps = range(1, _STEPS + 1) if linkage.closes else (_STEPS,)
     for step in steps:
@@ -169,19 +201,7 @@ def _assembled(linkage: Linkage, values: Array, balls: dict[str, Array], targets
             iterations = _ITERATIONS if step < _STEPS else _LAST_ITERATIONS
             values, balls = solved(linkage, values, balls, iterations, _LONGEST_STEP)
     values[:, linkage.driven] = targets
-    prediction = TaylorModel(values[None], np.zeros(values.shape))
     rotations = {}
     for name, R in balls.items():
         rotations[name] = rotation_of(constant(spatial.quat_from_matrix_wxyz(R), 0))
-    if linkage.closes:
-        enclosure = enclosed(linkage, prediction, rotations)
-        placed = enclosure.placed
-        closed = enclosure.closed & (enclosure.gap < _GAP)
-    else:
-        placed = linkage.place(prediction, rotations)
-        closed = np.ones(len(values), bool)
-    poses = {name: spatial.pose(frame.R.c[0], frame.p.c[0]) for name, frame in placed.frames.items()}
-    within = closed.copy()
-    for joint in linkage.mechanism.joints:
-        within &= joint.beyond(poses[joint.parent], poses[joint.child]) <= -_WITHIN
-    return MechanismStates(closed, within)
+    return values, rotations
