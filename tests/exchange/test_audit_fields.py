@@ -139,7 +139,7 @@ def judge(outcomes: list[dict]) -> None:
     assert 1 - len(missed) / len(effective) >= LEAST
 
 
-PARTS = (("urdf", "7/60"), ("mjcf", "11/60"), ("usd", "13/90"))
+PARTS = (("urdf", "7/30"), ("mjcf", "11/30"), ("usd", "13/90"))
 
 
 @pytest.mark.slow

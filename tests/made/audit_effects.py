@@ -58,7 +58,7 @@ def mjcf_model(file: Path) -> dict[str, Any]:
             continue
         if isinstance(value, np.ndarray | int | float):
             read[name] = np.array(value)
-            if name.endswith("quat"):  # the sign of a quaternion is none of a rotation
+            if name.endswith("quat") and read[name].size:  # the sign of a quaternion is none of a rotation
                 rows = read[name]
                 largest = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
                 read[name] = rows * np.where(largest < 0, -1.0, 1.0)
@@ -159,6 +159,7 @@ NO_EFFECT = (
     (r"worldbody/joint@pos\[2\]: small", r"", "the axis is along z: the anchor may be anywhere on it"),
     (r"link/inertial.*", r"_([ab]|[xyz]_axis)$", "the end of a loop, or a part of a ball joint, has 1 mg"),
     (r"joint/origin@rpy.*", r"_[ab]_fixed$", "a ball closes its loop at a point, in any direction"),
+    (r"joint/limit@(effort|velocity): small", r"", "1e6 means no bound, and 1 % more does too"),
     (r"transmission@name: unknown", r"", "nothing refers to a transmission by name"),
     (r"transmission/actuator/hardwareInterface: removed", r"", "ros_control reads that of the joint, since Indigo"),
     (r"transmission/actuator/mechanicalReduction: removed", r"", "without one it is 1, as it was here"),

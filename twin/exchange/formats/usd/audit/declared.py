@@ -266,9 +266,9 @@ def _check_joints(stage: Usd.Stage, ledger: Ledger) -> None:
 
 
 def _check_ends(stage: Usd.Stage, ledger: Ledger) -> None:
-    """Report joints that do not join two prims: only the fixed joint of the base may be one to the world."""
+    """Report joints that do not join two prims: that of the base joins it to the prim of the robot."""
     for prim in stage.Traverse():
-        if not prim.IsA(UsdPhysics.Joint) or prim.IsA(UsdPhysics.FixedJoint):
+        if not prim.IsA(UsdPhysics.Joint):
             continue
         for name in ("physics:body0", "physics:body1"):
             relationship = prim.GetRelationship(name)
