@@ -69,9 +69,12 @@ def test_tolerances_of_the_joints_make_fewer_boxes_and_a_gap_of_the_other_condit
     assert checked(checker, tmp_path / "c.json", data) == 0
     code, report = audited(tmp_path / "c.json", data, capsys)
     assert code == 0
-    # the CAD, and a mechanism within the tolerance at each point, which leaves a gap
+    # the CAD, and a mechanism within the tolerance at each point: loops that follow from others have a gap there
     gaps = [check["worst"] for check in report["checks"] if check["where"] == "loops"]
-    assert gaps[0] < 1e-9 < gaps[1] < wide.proof.redundant
+    assert max(gaps[:2]) < 1e-9 < gaps[2] < wide.proof.redundant
+    # limits and cones are judged for both
+    for judged in ("limits", "cones"):
+        assert len([check for check in report["checks"] if check["where"] == judged]) == 2
     with pytest.raises(TwinError, match="tolerance of lengths is -10 um"):
         proven_workspace(twin.load("sils"), tolerance=-1e-5)
 
@@ -80,6 +83,31 @@ def test_tolerances_of_the_joints_make_fewer_boxes_and_a_gap_of_the_other_condit
 @pytest.mark.parametrize("seed", range(50))
 def test_what_was_changed_is_refused(tmp_path, checker, certificate, capsys, seed):
     require_refusal(checker, certificate, tmp_path / "c.json", capsys, seed)
+
+
+@pytest.mark.slow
+def test_a_limit_that_only_other_lengths_exceed_is_found(tmp_path, certificate, capsys):
+    """One tiny box, so that a limit can be set 1 um below the value that it has there with the lengths of the CAD."""
+
+    def judged():
+        certificate["sha256"] = digest(certificate)
+        return audited(tmp_path / "c.json", certificate, capsys)
+
+    low, high, joints = certificate["boxes"][0]
+    middle = (np.array(low) + np.array(high)) / 2
+    certificate["boxes"] = [[(middle - 1e-9).tolist(), (middle + 1e-9).tolist(), joints]]
+    limit = certificate["limits"][0]
+    certificate["limits"] = [limit]
+    limit["least"] += 1.0
+    _, report = judged()
+    excess = next(check["worst"] for check in report["checks"] if check["where"] == "limits")
+    limit["least"] -= excess + 1e-6
+    code, report = judged()
+    assert code == 0, report["findings"]
+    certificate["tolerance_m"] = 1e-5
+    code, report = judged()
+    assert code == 1
+    assert any("a limit of joints is exceeded" in f["message"] for f in report["findings"]), report["findings"]
 
 
 def wider(data):

@@ -4,6 +4,7 @@ poses       quaternions and matrices, implemented independently of the writers
 motion      the common result of the readers: clips of link poses in the world frame
 context     what a reader may know beside its file; the readers are the modules `audit` in twin.exchange.formats
 physics     the mechanism data of a file, in one form for all formats
+stated      compare what files state about themselves: names, titles, rates
 sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
@@ -34,6 +35,7 @@ from twin.exchange.audit.file_comparison import (
     compare_hashes,
     compare_rest,
     compare_shapes,
+    first_pose_of,
     references,
 )
 from twin.exchange.audit.folder import SCENE, FolderFiles, find
@@ -43,6 +45,7 @@ from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.sense import check_sense
+from twin.exchange.audit.stated import compare_stated
 from twin.exchange.audit.states import CLIP, DrawnStates, compare_joints, compare_states, same_names
 from twin.exchange.format import Format, Holds
 from twin.exchange.formats import audited, leading
@@ -124,6 +127,7 @@ def _audited(
         ledgers.append(ledger)
         if content is not None:
             contents.append(content)
+    ledgers += _unrecognised(found)
     with np.errstate(all="ignore"):  # values that are not finite have already been reported
         declared = _declared(contents)
         for content in contents:
@@ -141,6 +145,8 @@ def _audited(
         strangers: list[Content] = []
         if expected is not None:
             strangers = _compare_still(contents, expected, states)
+        else:
+            _compare_joints_between(contents)
         compare_rest(contents)
         compare_shapes(contents)
         strange_files = {content.file for content in strangers}
@@ -149,11 +155,13 @@ def _audited(
         compare_physics(strangers)
         if expected is not None:
             _check_placed(contents, expected)
+        compare_stated(contents, "" if mechanism is None else mechanism.name)
         check_claims(contents)
+        read = {ledger.file for ledger in ledgers}
         for file in found.readmes:
             ledger = Ledger(found.name(file), "twin.exchange.audit readme", "1")
             ledgers.append(ledger)
-            guarded(partial(check_readme, contents), file, ledger)
+            guarded(partial(check_readme, contents, read), file, ledger)
         proven_hash = ""  # of the model, in the first proof.json that states it
         for file in found.proofs:
             ledger = Ledger(found.name(file), "sha256", "2")
@@ -163,6 +171,18 @@ def _audited(
             proven_hash = proven_hash or str(proof.get("model_hash", ""))
         compare_hashes(contents, proven_hash)
     return contents, ledgers
+
+
+def _unrecognised(found: FolderFiles) -> Iterator[Ledger]:
+    """Yield ledgers with a finding for each file that is not recognised, though a file of the same name is."""
+    for file, sibling, title in found.unrecognised:
+        ledger = Ledger(found.name(file), "twin.exchange.audit folder", "1")
+        text = (
+            f"{found.name(file)} is not recognised as one of the {title}, although {found.name(sibling)} of the same "
+            "name is: the entry that names its schema is missing or wrong."
+        )
+        ledger.wrong("file.unrecognised", text, suggestion="export the files again, together")
+        yield ledger
 
 
 def _declared(contents: Sequence[Content]) -> frozenset[str]:
@@ -202,6 +222,21 @@ def _compare_still(
             if physics is not None and not same_names(physics.links, expected.links):
                 strangers.append(content)
     return strangers
+
+
+def _compare_joints_between(contents: Sequence[Content]) -> None:
+    """Compare the rest poses of the files with the joints of the first other file that states where all are."""
+    for content in contents:
+        # A file that another program has saved may be at the start of a motion, with other trocars than the joints.
+        if content.declared is None or first_pose_of(content):
+            continue
+        for other in contents:
+            physics = other.physics
+            if physics is None or other.format == content.format or not physics.complete or not physics.joints:
+                continue
+            if all(joint.T is not None for joint in physics.joints):
+                compare_joints(content, physics, other.file)
+                break
 
 
 def _check_placed(contents: Sequence[Content], expected: FilePhysics) -> None:

@@ -9,12 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from twin.core.json_types import JsonMapping
+from twin.core.version import __version__
 from twin.exchange.audit.between import halved
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.report import Ledger, Measured, quantity
+from twin.exchange.audit.stated import ROBOT
+from twin.exchange.conventions import CONVENTIONS, UNTRIED
 from twin.exchange.format import Holds
-from twin.exchange.formats import holding
+from twin.exchange.formats import audited, holding, used
+
+PROOF = "proof.json"
 
 TOO_GOOD = 3.0
 """Maximum ratio of the estimated error to the stated error; at higher ratios, the stated error is too small."""
@@ -56,6 +61,7 @@ def check_claims(contents: Sequence[Content]) -> None:
         track = by_protocol.get(_protocol(content))
         if content.repeats_track and track is not None:
             _check_heads(content, track)
+    _check_moved_frames(contents, tracks)
     _check_assumed(contents, tracks)
     _check_same_robot(tracks)
 
@@ -187,6 +193,22 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
             content.ledger.wrong("claims.assumed", text, "assumed", size=float(len(lacking)))
 
 
+def _check_moved_frames(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
+    """Report files with all motions that lack the frame that one of the tracks moves.
+
+    Files that do not state their robot are not judged: other programs keep neither robot nor frames when they save.
+    """
+    for content in contents:
+        if not (holding(content.format, Holds.ALL_MOTIONS) and ROBOT in content.stated and content.physics):
+            continue
+        for track in tracks:
+            frame = track.extra["data"].get("moved_frame")
+            if track.is_track and isinstance(frame, str) and frame and frame not in content.physics.frames:
+                text = f"the file has no frame '{frame}', which the motion of {track.file} moves."
+                content.ledger.wrong("claims.moved_frame", text, frame, suggestion="export the file again")
+                break
+
+
 def _more(names: Sequence[str]) -> str:
     """Return " and n more" for the names behind the first, "" if there are none."""
     if len(names) < 2:
@@ -231,12 +253,18 @@ _MOTION = re.compile(
 )
 
 
-def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> None:
-    """Report statements in a README.txt that are false for the files in the same folder."""
+def check_readme(contents: Sequence[Content], read: Collection[str], path: Path, ledger: Ledger) -> None:
+    """Report statements in a README.txt that are false for the files in the same folder.
+
+    `read` are the files that the audit has read or tried to read, as reports show them.
+    """
     try:
         raw = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         ledger.wrong("readme.unreadable", f"README.txt cannot be read: {error}.")
+        return
+    if not raw.strip():
+        ledger.wrong("readme.unreadable", "README.txt is empty.")
         return
     text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # join wrapped lines
     for topic, pattern, expected in STATEMENTS:
@@ -247,9 +275,12 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
         if tuple(word.lower() for word in stated) != expected:
             message = f"README.txt states '{' / '.join(stated)}' for {topic}; the files have '{' / '.join(expected)}'."
             ledger.wrong("readme.convention", message, topic)
-    _check_listed(path.parent, raw, contents, ledger)
+    _check_listed(path.parent, raw, contents, read, ledger)
     _check_motions(text, contents, ledger)
     _check_list(text, contents, ledger)
+    if f"Written by twin {__version__} " in text:
+        _check_sentences(text, ledger)
+        _check_title(text, contents, ledger)
     wrong = 0
     for finding in ledger.found:
         if finding.severity != "info":
@@ -257,17 +288,59 @@ def check_readme(contents: Sequence[Content], path: Path, ledger: Ledger) -> Non
     ledger.row("README.txt against the files", float(wrong), "found", 0.0, against="the files")
 
 
-def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: Ledger) -> None:
-    """Report files that README.txt lists, but that do not exist, and motions that the listed files should play."""
+def _check_title(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
+    """Compare the robot in the first line with the one that the files state."""
+    robot = text.split("\n", 1)[0].split(":", 1)[0]
+    for content in contents:
+        if ROBOT in content.stated and content.stated[ROBOT] != robot:
+            message = f"README.txt is of the robot '{robot}', {content.file} of '{content.stated[ROBOT]}'."
+            ledger.wrong("readme.robot", message, "title")
+            return
+
+
+def _check_sentences(text: str, ledger: Ledger) -> None:
+    """Report lines that differ from those that this version of twin writes in every README.txt, and missing ones."""
+    uses = [_plain(format.use.removeprefix("- ")) for format in used()]
+    for title, known, all_needed in (
+        ("Conventions", [_plain(line.removeprefix("- ")) for line in CONVENTIONS], True),
+        ("How to use it", uses, False),
+        ("What has not been tested", [_plain(line.removeprefix("- ")) for line in UNTRIED], True),
+    ):
+        stated = []
+        for line in _section(text, title).splitlines():
+            if line.strip():
+                stated.append(_plain(line.removeprefix("- ")))
+        strange = [line for line in stated if line not in known]
+        if strange:
+            message = f"'{title}' has the line '{_clipped(strange[0])}'{_more(strange)}, which twin does not write."
+            ledger.wrong("readme.sentence", message, title)
+        missing = [line for line in known if line not in stated]
+        if missing and (all_needed or not stated):
+            message = f"'{title}' lacks the line '{_clipped(missing[0])}'{_more(missing)}."
+            ledger.wrong("readme.sentence", message, title)
+
+
+def _check_listed(folder: Path, raw: str, contents: Sequence[Content], read: Collection[str], ledger: Ledger) -> None:
+    """Report listed files that do not exist or are of no format, and motions that the listed files should play."""
+    place = ledger.file.removesuffix("README.txt")  # of the folder with the listed files, in the audited folder
     rows = re.findall(r"^(\S+?)(?:, (\.\w+))?  +(.*)$", _section(raw, "What is where"), re.MULTILINE)
+    for line in _section(raw, "What is where").splitlines():
+        if line.startswith(" "):
+            message = f"a line of 'What is where' in README.txt names no file: '{_clipped(line.strip())}'."
+            ledger.wrong("readme.file", message, "What is where")
+    listed: set[str] = set()
     motions = _named_motions(contents)
     for name, second_suffix, what in rows:
         files = [name]
         if second_suffix:
             files.append(str(Path(name).with_suffix(second_suffix)))
+        listed |= {f"{place}{file}" for file in files}
         for file in files:
-            if file != "proof.json" and not (folder / file).exists():
+            if file != PROOF and not (folder / file).exists():
                 ledger.wrong("readme.file", f"README.txt lists '{file}', which does not exist.", file)
+            elif _is_audited(file) and f"{place}{file}" not in read:
+                message = f"README.txt lists '{file}', which no reader of the audit recognises."
+                ledger.wrong("readme.file", message, file)
         playing = re.search(r"playing (\w+)", what)
         if playing is None or not motions:
             continue
@@ -275,6 +348,18 @@ def _check_listed(folder: Path, raw: str, contents: Sequence[Content], ledger: L
         if motion not in motions and not any(name.endswith(f"_{motion}") for name in motions):
             message = f"README.txt states that '{name}' plays '{motion}', but the files have no such motion."
             ledger.wrong("readme.file", message, name)
+    for content in contents:
+        inside = any(content.file.startswith(name) for name in listed if name.endswith("/"))
+        if rows and content.file not in listed and f"{content.file}/" not in listed and not inside:
+            ledger.wrong("readme.file", f"README.txt does not list '{content.file}'.", content.file)
+
+
+def _is_audited(file: str) -> bool:
+    """Return whether a file has a suffix of a format with which the audit reads each file by itself."""
+    path = Path(file)
+    if path.name == PROOF or path.name.endswith(".schema.json"):
+        return False
+    return any(format.variant(path) is not None for format in audited())
 
 
 def _named_motions(contents: Sequence[Content]) -> set[str]:
@@ -292,9 +377,12 @@ def _check_motions(text: str, contents: Sequence[Content], ledger: Ledger) -> No
     rows: dict[str, re.Match[str]] = {}
     for row in _MOTION.finditer(text):
         rows[row["name"]] = row
-    if rows:
-        for name in tracks.keys() - rows.keys():
-            ledger.wrong("readme.motion", f"motion '{name}' is missing from the list of motions in README.txt.", name)
+    if rows or "\nMotions\n---" in text:
+        for name in sorted(tracks.keys() - rows.keys()):
+            message = (
+                f"motion '{name}' is not in the list of motions in README.txt, or its line there has another form."
+            )
+            ledger.wrong("readme.motion", message, name)
     for name, row in rows.items():
         if name in tracks:
             _check_motion(row, tracks[name], ledger)

@@ -569,6 +569,8 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
             identity["kind"] = joint.kind
     if joint.parent:
         identity["links"] = tuple(sorted((joint.parent, joint.child)))
+    elif joint.child and canonical.parent and joint.child not in (canonical.parent, canonical.child):
+        identity["links"] = (joint.child,)  # the file states one of the two links, and it is neither
     view.say(subject, identity)
     if joint.parent and not joint.kind.startswith(("chain", "free")):
         for link in (joint.parent, joint.child):

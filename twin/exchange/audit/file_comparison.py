@@ -12,6 +12,7 @@ from twin.exchange.audit.diagnose import why
 from twin.exchange.audit.motion import Content, FileClip, LinkShape, largest
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Ledger, Measured, quantity, told_apart, um
+from twin.exchange.audit.stated import ROBOT
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, holding, motion_groups, rank
 
@@ -84,7 +85,11 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
                 if len(contents) > 1 and refs:
                     known = ", ".join(sorted(refs))
                     text = f"clip '{clip.name}' is in no other file; the known clips are {known}."
-                    content.ledger.add("compare.clip", "warning", text, clip.name)
+                    # A file that states its robot has the motions of the tracks beside it, and no others.
+                    severity = "warning"
+                    if ROBOT in content.stated and any(other.is_track for other in contents):
+                        severity = "disagreement"
+                    content.ledger.add("compare.clip", severity, text, clip.name)
                 continue
             ref = refs[name]
             if ref.source == content.file:
@@ -442,7 +447,9 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
     for content in contents:
         if holding(content.format, Holds.ALL_MOTIONS) and content.declared and not content.clips:
             text = f"the file has no motion; {refs[name].source} has the motion '{name}'."
-            content.ledger.add("compare.no_motion", "warning", text, "animations")
+            # A file that states its robot, as those of twin do, has the motions of its tracks.
+            severity = "disagreement" if ROBOT in content.stated else "warning"
+            content.ledger.add("compare.no_motion", severity, text, "animations")
 
 
 def _moves(clip: FileClip) -> bool:
@@ -515,7 +522,7 @@ def _compare_rest_with(content: Content, first: Content) -> None:
     ledger.row(f"rest: rotation against {against}", turn, "rad", ROTATION_TOL, where=turned, against=against)
     if not (distance > POSITION_TOL or turn > ROTATION_TOL):
         return
-    clip = _begins(content)
+    clip = first_pose_of(content)
     if clip:
         text = f"the rest pose is the first pose of clip '{clip}'; it differs from the rest pose of {against}."
         ledger.add("compare.rest", "info", text, clip)
@@ -527,7 +534,7 @@ def _compare_rest_with(content: Content, first: Content) -> None:
     ledger.wrong("compare.rest", text, farthest, size=um(distance))
 
 
-def _begins(content: Content) -> str:
+def first_pose_of(content: Content) -> str:
     """Return the clip whose first poses equal the file's rest poses (as in Blender files); "" if no clip does."""
     for clip in content.clips:
         if _begins_with(clip, content.rest):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,12 +29,14 @@ class FolderFiles:
         root: the audited folder, or the folder of the audited file.
         files: {name of a format: its files, or the folders that are audited as one}, in the order of reading.
         proofs, readmes: the files proof.json and README.txt.
+        unrecognised: (file, file of the same name that is read, title of their format): only the first is of no format.
     """
 
     root: Path
     files: dict[str, list[Path]] = field(default_factory=dict)
     proofs: list[Path] = field(default_factory=list)
     readmes: list[Path] = field(default_factory=list)
+    unrecognised: list[tuple[Path, Path, str]] = field(default_factory=list)
 
     @property
     def count(self) -> int:
@@ -126,6 +128,7 @@ def _sort(out: FolderFiles, files: Sequence[Path], alone: bool) -> None:
     """Add files to `out`. A file that is audited alone has the format of its suffix, even if it is damaged."""
     formats = audited()
     by_format: dict[str, list[tuple[int, Path]]] = {}
+    strangers: list[Path] = []
     for file in files:
         if file.name == "README.txt" and not alone:
             out.readmes.append(file)
@@ -134,7 +137,9 @@ def _sort(out: FolderFiles, files: Sequence[Path], alone: bool) -> None:
             out.proofs.append(file)
             continue
         format = _format_of(file, formats, alone)
-        if format is not None:
+        if format is None:
+            strangers.append(file)
+        else:
             variant = format.variant(file)
             if variant is not None:
                 by_format.setdefault(format.name, []).append((variant.rank, file))
@@ -144,6 +149,18 @@ def _sort(out: FolderFiles, files: Sequence[Path], alone: bool) -> None:
         chosen = format.outermost([file for _, file in rows])
         if chosen:
             out.files[format.name] = chosen
+            out.unrecognised += _unrecognised(format, strangers, chosen)
+
+
+def _unrecognised(
+    format: Format, strangers: Sequence[Path], chosen: Sequence[Path]
+) -> Iterator[tuple[Path, Path, str]]:
+    """Yield (file, file of the same name, title) of files that have a suffix of a format, but not its contents."""
+    by_stem = {file.with_suffix(""): file for file in chosen}
+    for file in strangers:
+        sibling = by_stem.get(file.with_suffix(""))
+        if sibling is not None and format.variant(file) is not None:
+            yield file, sibling, format.title
 
 
 def _format_of(file: Path, formats: Sequence[Format], alone: bool) -> Format | None:

@@ -106,6 +106,26 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
             "faces: the mesh looks lit from inside."
         )
         ledger.wrong(f"{code}.normals_against", text, where, size=Measured(share, AGAINST))
+        return
+    reversed_points = _reversed(triangles, areas, along)
+    if reversed_points:
+        text = f"mesh '{where}': the normals of {reversed_points} points are against all faces around them: dark spots."
+        ledger.add(f"{code}.normal_reversed", "warning", text, where, size=float(reversed_points))
+
+
+def _reversed(triangles: Array, areas: Array, along: Array) -> int:
+    """Return the number of points whose normals are more than 120 degrees from the normals of all their faces.
+
+    `areas` (m, 3) are vectors along the normals of the triangles, `along` (m, 3) their products with the normals of the
+    corners. Faces that are too thin to have an exact normal do not count.
+    """
+    size = np.linalg.norm(areas, axis=1)
+    counted = size > 1e-6 * size.sum()
+    cosines = along[counted] / size[counted, None]
+    corners = triangles[counted]
+    nearest = np.full(int(triangles.max()) + 1, -np.inf)
+    np.maximum.at(nearest, corners.ravel(), cosines.ravel())
+    return int(np.count_nonzero(np.isfinite(nearest) & (nearest < -0.5)))
 
 
 def _doubled_areas(vertices: Array, triangles: Array) -> Array:

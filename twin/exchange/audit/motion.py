@@ -109,6 +109,8 @@ class Content:
         finishes: the same for (metallic, roughness, 0, 1); empty if the format has none.
         physics: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash of the source mechanism, as stated in the file; "" if not stated.
+        stated: what the file states about itself, such as "robot" or "rate of clip 'a'"; other files must state the
+            same.
         facts: conventions of the file, for the report: units, up_axis, handedness, ...
         known: names of the links that at least one file in the folder marks; None if no file marks links.
         extra: other data of the file, each needed by a single check, such as limits or phases.
@@ -124,6 +126,7 @@ class Content:
     finishes: dict[str, dict[Rgba, float]] = field(default_factory=dict)
     physics: FilePhysics | None = None
     model_hash: str = ""
+    stated: JsonObject = field(default_factory=dict)
     facts: JsonObject = field(default_factory=dict)
     extra: JsonObject = field(default_factory=dict)
     known: frozenset[str] | None = None

@@ -535,8 +535,11 @@ def _moved_frames(frames: Mapping[str, FileFrame], new: Mapping[str, str]) -> di
 # ------------------------------------------------------------------------------------------------------ rest
 
 
-def compare_joints(content: Content, truth: FilePhysics) -> None:
-    """Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values."""
+def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM) -> None:
+    """Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values.
+
+    `truth` may also be that of another file, `source`, in which all joints have places.
+    """
     if not content.rest or holding(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
         return
     links = {link: T[None] for link, T in content.rest.items()}
@@ -545,29 +548,31 @@ def compare_joints(content: Content, truth: FilePhysics) -> None:
     for joint in truth.joints:
         moved = truth.trocars & set(joint.names)  # each protocol has its own positions of trocars
         if {joint.parent, joint.child} <= set(links) and not moved:
-            name = joint.names[0]
+            name = f"{joint.parent} to {joint.child}"  # fixed joints may have no name
+            if joint.names:
+                name = joint.names[0]
             distances[name], angles[name] = _misfit(joint, links)
     if not distances:
         return
     ledger = content.ledger
-    ending = f"from any position that {MECHANISM} allows."
+    ending = f"from any position that {source} allows."
 
     name = max(distances, key=lambda n: distances[n])
     worst = distances[name]
-    check = f"rest: position at the joints of {MECHANISM}"
-    ledger.row(check, worst, "m", REST_TOL, where=name, against=MECHANISM)
+    check = f"rest: position at the joints of {source}"
+    ledger.row(check, worst, "m", REST_TOL, where=name, against=source)
     if worst > REST_TOL:
         text = f"rest: the links of joint '{name}' are {quantity(worst, 'm')} {ending}"
         ledger.wrong("states.rest", text, name)
 
     name = max(angles, key=lambda n: angles[n])
     worst = angles[name]
-    check = f"rest: rotation at the joints of {MECHANISM}"
-    ledger.row(check, worst, "rad", ROTATION_TOL, where=name, against=MECHANISM)
+    check = f"rest: rotation at the joints of {source}"
+    ledger.row(check, worst, "rad", ROTATION_TOL, where=name, against=source)
     if worst > ROTATION_TOL:
         text = f"rest: the links of joint '{name}' are {np.degrees(worst):.4g} deg {ending}"
         ledger.wrong("states.rest", text, name)
-    ledger.placed = True
+    ledger.placed |= source == MECHANISM
 
 
 def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float, float]:

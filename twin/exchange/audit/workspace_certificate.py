@@ -50,9 +50,10 @@ def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
     tolerance = float(data["tolerance_m"])
     if not 0 <= tolerance < math.inf:
         raise ValueError(f"the tolerance of lengths is {tolerance} m")
-    _audit_at(data, ledger, p, joints, 0.0)
+    _audit_at(data, ledger, p, joints)
     if tolerance:
-        _audit_at(_displaced(data, tolerance, generator), ledger, p, joints, _play(data, tolerance))
+        rows = _determining(data, p, joints)
+        _audit_at(_displaced(data, tolerance, generator), ledger, p, joints, rows, _play(data, tolerance))
 
 
 def _drawn(data: Mapping[str, Any], generator: np.random.Generator) -> tuple[Reals, Reals]:
@@ -111,11 +112,41 @@ def _play(data: Mapping[str, Any], tolerance: float) -> float:
     return max(frames) * math.sqrt(3) * tolerance
 
 
-def _audit_at(data: Mapping[str, Any], ledger: Ledger, p: Reals, joints: Reals, play: float) -> None:
+def _determining(data: Mapping[str, Any], p: Reals, joints: Reals) -> list[int]:
+    """Return the numbers of conditions that determine the joints, as many as there are joints.
+
+    The others follow from them with the lengths of the CAD. They are chosen at the first point, each with the largest
+    part of its derivatives that those before it do not have.
+    """
+    x: Numbers = joints[:1].astype(np.complex128)
+    J = _by_joints(data, x, _tool(data["orientation"], p[:1]), range(len(data["joints"])))[0]
+    if len(J) < J.shape[1]:
+        raise ValueError(f"{len(J)} conditions cannot determine {J.shape[1]} joints")
+    chosen: list[int] = []
+    rest = J.copy()
+    for _ in range(J.shape[1]):
+        sizes = np.linalg.norm(rest, axis=1)
+        k = int(np.argmax(sizes))
+        if sizes[k] < _SMALLEST:
+            raise ValueError("the conditions do not determine the joints")
+        chosen.append(k)
+        direction = rest[k] / sizes[k]
+        rest = rest - np.outer(rest @ direction, direction)
+    return sorted(chosen)
+
+
+def _audit_at(
+    data: Mapping[str, Any],
+    ledger: Ledger,
+    p: Reals,
+    joints: Reals,
+    rows: list[int] | None = None,
+    play: float = 0.0,
+) -> None:
     """Add the rows and findings of points (k, 3).
 
-    Loops that follow from others may have a gap of `play` m; if it is not 0, limits and cones are not judged, because
-    the joint values that close all loops best are not those that close the others exactly.
+    The joint values close the conditions `rows` exactly; None: all of them. With other lengths than those of the CAD,
+    the conditions that follow from others may have a gap of `play` m.
     """
     x: Numbers = joints.astype(np.complex128)
     tool = _tool(data["orientation"], p)
@@ -124,15 +155,22 @@ def _audit_at(data: Mapping[str, Any], ledger: Ledger, p: Reals, joints: Reals, 
         for _ in range(_STEPS):
             F, _ = _conditions(data, x, tool)
             J = _by_joints(data, x, tool, range(len(names)))
+            if rows is not None:
+                F = F[:, rows]
+                J = J[:, rows]
             x = x - np.asarray((np.linalg.pinv(J) @ F.real[..., None])[..., 0], np.complex128)
         F, cosines = _conditions(data, x, tool)
-    _largest(ledger, "loops", "m", np.abs(F.real).max(axis=1), CLOSED + play, "a loop does not close", p)
+    if rows is None:
+        rows = list(range(F.shape[1]))
+    _largest(ledger, "loops", "m", np.abs(F.real[:, rows]).max(axis=1), CLOSED, "a loop does not close", p)
+    if play:
+        gaps = np.abs(F.real).max(axis=1)
+        _largest(ledger, "loops", "m", gaps, CLOSED + play, "a loop that follows from others does not close", p)
     distance = np.abs(x.real - joints).max(axis=1)
     _largest(ledger, "predictions", "rad", distance, _NEAR, "the joint values are far from those predicted", p)
-    if not play:
-        _audit_limits(data, ledger, p, x, cosines)
+    _audit_limits(data, ledger, p, x, cosines)
     passive = [i for i, active in enumerate(data["active"]) if not active]
-    J = np.concatenate([_by_joints(data, x, tool, passive), _by_tool(data, x, tool)], axis=2)
+    J = np.concatenate([_by_joints(data, x, tool, passive), _by_tool(data, x, tool)], axis=2)[:, rows]
     smallest = np.linalg.svd(J, compute_uv=False)[:, -1] if J.shape[1] >= J.shape[2] else np.zeros(POINTS)
     # a quotient below 1 is regular
     quotient = np.asarray(_SMALLEST / smallest, np.float64)

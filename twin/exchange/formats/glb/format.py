@@ -13,7 +13,7 @@ FORMAT = Format(
         FormatVariant("glb", ".glb", "GLTF", BUDGETS["GLTF"], rank=30, trust=60),
         FormatVariant("gltf", ".gltf", "GLTF", BUDGETS["GLTF"], rank=30, trust=61),
     ),
-    holds=Holds.LINKS | Holds.REST | Holds.ALL_MOTIONS,
+    holds=Holds.LINKS | Holds.REST | Holds.MASSES | Holds.ALL_MOTIONS,
     code="gltf",
     use="- Quest browser, three.js, Blender: open the .glb; each protocol is an animation of its name.",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,8 +20,10 @@ from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Content, LinkShape, check_poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
+from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.glb.audit.clips import Clips
 from twin.exchange.formats.glb.audit.container import Gltf, open_gltf
+from twin.exchange.formats.glb.audit.features import check_features
 from twin.exchange.formats.glb.audit.nodes import Node, link_above, numbers, parents_first, read_nodes
 
 SCALE_TOL = 1e-4
@@ -30,8 +33,16 @@ _UNDERSTOOD = {"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_tran
 """Extensions that change nothing that the audit reads, or that the audit supports."""
 
 
-UNITS = "m, kg, s"
-"""Units that a GLB of twin states in the extras of its asset."""
+SCHEMA = "twin-glb"
+"""Schema of the extras of the asset in a GLB of twin."""
+
+_CONVENTIONS = {
+    "schema": SCHEMA,
+    "version": 1,
+    "units": "m, kg, s",
+    "frame": "links below the root node: z-up right-handed",
+}
+"""Entries of these extras that are the same in every file."""
 
 
 def read_gltf(path: Path, ledger: Ledger) -> Content:
@@ -58,12 +69,17 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     if required:
         text = f"the file requires the extension {', '.join(required)}, which the audit does not support."
         ledger.add("gltf.extension", "error", text, suggestion="export the file without this extension")
-    _check_units(asset, ledger)
+    _check_asset(asset, content, ledger)
+    _state_clips(file, content)
+    if ROBOT in content.stated:
+        _check_kinds(nodes, ledger)
     # Also accessors that nothing uses are read, because reading reports their faults.
     for i in range(len(file.items("accessors"))):
         file.accessor(i)
     links = tuple(node.name for node in nodes if node.is_link and node.name)
     content.declared = links or None
+    if links:  # files without links, such as those of organs, have other features
+        check_features(file.json, ledger)
     clips = Clips(file, nodes, order)
     _check_names(file, nodes, clips.animated)
     _check_scene(file, nodes, order, ledger)
@@ -78,9 +94,9 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
         content.clips.append(clip)
     _check_clip_names(content)
     _check_materials(file)
-    content.shapes, content.colors = _shapes(file, nodes, rest)
+    content.shapes, content.colors, content.finishes = _shapes(file, nodes, rest)
     if links:
-        content.physics = _physics(nodes, rest)
+        content.physics = _physics(nodes, rest, ledger)
     _state_checks(ledger)
     return content
 
@@ -119,15 +135,51 @@ def _check_clip_names(content: Content) -> None:
             return  # one finding is enough
 
 
-def _check_units(asset: JsonObject, ledger: Ledger) -> None:
-    """Report units in the extras of a file of twin that are not those of its numbers."""
+def _check_asset(asset: JsonObject, content: Content, ledger: Ledger) -> None:
+    """Report the version, and entries in the extras of a file of twin that are missing or not those of its numbers."""
+    version = asset.get("version")
+    if re.fullmatch(r"2\.\d+", str(version)) is None:
+        ledger.wrong("gltf.version", f"the version of the file is {version!r}, not 2.0.", "version")
     extras = asset.get("extras")
-    if not isinstance(extras, dict) or extras.get("schema") != "twin-glb":
+    if not isinstance(extras, dict) or not extras:
         return
-    units = extras.get("units")
-    if units != UNITS:
-        text = f"the file states its units as '{units}'; lengths of glTF are in m, and its masses in kg: '{UNITS}'."
-        ledger.wrong("gltf.units", text, "units")
+    written_by_twin = str(asset.get("generator", "")).startswith("twin ")
+    if extras.get("schema") != SCHEMA and not written_by_twin:
+        return  # a file of others
+    for key, expected in _CONVENTIONS.items():
+        if extras.get(key) != expected:
+            text = (
+                f"asset.extras: '{key}' is {extras.get(key)!r}; for links and poses as in this file it is {expected!r}."
+            )
+            ledger.wrong("gltf.units" if key == "units" else "gltf.asset", text, key)
+    for key in ("robot", "model_hash"):
+        if not extras.get(key):
+            ledger.wrong("gltf.asset", f"asset.extras: '{key}' is missing or empty.", key)
+    if extras.get("robot"):
+        content.stated[ROBOT] = extras["robot"]
+
+
+def _check_kinds(nodes: list[Node], ledger: Ledger) -> None:
+    """Report nodes below the root of a file of twin that are neither links nor frames."""
+    for node in nodes:
+        if node.parent >= 0 and not node.extras.get("link") and not node.extras.get("frame"):
+            text = f"node '{node.label}' is neither a link nor a frame: its extras state neither."
+            ledger.wrong("gltf.node", text, node.label, suggestion="export the file again")
+
+
+def _state_clips(file: Gltf, content: Content) -> None:
+    """Store what the extras of the clips state about them."""
+    for spec in file.items("animations"):
+        extras = spec.get("extras")
+        if isinstance(extras, dict):
+            stated = ("title", "rate", "between_position", "between_rotation", "joint_gap")
+            missing = [key for key in stated if key not in extras]
+            if missing and ROBOT in content.stated:
+                text = f"clip '{spec.get('name')}' does not state its {missing[0]}."
+                file.ledger.wrong("gltf.clip", text, missing[0], suggestion="export the file again")
+            for key in stated:
+                if key in extras:
+                    content.stated[f"{key} of clip '{spec.get('name')}'"] = extras[key]
 
 
 def _check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger) -> None:
@@ -138,6 +190,9 @@ def _check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger
     if isinstance(number, int) and 0 <= number < len(scenes):
         roots = scenes[number].get("nodes", [])
     inside = {i for i in roots if isinstance(i, int)} if isinstance(roots, list) else set()
+    if isinstance(roots, list) and len(inside) < len(roots):
+        text = f"the scene lists one of its {len(roots)} root nodes twice: glTF requires that each is there once."
+        ledger.wrong("gltf.scene", text, "scene")
     for i in order:
         if nodes[i].parent in inside:
             inside.add(i)
@@ -219,10 +274,20 @@ def _check_materials(file: Gltf) -> None:
         if alpha < 1 and spec.get("alphaMode", "OPAQUE") == "OPAQUE":
             text = f"material '{name}' has alpha {alpha:.3g} but no alphaMode: it is shown opaque."
             file.ledger.wrong("gltf.alpha", text, name, size=Measured(alpha, 1.0), suggestion='write alphaMode "BLEND"')
+        for key in ("metallicFactor", "roughnessFactor"):
+            factor = _factor(pbr, key) if isinstance(pbr, dict) else 1.0
+            if not 0 <= factor <= 1:
+                text = f"material '{name}' has the {key} {factor:.3g}, which is not from 0 to 1."
+                file.ledger.wrong("gltf.material", text, name)
         cutoff = float(numbers([spec.get("alphaCutoff", 0.5)], 1, f"{name}: alphaCutoff")[0])
         if spec.get("alphaMode") == "MASK" and alpha < cutoff:
             text = f"material '{name}' has alpha {alpha:.3g}, below its alphaCutoff {cutoff:.3g}: it is not shown."
             file.ledger.wrong("gltf.alpha", text, name, size=Measured(alpha, cutoff))
+
+
+def _factor(pbr: JsonObject, key: str) -> float:
+    """Return how metallic or rough a material is; the default of glTF is 1."""
+    return float(numbers([pbr.get(key, 1.0)], 1, key)[0])
 
 
 def _base_color(pbr: JsonObject, name: str) -> Array:
@@ -230,7 +295,7 @@ def _base_color(pbr: JsonObject, name: str) -> Array:
     return numbers(pbr.get("baseColorFactor", (1, 1, 1, 1)), 4, name)
 
 
-def _physics(nodes: list[Node], world: list[Array]) -> FilePhysics:
+def _physics(nodes: list[Node], world: list[Array], ledger: Ledger) -> FilePhysics:
     """Return the mechanism data of the nodes and their `extras`: masses, names of joints, poses of frames, meshes."""
     physics = FilePhysics(tuple(node.name for node in nodes if node.is_link))
     shown = dict.fromkeys(physics.links, False)
@@ -246,6 +311,10 @@ def _physics(nodes: list[Node], world: list[Array]) -> FilePhysics:
                 physics.masses[node.name] = FileMass(float(extras["mass"]))
             joints = extras.get("joints")
             if isinstance(joints, list):
+                repeated = sorted({str(name) for name in joints if joints.count(name) > 1})
+                if repeated:
+                    text = f"link '{node.name}' lists joint '{repeated[0]}' more than once."
+                    ledger.wrong("gltf.duplicate_joint", text, node.name)
                 for name in joints:
                     physics.joints.append(FileJoint((str(name),), "", node.name))
         elif isinstance(extras.get("frame"), str) and owner is not None:
@@ -258,9 +327,10 @@ def _physics(nodes: list[Node], world: list[Array]) -> FilePhysics:
 
 def _shapes(
     file: Gltf, nodes: list[Node], world: list[Array]
-) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
-    """Check every mesh once; return ({link: shape in the link's frame}, {link: {colour: fraction of area}})."""
+) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]], dict[str, dict[Rgba, float]]]:
+    """Check every mesh once; return the shapes of the links in their frames, and the shares of colours and finishes."""
     palette = Palette()
+    finishes = Palette()
     known: dict[int, tuple[Array, Array]] = {}
     parts: dict[str, list[LinkShape]] = {}
     for node in nodes:
@@ -270,6 +340,8 @@ def _shapes(
         mesh = file.item("meshes", index)
         name = str(mesh.get("name") or node.label)
         if index not in known:
+            if not mesh.get("primitives"):
+                file.ledger.wrong("gltf.mesh", f"mesh '{name}' has no primitives: it shows nothing.", name)
             known[index] = _corners(file, mesh, name)
         vertices, triangles = known[index]
         owner = link_above(nodes, node)
@@ -282,13 +354,13 @@ def _shapes(
         shape = check_mesh(Ledger(""), name, points, triangles, None, "gltf")
         if shape is not None:
             parts.setdefault(owner.name, []).append(shape)
-            _add_colors(file, mesh, owner.name, palette)
+            _add_colors(file, mesh, owner.name, palette, finishes)
     shapes = {}
     for link, meshes in parts.items():
         shape = joined(meshes)
         if shape is not None:
             shapes[link] = shape
-    return shapes, palette.shares()
+    return shapes, palette.shares(), finishes.shares()
 
 
 def _primitives(file: Gltf, mesh: JsonObject) -> Iterator[tuple[JsonObject, Array, Array]]:
@@ -306,13 +378,16 @@ def _primitives(file: Gltf, mesh: JsonObject) -> Iterator[tuple[JsonObject, Arra
         yield primitive, vertices, _triangles(indices, primitive.get("mode", _TRIANGLES))
 
 
-def _add_colors(file: Gltf, mesh: JsonObject, link: str, palette: Palette) -> None:
-    """Add the coloured areas of a mesh to the palette of its link."""
+def _add_colors(file: Gltf, mesh: JsonObject, link: str, palette: Palette, finishes: Palette) -> None:
+    """Add the coloured areas of a mesh to the palette of its link, and the areas of each finish."""
     for primitive, vertices, triangles in _primitives(file, mesh):
         if "material" not in primitive or not len(triangles) or triangles.max() >= len(vertices):
             continue
         pbr = file.item("materials", primitive["material"]).get("pbrMetallicRoughness", {})
-        palette.add(link, _base_color(pbr, "baseColorFactor"), surface_area(vertices, triangles))
+        area = surface_area(vertices, triangles)
+        palette.add(link, _base_color(pbr, "baseColorFactor"), area)
+        if isinstance(pbr, dict) and "metallicRoughnessTexture" not in pbr:
+            finishes.add_finish(link, _factor(pbr, "metallicFactor"), _factor(pbr, "roughnessFactor"), area)
 
 
 def _check_counts(file: Gltf, primitive: JsonObject, count: int, name: str) -> None:
@@ -358,6 +433,9 @@ def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
     vertices = np.vstack(points)
     triangles = np.vstack(faces)
     corner_normals = None
+    if normals and not has_all_normals:
+        text = f"mesh '{name}': only some of its primitives have a NORMAL for each point: the others look faceted."
+        file.ledger.add("gltf.normal", "warning", text, name)
     if normals and has_all_normals:
         corner_normals = np.vstack(normals)
     check_mesh(file.ledger, name, vertices, triangles, corner_normals, "gltf")

@@ -20,6 +20,9 @@ PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 
 MODES = ("LINEAR", "STEP", "CUBICSPLINE")
 
+_SCALED = 1e-4
+"""Largest change of the scale of a link in a clip that counts as a rounding error."""
+
 MOST_POSES = 20_000_000
 """Maximum number of node poses in one clip, to limit memory."""
 
@@ -241,10 +244,17 @@ class _ChannelReader:
             values = values[1::3]
         if self.path == "rotation":
             check_quaternions(ledger, values, times, self.label, "gltf", mode != "STEP", shorter=True)
+        if self.path == "scale" and np.ptp(values, axis=0).max() > _SCALED and self._is_link():
+            text = f"clip '{self.clip}' changes the scale of link '{self.label}': links are rigid."
+            ledger.wrong("gltf.scale", text, self.label)
         if self.path == "scale" and np.min(values) <= 0:
             text = f"clip '{self.clip}' scales '{self.label}' by {np.min(values):.4g}: a scale must be above 0."
             ledger.wrong("gltf.mirrored", text, self.label)
         return Channel(self.node, self.path, mode, times, values, incoming, outgoing)
+
+    def _is_link(self) -> bool:
+        extras = self.file.item("nodes", self.node).get("extras")
+        return isinstance(extras, dict) and bool(extras.get("link"))
 
     def _usable(self, times: Array, ledger: Ledger) -> bool:
         """Return whether key times can be used; report faults of each array of times once."""

@@ -23,7 +23,9 @@ from twin.exchange.audit.mechanism_data import TOOL, FileDrive, FileFrame, FileJ
 from twin.exchange.audit.motion import Content, FileClip, check_poses, check_quaternions, check_rate, check_times
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
+from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
+from twin.exchange.formats.tracks.audit.schema_file import check_schema
 
 SCHEMA = "twin-track"
 
@@ -150,6 +152,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     content = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
     units = data.get("length_unit", "?")
     content.facts = {"units": units, "up_axis": "Z", "handedness": "right", "protocol": name}
+    _state(content, data, name)
     content.physics = _physics(data, links, joints)
     content.extra["data"] = {key: value for key, value in data.items() if key not in ("poses", "positions", "times")}
     _check_words(data, ledger)
@@ -186,6 +189,15 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     content.extra["upper"] = dict(zip(joints, upper, strict=False))
     check_rcm(data, clip, _numbers(data, "frames_local", ledger), ledger)
     return content
+
+
+def _state(content: Content, data: JsonObject, clip: str) -> None:
+    """Store what other formats state as well: the name of the robot, and the numbers of the clip."""
+    if "robot" in data:
+        content.stated[ROBOT] = data["robot"]
+    for key in ("title", "rate", "between_position", "between_rotation", "joint_gap"):
+        if key in data:
+            content.stated[f"{key} of clip '{clip}'"] = data[key]
 
 
 def _check_moved_frame(data: JsonObject, ledger: Ledger) -> None:
@@ -364,4 +376,6 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
     admit(path)
     if path.suffix.lower() == ".csv":
         return read_csv(path, ledger)
+    if not context.tracks:  # once, with the first track
+        check_schema(path.parent, ledger)
     return read_json(path, ledger)

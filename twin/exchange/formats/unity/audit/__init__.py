@@ -9,8 +9,10 @@ from pathlib import Path
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.context import Context
+from twin.exchange.audit.motion import Content
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.unity.audit.golden import check_golden
+from twin.exchange.formats.unity.audit.kinematics import read_classes
 from twin.exchange.formats.unity.audit.shipped import check_shipped
 
 REQUIRED = ("name", "version", "displayName", "unity")
@@ -19,11 +21,14 @@ _NAME = re.compile(r"^[a-z0-9-]+(\.[a-z0-9-]+){2,}$")
 _BEHAVIOUR = re.compile(r"class\s+(\w+)\s*:[^{]*\b(?:MonoBehaviour|ScriptableObject)\b")
 
 
-def check_package(folder: Path, ledger: Ledger) -> None:
-    """Report faults that prevent Unity from importing a package: fields, assemblies, .meta files, GUIDs, scripts."""
+def check_package(folder: Path, ledger: Ledger) -> Content | None:
+    """Report faults that prevent Unity from importing a package: fields, assemblies, .meta files, GUIDs, scripts.
+
+    Return the robot whose kinematics the package contains; None if there is none.
+    """
     data = _json(folder / "package.json", folder, ledger)
     if data is None:
-        return
+        return None
     _check_fields(folder, data, ledger)
     seen = list(_visible(folder))
     guids = _check_metas(folder, seen, ledger)
@@ -33,8 +38,10 @@ def check_package(folder: Path, ledger: Ledger) -> None:
     for file in seen:
         if file.name == "twin-golden.json":
             check_golden(file, file.relative_to(folder).as_posix(), ledger)
+    content = read_classes(folder, ledger)
     faults = [finding for finding in ledger.found if finding.severity != "info"]
     ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(faults)), "found", 0.0)
+    return content
 
 
 def _json(file: Path, folder: Path, ledger: Ledger) -> JsonObject | None:
@@ -166,8 +173,8 @@ def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
             ledger.wrong("unity.script", message, name)
 
 
-def read(path: Path, ledger: Ledger, context: Context) -> None:
-    """Report faults of the package in a folder; a package contains no robot."""
+def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
+    """Report faults of the package in a folder, and return the robot whose kinematics it contains."""
     ledger.tool = "twin.exchange.audit unity"
     ledger.version = "1"
-    check_package(path, ledger)
+    return check_package(path, ledger)

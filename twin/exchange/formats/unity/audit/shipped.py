@@ -12,14 +12,19 @@ from twin.exchange.audit.report import Ledger
 PACKAGE = Path(__file__).resolve().parents[4] / "ui/headset/unity"
 """Folder of the package, both in a source checkout and in an installed wheel."""
 
-_GUID = re.compile(rb"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
+_ENTRY = re.compile(r"^ *([\w]+):[ \t]*(.*?)[ \t]*$", re.MULTILINE)
+
+_GUID = "guid"
+
+_REWRITTEN = ("serializedVersion",)
+"""Entries of .meta files that Unity changes when it writes them again."""
 
 
 def check_shipped(folder: Path, data: JsonMapping, ledger: Ledger) -> None:
     """Report files of a package that differ from twin's, or are missing; packages with other names have no counterpart.
 
-    `data` is the content of the package.json. Line ends do not count; of a .meta file, which Unity writes again, only
-    the GUID counts. Files that twin does not have may be the user's own.
+    `data` is the content of the package.json. Line ends do not count; of a .meta file, which Unity writes again, the
+    entries of twin count, and Unity may add others. Files that twin does not have may be the user's own.
     """
     try:
         own = json.loads((PACKAGE / "package.json").read_text(encoding="utf-8"))
@@ -57,9 +62,7 @@ def _difference(file: Path, shipped: Path) -> str:
     content = file.read_bytes().replace(b"\r\n", b"\n")
     expected = shipped.read_bytes().replace(b"\r\n", b"\n")
     if shipped.suffix == ".meta":
-        if _GUID.findall(content) == _GUID.findall(expected):
-            return ""
-        return "has another GUID than in twin: references to the asset are lost"
+        return meta_difference(content, expected)
     if content == expected:
         return ""
     lines = content.split(b"\n")
@@ -68,3 +71,19 @@ def _difference(file: Path, shipped: Path) -> str:
         if line != expected_line:
             return f"differs from the file of twin, first in line {number}"
     return f"has {len(lines)} lines, the file of twin has {len(expected_lines)}"
+
+
+def meta_difference(content: bytes, expected: bytes, *, own_guid: bool = False) -> str:
+    """Return how the entries of a .meta file differ from those expected; "" if it has all of them.
+
+    With `own_guid`, the GUID is that of another file, and is not compared.
+    """
+    stated = dict(_ENTRY.findall(content.decode("utf-8", "replace")))
+    for key, value in _ENTRY.findall(expected.decode("utf-8")):
+        if key in _REWRITTEN or (own_guid and key == _GUID):
+            continue
+        if key == _GUID and stated.get(key) != value:
+            return "has another GUID than in twin: references to the asset are lost"
+        if stated.get(key) != value:
+            return f"has the entry '{key}: {stated.get(key, 'missing')}', not '{value}' as in twin"
+    return ""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -75,7 +77,33 @@ def source(model: DeviceModel) -> str:
     values["METHODS"] = "\n".join(f"{_INDENT}{line}".rstrip() for line in methods).rstrip()
     for key, value in values.items():
         text = text.replace(f"@{key}@", value)
-    return text
+    return text.replace("@PARTS@", _hashes(text))
+
+
+_MEMBER = re.compile(r" {8}(public|private)\b[^=]*?(\w+)\([^()]*\)")
+"""Line at which a method begins."""
+
+
+def _hashes(text: str) -> str:
+    """Return comments with the hash of each method, and of all that stands before the first one.
+
+    The code begins behind the first "using System;". A hash is the first 16 digits of the SHA-256 of lines; a second
+    method of one name has a number behind its name.
+    """
+    titles = ["tables"]
+    bodies: list[list[str]] = [[]]
+    for line in text.split("using System;", 1)[1].split("\n"):
+        found = _MEMBER.fullmatch(line)
+        if found:
+            title = found[2]
+            titles.append(title if title not in titles else f"{title} {len(titles)}")
+            bodies.append([])
+        bodies[-1].append(line)
+    lines = []
+    for title, body in zip(titles, bodies, strict=True):
+        digest = hashlib.sha256("\n".join(body).encode()).hexdigest()
+        lines.append(f"//   {digest[:16]} {title}")
+    return "\n".join(lines)
 
 
 class _Places:

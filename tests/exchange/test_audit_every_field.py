@@ -1,0 +1,105 @@
+"""Every declared field of an export is changed, one at a time, and the audit finds the change by its cause.
+
+By default changes of a small robot that are drawn anew each day; `TWIN_SEEDS=all` changes every field of real robots.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+import twin
+from made import audit_every_field, audit_fresh, audit_seeds, bundle
+from made.audit_every_field_run import judge
+from twin.exchange.audit import audit
+
+EVERY = os.environ.get("TWIN_SEEDS") == "all"
+ROBOTS = ("pa10", "sils", "sher", "davinci_psm", "raven_left")
+LEAST = 0.98
+"""Share of the changes that must be found by their cause, refused, or shown to be without effect."""
+
+DRAWN = 40
+
+
+@pytest.fixture(scope="module")
+def bars(tmp_path_factory) -> Path:
+    return bundle.write_good(tmp_path_factory.mktemp("good") / "bars")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["glb", "tracks", "csv"])
+def test_drawn_changes_of_declared_fields_are_found(part, bars, tmp_path):
+    seed = f"{date.today()} {part}"
+    print(f"seed {seed!r}")
+    rng = random.Random(seed)
+    changes = audit_every_field.PARTS[part](bars, rng, 1)
+    missed = []
+    for change in rng.sample(changes, DRAWN):
+        word, told = judge(change, bars, tmp_path / "spoilt", None, whole=True)
+        if word == "missed":
+            missed.append(f"{change.name}: {told}")
+    assert len(missed) <= (1 - LEAST) * DRAWN, missed
+
+
+def test_the_fields_are_those_of_the_files(bars):
+    rng = random.Random(0)
+    fields = {change.field for change in audit_every_field.glb_changes(bars, rng, 1)}
+    assert {"nodes.[].translation.[]", "accessors.[].min.[]", "animations.[].samplers.[].interpolation"} <= fields
+    assert {"mesh POSITION", "mesh NORMAL", "mesh indices", "key times", "keys of rotation"} <= fields
+    fields = {change.field for change in audit_every_field.track_changes(bars, rng, 1)}
+    assert {"rate", "times.[]", "poses.[]", "joint_lower.[]", "phase_rcm.[]", "shaft_axis.[]"} <= fields
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["link hidden by an extension", "morph target with a weight", "vertex colours", "a clip twice under another name"],
+)
+def test_what_a_glb_has_beside_what_is_compared_is_found(name, bars, tmp_path):
+    part, _, edit, _, says = next(one for one in audit_fresh.FRESH if one[1] == name)
+    file = next(path.name for path in bars.glob("*.glb"))
+    change = audit_every_field.Change(part, name, "", file, edit, says)
+    assert audit_every_field.copied(bars, tmp_path / "spoilt", change, everything=False)
+    report = audit(tmp_path / "spoilt")
+    assert audit_every_field.caused(report, change) == "found", [f.message for f in report.findings]
+
+
+def test_a_track_that_is_not_recognised_is_found_by_the_table_of_its_name(bars, tmp_path):
+    file = audit_every_field.tracks(bars)[0]
+    schema = audit_every_field.json_edit(file, lambda data: data.pop("schema"))
+    change = audit_every_field.Change("tracks", "schema", "gone", file, schema, "schema")
+    assert audit_every_field.copied(bars, tmp_path / "spoilt", change, everything=False)
+    assert audit_every_field.caused(audit(tmp_path / "spoilt"), change) == "found"
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not EVERY, reason="minutes: set TWIN_SEEDS=all")
+@pytest.mark.parametrize("robot", [False, True])
+def test_defects_by_hand_are_found(robot, tmp_path):
+    audit_fresh.EXPORTS[:] = [tmp_path / "good"]
+    missed = []
+    for i, (part, name, edit, file, says) in enumerate(audit_fresh.FRESH):
+        expected, change = audit_fresh.chosen(i, part, name, edit, file, says, tmp_path, whole=True)
+        told = audit_every_field.caused(twin.audit(tmp_path / "spoilt", expected if robot else None), change)
+        if told not in ("found", "refused"):
+            missed.append(f"{expected}: {name}: {told}")
+    assert len(missed) <= (1 - LEAST) * len(audit_fresh.FRESH), missed
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not EVERY, reason="hours: set TWIN_SEEDS=all")
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("part", [part for part in audit_every_field.PARTS if part != "proof"])
+def test_changes_of_every_field_of_real_robots_are_found(part, robot, tmp_path):
+    good = audit_seeds.exported([robot], tmp_path)[robot]
+    count = 0
+    missed = []
+    for change in audit_every_field.PARTS[part](good, random.Random(1), 1):
+        word, told = judge(change, good, tmp_path / "spoilt", robot if count % 2 else None, whole=True)
+        count += bool(word)
+        if word == "missed":
+            missed.append(f"{change.name}: {told}")
+    assert len(missed) <= (1 - LEAST) * count, missed

@@ -1,0 +1,67 @@
+"""Compare what files state about themselves: the robot's name, and titles, rates and errors of clips."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from twin.exchange.audit.motion import Content
+from twin.exchange.audit.report import MECHANISM
+from twin.exchange.formats import family, trust
+
+ROBOT = "robot"
+"""Name of the statement that `compare_stated` compares with the mechanism."""
+
+_DIGITS = 1e-5
+"""Relative difference of numbers that are written with six digits."""
+
+
+def compare_stated(contents: Sequence[Content], robot: str = "") -> None:
+    """Report statements that differ from those of most formats; `robot` is the name of the mechanism, if there is one.
+
+    If as many formats state one value as the other, the one that is trusted more is right, as for other data.
+    """
+    names: dict[str, None] = {}
+    for content in contents:
+        names |= dict.fromkeys(content.stated)
+    for name in names:
+        stating = [content for content in contents if name in content.stated]
+        stating.sort(key=lambda content: trust(content.format))
+        if name == ROBOT and robot:
+            _report(name, stating, robot, MECHANISM, "")
+        elif len(stating) > 1:
+            groups = _groups(name, stating)
+            right = max(groups, key=lambda group: len({family(content.format) for content in group}))
+            doubt = ""
+            if len({family(content.format) for content in right}) == 1:
+                doubt = " One of the two statements is wrong."
+            _report(name, stating, right[0].stated[name], right[0].file, doubt)
+
+
+def _groups(name: str, stating: Sequence[Content]) -> list[list[Content]]:
+    """Return the files in groups: each states the same as the first of its group."""
+    groups: list[list[Content]] = []
+    for content in stating:
+        for group in groups:
+            if same_value(group[0].stated[name], content.stated[name]):
+                group.append(content)
+                break
+        else:
+            groups.append([content])
+    return groups
+
+
+def _report(name: str, stating: Sequence[Content], expected: Any, source: str, doubt: str) -> None:
+    for content in stating:
+        value = content.stated[name]
+        if not same_value(value, expected):
+            text = f"{name} is stated as {value!r}; in {source} it is {expected!r}.{doubt}"
+            advice = "export all files again, together"
+            content.ledger.wrong("compare.stated", text, name, suggestion=advice)
+
+
+def same_value(a: Any, b: Any) -> bool:
+    """Return whether two values are equal; numbers are equal within the digits of texts."""
+    if isinstance(a, int | float) and isinstance(b, int | float):
+        return abs(a - b) <= _DIGITS * max(abs(a), abs(b))
+    return bool(a == b)

@@ -1,0 +1,52 @@
+"""Compare the JSON Schema beside tracks with the schema that twin has."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from twin.exchange.audit.report import Ledger
+from twin.schema import json_schema
+from twin.schema.track import Track
+
+NAME = "track.schema.json"
+"""Name of the file."""
+
+
+def check_schema(folder: Path, ledger: Ledger) -> None:
+    """Report the entries in which the schema in a folder, if there is one, differs from that of twin.
+
+    Other programs read tracks by this file: a wrong entry makes them refuse a right track, or take a wrong one.
+    """
+    file = folder / NAME
+    if not file.is_file():
+        return
+    try:
+        stated = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        ledger.wrong("tracks.schema", f"{NAME} cannot be read: {str(error)[:100]}.", NAME)
+        return
+    differences = list(_differences("", stated, json_schema(Track)))
+    ledger.row(f"entries of {NAME}", float(len(differences)), "differ", 0.0, where=NAME)
+    if differences:
+        text = f"{NAME} differs from the schema of twin: {differences[0]}"
+        if len(differences) > 1:
+            text += f", and {len(differences) - 1} more"
+        ledger.wrong("tracks.schema", f"{text}.", NAME, suggestion="export the tracks again")
+
+
+def _differences(place: str, a: Any, b: Any) -> Iterator[str]:
+    """Yield texts on the entries in which JSON data `a` differ from `b`."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in dict.fromkeys((*b, *a)):
+            inner = f"{place}/{key}"
+            if key not in a:
+                yield f"'{inner}' is missing"
+            elif key not in b:
+                yield f"'{inner}' is not in it"
+            else:
+                yield from _differences(inner, a[key], b[key])
+    elif a != b or isinstance(a, bool) != isinstance(b, bool):
+        yield f"'{place}' is {str(a)[:40]!r}, not {str(b)[:40]!r}"

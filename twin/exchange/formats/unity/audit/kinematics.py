@@ -1,0 +1,323 @@
+"""Read the tables of a robot's C# class in a Unity package, and find parts of the class that were changed.
+
+The tables are compared with the other files and with the mechanism, as the data of any format. The methods are not run;
+the file states a hash of each, and of the tables, so that a change of a part is found, and named.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.mechanism_data import (
+    TOOL,
+    FileDrive,
+    FileFrame,
+    FileJoint,
+    FileMass,
+    FilePhysics,
+    along,
+)
+from twin.exchange.audit.motion import Content
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.stated import ROBOT
+from twin.exchange.formats.unity.audit.shipped import PACKAGE, meta_difference
+
+_PACKAGE = "com.twin.player"
+
+ROBOTS = "Runtime/Robots"
+"""Folder of the classes in a package."""
+
+_TABLE = re.compile(r"private static readonly \w+(?:\[\])? (?P<name>\w+) =\s*(?P<value>\{.*?\}|\"[^\"]*\");", re.DOTALL)
+_ENTRY = re.compile(r'"(?:[^"\\]|\\.)*"|[^,{}()\s]+')
+_MEMBER = re.compile(r"^ {8}(?:public|private)\b[^=]*?(?P<name>\w+)\([^()]*\)$")
+_HASH = re.compile(r"^// {3}(?P<hash>[0-9a-f]{16}) (?P<name>\w+(?: \d+)?)$", re.MULTILINE)
+_MODEL = re.compile(r"\((sha256:[0-9a-f]{64})\)")
+_ROBOT = re.compile(r'public string Robot \{ get \{ return "([^"]*)"; \} \}')
+_CODE = "using System;"
+"""First line of the code, behind the comments at the start."""
+
+_TABLES = "tables"
+"""Name of the part before the first method."""
+
+_SINGLE = ("revolute", "prismatic")
+
+_SIGNS = {"minimum": 1.0, "maximum": -1.0}
+"""Kinds of bounds of single joints: a bound is that this factor times the joint value is at least a number."""
+
+_SAME = 1e-9
+"""Largest difference in m or rad of equal numbers in two tables, which have all digits."""
+
+
+def read_classes(folder: Path, ledger: Ledger) -> Content | None:
+    """Return the robot of the class in a package, and report changed parts of all classes.
+
+    The content is None if there is no class, or several: then the package is not that of one robot.
+    """
+    contents = []
+    for file in sorted((folder / ROBOTS).glob("*.cs")):
+        name = file.relative_to(folder).as_posix()
+        text = file.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n")
+        _check_parts(name, text, ledger)
+        _check_meta(folder, name, ledger)
+        try:
+            contents.append(_content(text, ledger))
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            message = f"the tables of {name} cannot be read: {type(error).__name__}, {str(error)[:100]}."
+            ledger.add("unity.kinematics", "error", message, name)
+    for meta in sorted((folder / ROBOTS).glob("*.cs.meta")):
+        name = meta.relative_to(folder).as_posix().removesuffix(".meta")
+        if not (folder / name).is_file():
+            ledger.wrong("unity.kinematics", f"{name} is missing; only its .meta file exists.", name)
+    if len(contents) != 1:
+        return None
+    return contents[0]
+
+
+# ------------------------------------------------------------------------------------------------- parts of the class
+
+
+def _check_parts(name: str, text: str, ledger: Ledger) -> None:
+    """Report parts of a class that are not as their hashes state."""
+    stated: dict[str, str] = {}
+    for match in _HASH.finditer(text):
+        stated[match["name"]] = match["hash"]
+    parts = _parts(text)
+    wrong = 0
+    for part in dict.fromkeys((*stated, *parts)):
+        if part not in parts:
+            fault = f"{name} states a hash of '{part}', which it does not have."
+        elif part not in stated:
+            fault = (
+                f"{name} states no hash of '{part}': this part was added, renamed, or written by an earlier version."
+            )
+        elif _hash(parts[part]) != stated[part]:
+            fault = f"'{part}' in {name} was changed after it was written: it has another hash than the file states."
+        else:
+            continue
+        wrong += 1
+        ledger.wrong("unity.kinematics", fault, name, suggestion="export the package again")
+    ledger.row(f"hashes of {len(parts)} parts of {name}", float(wrong), "differ", 0.0, where=name)
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
+
+
+def _parts(text: str) -> dict[str, str]:
+    """Return {name: text} of the parts of the code: what stands before the first method, and each method.
+
+    The name of a second part of one name gets a number, as "MoveTo 2".
+    """
+    parts: dict[str, list[str]] = {}
+    current = parts.setdefault(_TABLES, [])
+    _, _, code = text.partition(_CODE)
+    for line in code.split("\n"):
+        match = _MEMBER.match(line)
+        if match is not None:
+            name = match["name"]
+            if name in parts:
+                name = f"{name} {len(parts)}"
+            current = parts.setdefault(name, [])
+        current.append(line)
+    return {name: "\n".join(lines) for name, lines in parts.items()}
+
+
+def _check_meta(folder: Path, name: str, ledger: Ledger) -> None:
+    """Report entries of .meta files that are not as twin writes them: another GUID breaks references to the class."""
+    for path, alike in ((ROBOTS, "Runtime/Resources.meta"), (name, "Runtime/IRobotKinematics.cs.meta")):
+        meta = folder / f"{path}.meta"
+        if not meta.is_file():
+            continue  # reported with the .meta files of the package
+        difference = meta_difference(meta.read_bytes(), (PACKAGE / alike).read_bytes(), own_guid=True)
+        if difference:
+            ledger.wrong("unity.shipped", f"{path}.meta {difference}.", f"{path}.meta")
+        expected = hashlib.md5(f"{_PACKAGE}/{path}".encode(), usedforsecurity=False).hexdigest()
+        if f"guid: {expected}\n" not in meta.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n"):
+            text = (
+                f"{path}.meta has another GUID than twin gives '{path}': references to it are lost by the next export."
+            )
+            ledger.wrong("unity.guid", text, f"{path}.meta", suggestion="export the package again")
+
+
+# --------------------------------------------------------------------------------------------------------- the tables
+
+
+def _content(text: str, ledger: Ledger) -> Content:
+    """Return the robot that the tables of a class describe.
+
+    Raises:
+        KeyError, ValueError, IndexError: a table is missing or too short, or an entry is not of its kind.
+    """
+    tables: dict[str, list[str]] = {}
+    for match in _TABLE.finditer(text):
+        tables[match["name"]] = _ENTRY.findall(match["value"])
+    links = tuple(_words(tables["links"]))
+    model = _MODEL.search(text)
+    robot = _ROBOT.search(text)
+    content = Content(ledger, "unity", declared=links)
+    if model is not None:
+        content.model_hash = model[1]
+    if robot is not None:
+        content.stated[ROBOT] = robot[1]
+    joints = _joints(tables, links)
+    frames = {TOOL: FileFrame(_words(tables["toolLink"])[0], _pose(_numbers(tables["toolFrame"])))}
+    masses = {}
+    for link, mass in zip(links, _numbers(tables["linkMasses"]), strict=True):
+        if mass:  # 0: unknown
+            masses[link] = FileMass(float(mass))
+    content.physics = FilePhysics(links, masses, joints=joints, frames=frames, complete=True)
+    content.facts = {"units": "m", "up_axis": "Z", "handedness": "right"}
+    if _check_sizes(tables, ledger):
+        _check_angles(tables, ledger)
+        _check_tree(tables, links, ledger)
+        _check_bounds(tables, ledger)
+        _check_distances(tables, links, ledger)
+    return content
+
+
+def _joints(tables: Mapping[str, list[str]], links: tuple[str, ...]) -> list[FileJoint]:
+    names = _words(tables["allJoints"])
+    kinds = _words(tables["jointTypes"])
+    parents = _numbers(tables["jointParents"]).astype(int)
+    children = _numbers(tables["jointChildren"]).astype(int)
+    active = _numbers(tables["jointActive"]).astype(int)
+    if min(*parents, *children, 0) < 0:
+        raise ValueError("the number of a link is negative")
+    frames = _numbers(tables["jointFrames"]).reshape(len(names), 2, 12)
+    limits = _numbers(tables["jointLimits"]).reshape(len(names), 2)
+    driven = _words(tables["joints"])
+    joints = []
+    for i, name in enumerate(names):
+        T_parent_joint = _pose(frames[i, 0])
+        T_parent_child = T_parent_joint @ poses.inverse(_pose(frames[i, 1]))
+        drive = FileDrive()
+        if kinds[i] in _SINGLE:
+            low, high = limits[i].tolist()
+            drive = FileDrive((low, high), active[i] >= 0 and driven[active[i]] == name)
+        motions = along(kinds[i], T_parent_joint)
+        joints.append(FileJoint((name,), links[parents[i]], links[children[i]], T_parent_child, motions, drive))
+    return joints
+
+
+def _check_sizes(tables: Mapping[str, list[str]], ledger: Ledger) -> bool:
+    """Report tables without an entry for each of what they belong to; return whether there are none."""
+    before = len(ledger.found)
+    count = len(tables["joints"])
+    for table, expected in (
+        ("angles", count),
+        ("restJoints", count),
+        ("homeJoints", count),
+        ("boundKinds", len(tables["boundNames"])),
+        ("boundLeast", len(tables["boundNames"])),
+        ("boundWeights", len(tables["boundNames"]) * count),
+        ("drawnDistances", len(tables["distanceNames"])),
+        ("publishedParameters", len(tables["parameterNames"])),
+        ("measureAlarms", len(tables["measureNames"])),
+        ("inLoops", len(tables["allJoints"])),
+    ):
+        if len(tables[table]) != expected:
+            text = f"the table '{table}' of the class has {len(tables[table])} entries, not {expected}."
+            ledger.wrong("unity.kinematics", text, table)
+    return len(ledger.found) == before
+
+
+def _check_angles(tables: Mapping[str, list[str]], ledger: Ledger) -> None:
+    """Report driven joints that are angles in one table, and slides in the other."""
+    kinds = dict(zip(_words(tables["allJoints"]), _words(tables["jointTypes"]), strict=True))
+    for name, angle in zip(_words(tables["joints"]), tables["angles"], strict=True):
+        if angle != str(kinds.get(name) == "revolute").lower():
+            text = f"the class states angle = {angle} for joint '{name}', which is {kinds.get(name, 'not there')}."
+            ledger.wrong("unity.kinematics", text, f"joint '{name}'")
+
+
+def _check_tree(tables: Mapping[str, list[str]], links: tuple[str, ...], ledger: Ledger) -> None:
+    """Report links that are the child of no joint or of several, beside those that close loops."""
+    owners = dict.fromkeys(links, 0)
+    children = _numbers(tables["jointChildren"]).astype(int)
+    for child, loop in zip(children, tables["inLoops"], strict=True):
+        owners[links[child]] += loop == "false"
+    roots = [link for link, count in owners.items() if not count]
+    several = [link for link, count in owners.items() if count > 1]
+    if len(roots) > 1 or several:
+        link = several[0] if several else roots[-1]
+        text = f"the class has {owners[link]} joints outside of loops that move link '{link}': the joints are no tree."
+        ledger.wrong("unity.kinematics", text, f"link '{link}'")
+
+
+def _check_bounds(tables: Mapping[str, list[str]], ledger: Ledger) -> None:
+    """Report bounds of single joints that are not the limits of these joints, and postures beyond any bound."""
+    joints = _words(tables["joints"])
+    limits = _numbers(tables["jointLimits"]).reshape(-1, 2)
+    by_joint = dict(zip(_words(tables["allJoints"]), limits, strict=True))
+    least = _numbers(tables["boundLeast"])
+    weights = _numbers(tables["boundWeights"]).reshape(len(least), len(joints))
+    names = _words(tables["boundNames"])
+    for i, kind in enumerate(_words(tables["boundKinds"])):
+        if kind in _SIGNS and names[i] in joints:
+            expected = np.zeros(len(joints))
+            expected[joints.index(names[i])] = _SIGNS[kind]
+            side = 0 if kind == "minimum" else 1
+            limit = _SIGNS[kind] * by_joint[names[i]][side]
+            if not (np.allclose(weights[i], expected) and abs(least[i] - limit) <= _SAME):
+                text = (
+                    f"the {kind} by which the class judges joint '{names[i]}' is not the limit in its table of limits."
+                )
+                ledger.wrong("unity.kinematics", text, f"joint '{names[i]}'")
+    for table in ("homeJoints", "restJoints"):
+        missing = least - weights @ _numbers(tables[table])
+        worst = int(np.argmax(missing)) if len(missing) else 0
+        if len(missing) and missing[worst] > _SAME:
+            text = f"{table}: bound '{names[worst]}' is exceeded by {missing[worst]:.4g} m or rad."
+            ledger.wrong("unity.kinematics", text, table)
+
+
+def _check_distances(tables: Mapping[str, list[str]], links: tuple[str, ...], ledger: Ledger) -> None:
+    """Report distances of two joints on a link that are not those between the frames of these joints."""
+    joints = _words(tables["allJoints"])
+    frames = _numbers(tables["jointFrames"]).reshape(len(joints), 2, 3, 4)
+    parents = _numbers(tables["jointParents"]).astype(int)
+    drawn = _numbers(tables["drawnDistances"])
+    for title, stated in zip(_words(tables["distanceNames"]), drawn, strict=True):
+        link, _, pair = title.partition(": ")
+        points = []
+        for name in pair.split(" to "):
+            if name in joints and link in links:
+                i = joints.index(name)
+                side = 0 if links[parents[i]] == link else 1
+                points.append(frames[i, side, :, 3])
+        if len(points) != 2:
+            text = f"the class states the distance '{title}', but has no such link or joints."
+        else:
+            distance = float(np.linalg.norm(points[1] - points[0]))
+            if abs(distance - stated) <= _SAME:
+                continue
+            text = f"the class states {stated:.6g} m for the distance '{title}'; by its frames it is {distance:.6g} m."
+        ledger.wrong("unity.kinematics", text, title)
+
+
+def _words(entries: list[str]) -> list[str]:
+    words = []
+    for entry in entries:
+        if not (len(entry) >= 2 and entry[0] == entry[-1] == '"'):
+            raise ValueError(f"{entry} is not a text")
+        words.append(entry[1:-1])
+    return words
+
+
+def _numbers(entries: list[str]) -> Array:
+    known = {"double.PositiveInfinity": np.inf, "double.NegativeInfinity": -np.inf}
+    return np.array([known[entry] if entry in known else float(entry) for entry in entries])
+
+
+def _pose(rows: Array) -> Array:
+    """Return a pose (4, 4) from its first three rows, 12 numbers."""
+    T = np.eye(4)
+    T[:3] = rows.reshape(3, 4)
+    return T
