@@ -16,7 +16,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.ui.access.responses import File
 from twin.ui.headset import files
-from twin.ui.session.drawn_parts import CableTable, DrawnParts, drawn_parts, person
+from twin.ui.session.drawn_parts import DrawnCable, DrawnParts, drawn_parts, person
 
 _FILE = "drawn.glb"
 _PERSON = "person.glb"
@@ -97,7 +97,7 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
     return DrawnFiles(out, entries)
 
 
-def _cable(owner: Owner, cable: CableTable) -> JsonObject:
+def _cable(owner: Owner, cable: DrawnCable) -> JsonObject:
     ends = []
     for end in cable.ends:
         ends.append({"link": end.link, "at": [value * MM for value in end.at_mm]})

@@ -70,7 +70,7 @@ class CableEnd(Table):
     at_mm: Vector
 
 
-class CableTable(Table):
+class DrawnCable(Table):
     """A cable between two bodies that hangs down as far as its length allows.
 
     A cable that is shorter than the distance of its ends is drawn straight.
@@ -99,7 +99,7 @@ class SceneryFile(Table):
     note: str = Field(min_length=1)
     part: list[DrawnTable] = Field(default_factory=list)
     belt: list[BeltTable] = Field(default_factory=list)
-    cable: list[CableTable] = Field(default_factory=list)
+    cable: list[DrawnCable] = Field(default_factory=list)
     finish: list[FinishTable] = Field(default_factory=list)
 
 
@@ -115,7 +115,7 @@ class DrawnParts:
     """
 
     meshes: dict[tuple[str, Pattern], list[Mesh]]
-    cables: tuple[CableTable, ...]
+    cables: tuple[DrawnCable, ...]
     finishes: tuple[FinishTable, ...]
     note: str
 

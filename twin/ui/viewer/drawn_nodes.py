@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body
 from twin.ui.session.display_meshes import looks
-from twin.ui.session.drawn_parts import CableTable, DrawnParts, hanging, person
+from twin.ui.session.drawn_parts import DrawnCable, DrawnParts, hanging, person
 
 
 class DrawnNodes:
@@ -24,7 +24,7 @@ class DrawnNodes:
 
     def __init__(self, server: viser.ViserServer, path: str, drawn: DrawnParts, poses: Mapping[str, Array]) -> None:
         self.note = drawn.note
-        self._cables: list[tuple[CableTable, viser.LineSegmentsHandle]] = []
+        self._cables: list[tuple[DrawnCable, viser.LineSegmentsHandle]] = []
         self._meshes: list[viser.MeshHandle] = []
         for link, _, body in drawn.bodies():
             self._meshes += _add(server, f"{path}/{link}", body)
@@ -70,7 +70,7 @@ def _add(server: viser.ViserServer, path: str, body: Body) -> list[viser.MeshHan
     return handles
 
 
-def _line(cable: CableTable, poses: Mapping[str, Array]) -> np.ndarray:
+def _line(cable: DrawnCable, poses: Mapping[str, Array]) -> np.ndarray:
     """Return the segments (k, 2, 3) of a cable in the base frame."""
     ends = []
     for end in cable.ends:
