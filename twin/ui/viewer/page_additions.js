@@ -43,6 +43,7 @@
     title.textContent = document.title || 'twin';
     for (const button of document.querySelectorAll('button'))
       if (!worded(button)) button.setAttribute('aria-label', /close/i.test(button.className) ? 'Close' : 'Connection and settings');
+    for (const image of document.querySelectorAll('img:not([alt])')) image.alt = '';
     for (const bar of document.querySelectorAll('[role="progressbar"]'))
       if (!bar.getAttribute('aria-label')) bar.setAttribute('aria-label', 'Progress');
     for (const slider of document.querySelectorAll('[role="slider"]'))
@@ -134,10 +135,6 @@
       if (tries > 0) setTimeout(fold, 200, tries - 1); // viser's own script begins later
       return;
     }
-    heading.setAttribute('role', 'button');
-    heading.setAttribute('aria-label', 'Show or hide the controls');
-    heading.tabIndex = 0;
-    heading.addEventListener('keydown', (e) => e.key === 'Enter' && heading.click());
     // the bar with the tools of the view is above the panel, whatever its height
     new ResizeObserver(() => (help.style.bottom = `${panel.offsetHeight + 8}px`)).observe(panel);
     heading.click();
