@@ -14,6 +14,7 @@ from twin.core.units import MM
 from twin.model.joined import joined
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
+from twin.reference.assembling import settle
 from twin.reference.closing import Closing
 from twin.reference.pairs import CollisionPairs
 
@@ -47,6 +48,11 @@ def test_many_states_equal_the_single_solutions(name):
             continue
         assert closed
         np.testing.assert_allclose(x, single.x, atol=1e-9)
+
+
+def test_a_joint_value_that_is_not_finite_settles_nowhere():
+    first = next(iter(model("four_bar").tree.configuration))
+    assert settle(model("four_bar"), {first: np.nan}) is None
 
 
 def test_a_tree_with_ball_joints_is_placed_and_moved_as_by_pinocchio():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 
 import numpy as np
@@ -48,6 +49,23 @@ def test_addresses_for_ros_clients_can_be_opened():
     assert url.startswith("ws://")
     assert "0.0.0.0" not in url  # no address of a computer
     assert host_and_port("[::1]:9090") == ("::1", 9090)
+
+
+def test_an_address_that_cannot_be_opened_is_refused_with_the_cause(monkeypatch):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(TwinError, match="the port is in use; choose another one"):
+            ros_address("127.0.0.1", other.getsockname()[1], False)
+    with pytest.raises(TwinError, match=r"203\.0\.113\.1:0: the host is not an address of this computer; choose"):
+        ros_address("203.0.113.1", 0, False)
+
+    def reserved(self, address):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(socket.socket, "bind", reserved)
+    with pytest.raises(TwinError, match=r"127\.0\.0\.1:80: this user may not listen on the port"):
+        ros_address("127.0.0.1", 80, False)
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="this computer has no IPv6")

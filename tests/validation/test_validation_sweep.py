@@ -116,6 +116,13 @@ def test_wrong_options_are_named(options, message, capsys):
     assert message in capsys.readouterr().err
 
 
+def test_wrong_arguments_are_named():
+    with pytest.raises(twin.TwinError, match=r"^joints: there is no active joint 'q9'"):
+        twin.strokes("sher", ["q9"])
+    with pytest.raises(twin.TwinError, match=r"^standins: there is no simplified loop model 'serail'"):
+        twin.strokes("sher", standins=["serail"])
+
+
 INVERSE = """
 from casadi import atan, atan2, cos, sin
 

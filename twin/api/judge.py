@@ -331,10 +331,10 @@ def strokes(
     robot = loaded(robot)
     for name in standins:
         if name not in STANDINS:
-            raise TwinError(f"--compare: {unknown('simplified loop model', name, STANDINS)}")
+            raise TwinError(f"standins: {unknown('simplified loop model', name, STANDINS)}")
     for name in joints:
         if name not in robot.joints:
-            raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")
+            raise TwinError(f"joints: {unknown('active joint', name, robot.joints)}")
     chosen = joints or robot.joints
     progress("read CAD", 0.0)
     kin = robot.kinematics(variants)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 
 from twin.core.errors import TwinError
@@ -14,37 +15,54 @@ def free_port(host: str, port: int) -> int:
     Raises:
         TwinError: the port is in use (the message names a free port), or `host` is not an address of this computer.
     """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family) as s:
-        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            s.bind((host, port))
-        except OSError as error:
-            if error.errno in (98, 48, 10048):  # error numbers of a port in use: Linux, macOS, Windows
-                with socket.socket(family) as other:
-                    other.bind((host, 0))
-                    free = other.getsockname()[1]
-                raise TwinError(
-                    f"port {port} is in use, possibly by another twin command: stop that process, or use the free port "
-                    f"{free} (--port {free})"
-                ) from error
-            raise TwinError(f"cannot listen on {_with_port(host, port)}: {error.strerror or error}") from error
-        return int(s.getsockname()[1])
+    try:
+        return _bound_port(host, port)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            free = _bound_port(host, 0)
+            raise TwinError(
+                f"port {port} is in use, possibly by another twin command: stop that process, or use the free port "
+                f"{free} (--port {free})"
+            ) from error
+        raise TwinError(f"cannot listen on {_with_port(host, port)}: {error.strerror or error}") from error
 
 
 def ros_address(host: str, port: int, secure: bool) -> tuple[int, str]:
     """Return a free port (see `free_port`) for ROS clients, and the address of the server for them.
 
     Raises:
-        TwinError: the port is in use, or `host` is not an address of this computer.
+        TwinError: the port is in use or reserved, or `host` is not an address of this computer.
     """
     try:
-        free = free_port(host, port)
-    except TwinError as error:
-        text = "the port is in use, or the host is not an address of this computer; choose another one"
-        raise TwinError(f"--ros {_with_port(host, port)}: {text}") from error
+        free = _bound_port(host, port)
+    except OSError as error:
+        raise TwinError(f"--ros {_with_port(host, port)}: {_cause(error)}; choose another one") from error
     url = PageAddress(host, free, secure, "ROS").url
     return free, url.replace("http", "ws", 1).rstrip("/")
+
+
+def _bound_port(host: str, port: int) -> int:
+    """Return the port on which a server can listen; `port` 0: any free port.
+
+    Raises:
+        OSError: no server of this user can listen there.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as s:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        s.bind((host, port))
+        return int(s.getsockname()[1])
+
+
+def _cause(error: OSError) -> str:
+    """Return why no server can listen on an address."""
+    if error.errno == errno.EADDRINUSE:
+        return "the port is in use"
+    if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+        return "the host is not an address of this computer"
+    if error.errno == errno.EACCES:
+        return "this user may not listen on the port (ports below 1024 are often reserved)"
+    return f"the system refuses it: {error.strerror or error}"
 
 
 def _with_port(host: str, port: int) -> str:

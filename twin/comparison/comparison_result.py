@@ -88,8 +88,7 @@ class Comparison(Result):
             if row.stated:
                 labels = (pair.first.label, pair.second.label)
                 text = f"{row.kind} of '{row.where}': {row.first} in {labels[0]}, {row.second} in {labels[1]}"
-                joined = "; and " if row.together else "; or "
-                suggestion = " ".join(_edit_texts(row.edits, joined))
+                suggestion = " ".join(_edit_texts(row.edits, together=row.together))
                 yield disagreement(f"compare.{row.kind.replace(' ', '_')}", row.where, text, suggestion=suggestion)
 
     @property
@@ -186,7 +185,7 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
         different = [(row.kind, row.where, row.first, row.second) for row in stated]
         yield TextTable(("differs", "of", pair.first.label, pair.second.label), different)
         for row in stated:
-            for text in _edit_texts(row.edits, "; and " if row.together else "; or "):
+            for text in _edit_texts(row.edits, together=row.together):
                 yield f"      {row.kind} of '{row.where}': {text}"
 
 
@@ -289,8 +288,12 @@ def _suggestion(item: ComparedItem) -> str:
     return " ".join(_edit_texts(item.edits))
 
 
-def _edit_texts(edits: Sequence[NumberEdit], joined: str = "; or ") -> list[str]:
-    """Return for each side a sentence with its edits; several edits of one side are alternatives, or all needed."""
+def _edit_texts(edits: Sequence[NumberEdit], *, together: bool = False) -> list[str]:
+    """Return for each side a sentence with its edits.
+
+    Several edits of one side are alternatives, of which a few are shown; with `together`, all are needed and shown.
+    """
+    separator = "; and " if together else "; or "
     sentences = []
     for chosen in _by_side(edits).values():
         for edit in chosen:
@@ -299,10 +302,10 @@ def _edit_texts(edits: Sequence[NumberEdit], joined: str = "; or ") -> list[str]
         shown = [edit for edit in chosen if not edit.obstacle]
         if not shown:
             continue
-        if joined == "; or ":
+        if not together:
             shown = shown[:_SHOWN_EDITS]
         texts = [edit.text() for edit in shown]
-        sentences.append(f"Edit {joined.join(texts)}.")
+        sentences.append(f"Edit {separator.join(texts)}.")
     return sentences
 
 

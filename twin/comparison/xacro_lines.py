@@ -12,8 +12,15 @@ _EXPRESSION = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
 def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: str, old: str) -> str:
     """Return why an edit of the numbers `old` in a line of a xacro does not do what it does in the expanded text.
 
-    `places` are those of the elements of the expanded text; `what` ends with element and attribute, as "origin xyz[2]".
     "" if the line states these numbers, for one element.
+
+    Args:
+        places: (file, line) in the xacro of each element of the expanded text, by kind, name and, for an element inside
+            another, inner element: "joint/shoulder", "joint/shoulder/origin".
+        file: the xacro file.
+        line: number of the edited line.
+        what: ends with element and attribute, as "origin xyz[2]".
+        old: the stated numbers, with spaces between them.
     """
     names: dict[tuple[str, str], set[str]] = {}
     for key, place in places.items():

@@ -41,12 +41,16 @@ def assemble(model: ReferenceModel) -> Assembly:
             if is_closed(best):
                 return best
             candidate = _nearest(model, starts, columns, drawn)
-            best = min((best, candidate), key=_misfit)
+            if candidate is not None:
+                best = min((best, candidate), key=_misfit)
     return best
 
 
 def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
-    """Return the smallest possible gap (m, rad) of one loop if all other loops are removed and all joints are free."""
+    """Return the smallest possible gap (m, rad) of one loop if all other loops are removed and all joints are free.
+
+    Infinite if no start leads to finite values.
+    """
     others = {j.name for j in mechanism.loops} - {loop}
     joints = tuple(j for j in mechanism.joints if j.name not in others)
     alone = replace(mechanism, joints=joints, couplings=())
@@ -56,6 +60,8 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
     near_drawn = scattered(model.tree, drawn, every, _SPREADS, _TRIES)
     starts = np.concatenate([drawn[None], near_drawn])
     nearest = _nearest(model, starts, every, drawn)
+    if nearest is None:
+        return np.inf, np.inf
     return nearest.gap[loop]
 
 
@@ -73,7 +79,7 @@ def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | Non
     every = np.arange(tree.model.nv)
     for columns in (tree.passive, every):
         nearest = _nearest(model, start[None], columns, start)
-        if is_closed(nearest):
+        if nearest is not None and is_closed(nearest):
             return nearest
     return None
 
@@ -96,8 +102,11 @@ def _misfit(state: Assembly) -> float:
     return sum(offset + 0.1 * tilt for offset, tilt in state.gap.values())
 
 
-def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly:
-    """Return the assembly with the smallest gaps reached from `starts`; if some are equal, the nearest to `drawn`."""
+def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly | None:
+    """Return the assembly with the smallest gaps reached from `starts`; if some are equal, the nearest to `drawn`.
+
+    None if no start leads to finite values.
+    """
     X, _ = minimise(model.tree, starts, model.loops_only, columns)
     finite = np.isfinite(X).all(axis=1)
     states = [model.state(x) for x in X[finite]]
@@ -106,4 +115,4 @@ def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array)
         distance = np.linalg.norm(state.x - drawn)
         return _misfit(state), float(distance)
 
-    return min(states, key=rank)
+    return min(states, key=rank, default=None)

@@ -163,6 +163,8 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     from twin.cli import pages, show
     from twin.cli.chosen import asked
     from twin.core import assets
+    from twin.core.errors import unknown
+    from twin.validation.stroke import STANDINS
 
     standins = tuple(name for name in (args.compare or "").split(",") if name)
     joints: tuple[str, ...] = ()
@@ -171,6 +173,12 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     variants = asked(args.variant)
     if isinstance(variants, str):
         raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
+    for name in standins:
+        if name not in STANDINS:
+            raise TwinError(f"--compare: {unknown('simplified loop model', name, STANDINS)}")
+    for name in joints:
+        if name not in robot.joints:
+            raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")
     folder = show.folder(args, robot.name) / "sweep"
     with show.progress(args.quiet or args.json) as progress:
         result = strokes(robot, joints, standins, variants, progress)

@@ -242,7 +242,9 @@ def write_skeleton(
         made.append(read_mechanism(folder / f"{name}.toml", with_mass=False).mechanism)
         return made[0]
 
-    return write_robot(name, target, cad, skeleton.findings, source, force), made[0]
+    files = write_robot(name, target, cad, skeleton.findings, source, force)
+    mechanism = made[0]  # `write_robot` has called `cad`
+    return files, mechanism
 
 
 def describe(skeleton: Skeleton, name: str, source: str) -> str:
