@@ -9,7 +9,7 @@ from twin import api
 from twin.core.units import DEG
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
-from twin.validation.explain.identify import Fit, Numbers, _covariance, identify
+from twin.validation.explain.identify import Fit, ParameterResiduals, _covariance, identify
 from twin.validation.explain.row_deviations import Judge
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
@@ -84,8 +84,8 @@ def test_covariance_is_that_of_the_errors(sils):
     noise, fits, sigmas = 1e4, [], []
     judge = wrong(sils, l_p=1e-4)
     for seed in range(12):
-        numbers = Numbers(judge, noise, seed)
-        fits.append(numbers.fit(("l_p",)).values[0])
+        residuals = ParameterResiduals(judge, noise, seed)
+        fits.append(residuals.fit(("l_p",)).values[0])
     sigmas = identify(judge, noise=noise).moved[0].sigma * 1e-3
     assert np.std(fits) == pytest.approx(sigmas, rel=0.6)
     assert abs(np.mean(fits) - 0.135) < 4 * sigmas
@@ -107,8 +107,35 @@ def test_a_wrong_form_is_not_explained_by_numbers(sils):
 def test_rows_without_a_value_are_not_explained_by_numbers(sils):
     """A root that has no value somewhere: the other rows do not determine it."""
     judge = wrong(sils, l_1=-0.1)
-    assert not Numbers(judge).complete
+    assert not ParameterResiduals(judge).complete
     assert identify(judge, alone=True) is None
+
+
+@pytest.mark.parametrize("only_row", [False, True])
+def test_a_row_that_is_lost_at_other_values_leaves_no_residuals(sils, monkeypatch, only_row):
+    formula, truth = sils
+    residuals = ParameterResiduals(Judge(formula, None, truth))
+    assert len(residuals.rows) > 1
+    if only_row:
+        first = residuals.rows[0]
+        residuals.rows = [first]
+        residuals.noise = np.zeros(residuals.judge.residuals[first].size)
+    size = residuals.noise.size
+    assert size > 1
+    on = residuals.judge.on
+
+    def with_a_lost_row(truth):
+        judge = on(truth)
+        if truth.symbols["l_1"] != residuals.start["l_1"]:
+            del judge.residuals[residuals.rows[0]]
+        return judge
+
+    monkeypatch.setattr(residuals.judge, "on", with_a_lost_row)
+    lost = residuals.residual({**residuals.start, "l_1": residuals.start["l_1"] + 1e-6})
+    assert lost.shape == (size,)
+    assert np.isnan(lost).all()
+    assert "l_1" not in [p.name for p in residuals.used()]
+    assert residuals.fit(("l_1",)).values[0] == residuals.start["l_1"]
 
 
 def test_no_number_is_named_where_every_row_holds(sils):

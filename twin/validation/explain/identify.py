@@ -18,8 +18,28 @@ _BLIND = 1e-7
 """A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
 
 _STEPS = 30
+"""Maximum number of steps of a fit."""
+
 _GAIN = 1e-3
 """A fit ends if two successive steps reduce the sum of squares by less than this fraction."""
+
+_DONE = 1e-13
+"""A fit ends if a step changes each parameter by less than this fraction of its scale."""
+
+_SHORTEST = 1e-3
+"""A step is halved until the sum of squares does not increase, but not below this fraction of it."""
+
+_DIFFERENCE = 1e-6
+"""Change of a parameter, relative to its scale, for derivatives by differences."""
+
+_SMALLEST_SCALE = 0.01
+"""Smallest scale of a parameter in m or rad; that of a larger one is its absolute value."""
+
+_PROBE = 1e-4
+"""Change of a parameter, relative to its scale, that shows whether a row depends on it."""
+
+_FELT = 1e-3
+"""Smallest change of a residual, in units of the tolerance, by which a row depends on a parameter."""
 
 _SLIPS = ((1e3, "metres instead of millimetres"), (1e-3, "millimetres instead of metres"),
           (np.pi / 180, "radians instead of degrees"), (180 / np.pi, "degrees instead of radians"),
@@ -28,7 +48,14 @@ _SLIPS = ((1e3, "metres instead of millimetres"), (1e-3, "millimetres instead of
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of a Gauss-Newton fit: values in SI, residuals in units of the tolerance, Jacobian by parameter."""
+    """Result of a Gauss-Newton fit.
+
+    Attributes:
+        names: names (n) of the fitted parameters.
+        values: (n,) in SI.
+        residual: (m,) in units of the tolerance.
+        J: (m, n) derivatives of `residual` by `values`, in units of the tolerance per SI unit.
+    """
 
     names: tuple[str, ...]
     values: Array
@@ -41,7 +68,7 @@ class Fit:
         return worst(self.residual)
 
 
-class Numbers:
+class ParameterResiduals:
     """Residuals of the used rows as functions of the parameters.
 
     Helper rows are used only if all printed rows agree. Rows with a residual that is not finite are not used.
@@ -60,7 +87,7 @@ class Numbers:
         printed_fails = any(self._printed(p.equation) for p in failing)
         self.rows: list[RowPlace] = []
         self.complete = True
-        size = 0
+        size = 0  # number of residuals of all used rows
         for place, residual in judge.residuals.items():
             if printed_fails and not self._printed(place.equation):
                 continue
@@ -77,53 +104,59 @@ class Numbers:
         return self.judge.step(equation).stage != "helper"
 
     def residual(self, values: dict[str, float]) -> Array:
-        """Return the residuals of all rows for parameter values in SI, as one vector.
+        """Return the residuals (m,) of all rows for parameter values in SI; all are NaN if a row has none there.
 
         Raises:
             LateError: the time is over.
         """
         self.deadline.check()
         other = self.judge.on(self.judge.truth.with_parameters(values))
-        missing = np.full(1, np.nan)  # a size that no complete vector has, so that the caller sees it
-        flat = [other.residuals.get(p, missing).ravel() for p in self.rows]
-        return np.concatenate(flat) + self.noise
+        lost = np.full(self.noise.shape, np.nan)
+        of_rows: list[Array] = [np.zeros(0)]  # there may be no rows
+        for place in self.rows:
+            if place not in other.residuals:
+                return lost
+            of_rows.append(other.residuals[place].ravel())
+        flat = np.concatenate(of_rows)
+        if flat.shape != self.noise.shape:
+            return lost
+        return flat + self.noise
 
     def used(self) -> list[Parameter]:
         """Return the parameters on which at least one row depends."""
         base = self.residual(self.start)
         used: list[Parameter] = []
         for p in self.judge.formula.parameters:
-            h = 1e-4 * max(abs(self.start[p.name]), 0.01)
-            moved = self.residual({**self.start, p.name: self.start[p.name] + h})
-            if moved.shape == base.shape and np.nanmax(np.abs(moved - base), initial=0.0) > 1e-3:
+            start = self.start[p.name]
+            scale = max(abs(start), _SMALLEST_SCALE)
+            moved = self.residual({**self.start, p.name: start + _PROBE * scale})
+            if np.nanmax(np.abs(moved - base), initial=0.0) > _FELT:
                 used.append(p)
         return used
 
     def fit(self, names: tuple[str, ...]) -> Fit:
         """Fit the named parameters by least squares (Gauss-Newton, step halving; minimum norm if not identifiable)."""
         x: Array = np.array([self.start[n] for n in names], float)
-        scale = np.maximum(np.abs(x), 0.01)
+        scale = np.maximum(np.abs(x), _SMALLEST_SCALE)
 
         def at(values: Array) -> Array:
-            r = self.residual({**self.start, **dict(zip(names, values.tolist(), strict=True))})
-            if r.shape != self.noise.shape:
-                return np.full(self.noise.shape, np.nan)
-            return r
+            named_values = dict(zip(names, values.tolist(), strict=True))
+            return self.residual({**self.start, **named_values})
 
         r = at(x)
-        J = np.zeros((len(r), len(names)))
-        slow = 0
+        J = np.zeros((len(r), len(names)))  # derivatives by values in units of `scale`
+        slow = 0  # number of successive steps with little gain
         for _ in range(_STEPS):
             for i in range(len(names)):
                 h = np.zeros(len(names))
-                h[i] = 1e-6 * scale[i]
-                J[:, i] = (at(x + h) - at(x - h)) / 2e-6
+                h[i] = _DIFFERENCE * scale[i]
+                J[:, i] = (at(x + h) - at(x - h)) / (2 * _DIFFERENCE)
             if not np.isfinite(J).all():
                 break
             step = np.asarray(np.linalg.lstsq(J, -r, rcond=_BLIND)[0], np.float64) * scale
             factor = 1.0
             new = at(x + step)
-            while not _smaller(new, r) and factor > 1e-3:
+            while not _smaller(new, r) and factor > _SHORTEST:
                 factor /= 2
                 new = at(x + factor * step)
             if not _smaller(new, r):
@@ -133,7 +166,7 @@ class Numbers:
             x = x + factor * step
             r = new
             slow = slow + 1 if gain < _GAIN else 0
-            if change < 1e-13 or slow == 2:
+            if change < _DONE or slow == 2:
                 break
         return Fit(names, x, r, J / scale)
 
@@ -165,42 +198,60 @@ def identify(
     Raises:
         LateError: the time is over.
     """
-    numbers = Numbers(judge, noise, deadline=deadline)
-    if alone and not (numbers.complete and judge.failing()):
+    residuals = ParameterResiduals(judge, noise, deadline=deadline)
+    if alone and not (residuals.complete and judge.failing()):
         return None
-    parameters = numbers.used()
+    parameters = residuals.used()
     if not parameters:
         return None
-    before = worst(numbers.residual(numbers.start))
+    before = worst(residuals.residual(residuals.start))
     limit = max(1.0, 6 * noise)
     single: list[Fit] = []  # fits of one parameter with which every row agrees
     for i, p in enumerate(parameters):
         progress(i / len(parameters))
-        fit = numbers.fit((p.name,))
-        if fit.worst <= limit and numbers.complete:
+        fit = residuals.fit((p.name,))
+        if fit.worst <= limit and residuals.complete:
             single.append(fit)
     if alone and not single:
         return None
-    everything = numbers.fit(tuple(p.name for p in parameters))
+    everything = residuals.fit(tuple(p.name for p in parameters))
     blind = _blind(everything, parameters)
     by_name = {p.name: p for p in parameters}
     moved: list[Moved] = []
     if single:
         for fit in single:
-            moved.append(_moved(by_name[fit.names[0]], numbers, fit, 0, noise))
+            moved.append(_moved(by_name[fit.names[0]], residuals, fit, 0, noise))
         fit = single[0]
         covariance = _plain(_covariance(fit, noise))
-        return Identified(True, before, fit.worst, tuple(moved), len(moved) > 1, blind, fit.names, covariance)
+        return Identified(
+            exact=True,
+            before=before,
+            after=fit.worst,
+            moved=tuple(moved),
+            alternatives=len(moved) > 1,
+            blind=blind,
+            names=fit.names,
+            covariance=covariance,
+        )
     covariance = _covariance(everything, noise)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
-    exact = everything.worst <= limit and numbers.complete
+    exact = everything.worst <= limit and residuals.complete
     if exact:
         for i, p in enumerate(parameters):
-            start = numbers.start[p.name]
+            start = residuals.start[p.name]
             # Changes below four standard deviations are noise.
             if abs(everything.values[i] - start) > max(4 * sigma[i], 1e-9 * max(1, abs(start))):
-                moved.append(_moved(p, numbers, everything, i, noise))
-    return Identified(exact, before, everything.worst, tuple(moved), False, blind, everything.names, _plain(covariance))
+                moved.append(_moved(p, residuals, everything, i, noise))
+    return Identified(
+        exact=exact,
+        before=before,
+        after=everything.worst,
+        moved=tuple(moved),
+        alternatives=False,
+        blind=blind,
+        names=everything.names,
+        covariance=_plain(covariance),
+    )
 
 
 def _covariance(fit: Fit, noise: float) -> Array:
@@ -209,7 +260,8 @@ def _covariance(fit: Fit, noise: float) -> Array:
     Rows without a derivative are left out: at the limit of the reach, a changed parameter may leave no real solution.
     """
     known = np.isfinite(fit.J).all(axis=1) & np.isfinite(fit.residual)
-    J, residual = fit.J[known], fit.residual[known]
+    J = fit.J[known]
+    residual = fit.residual[known]
     m, n = J.shape
     variance = max(float(residual @ residual) / max(m - n, 1), 1e-8, noise**2)
     norm = np.linalg.norm(J, axis=0)
@@ -218,15 +270,15 @@ def _covariance(fit: Fit, noise: float) -> Array:
     return variance * (inverse @ inverse.T) / np.outer(scale, scale)
 
 
-def _moved(p: Parameter, numbers: Numbers, fit: Fit, i: int, noise: float) -> Moved:
+def _moved(p: Parameter, residuals: ParameterResiduals, fit: Fit, i: int, noise: float) -> Moved:
     if p.shown:
         unit = p.value / p.shown
     else:
         unit = {"mm": 1e-3, "deg": np.pi / 180}.get(p.unit, 1.0)
-    start = numbers.start[p.name]
+    start = residuals.start[p.name]
     value = float(fit.values[i])
     sigma = float(np.sqrt(max(_covariance(fit, noise)[i, i], 0)))
-    note = _slip(p.name, start, value, numbers.start)
+    note = _slip(p.name, start, value, residuals.start)
     return Moved(p.name, p.unit, start / unit, value / unit, sigma / unit, note)
 
 
