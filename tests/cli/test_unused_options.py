@@ -19,6 +19,8 @@ PAGE = ["--no-browser", "--port", "0"]
         (["serve", "sils", "--protocols"], "--protocols applies to a scene with a console; sils is a robot"),
         (["view", "sils", "--protocols"], "omit --protocols: it applies to a scene with a console, and sils is"),
         (["view", "vsrs", "--html", "vsrs.html", "--protocols"], "omit --protocols: a recording always plays"),
+        (["view", "sils", "--task", "touch"], "of a scene; name a scene with a console"),
+        (["view", "vsrs", "--html", "vsrs.html", "--task", "touch"], "of a scene; omit --html"),
         (["serve", "davinci", "--task", "touch", "--trials", "t.csv", "--user", ""], "--user is empty: give a name"),
         (["serve", "davinci", "--task", "touch", "--trials", "t.csv", "--group", " "], "--group is empty"),
         (["serve", "davinci", "--guided", "s", "--participant", "1", "--group", ""], "--group is empty"),

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin import api
-from twin.cli import scene as scenes
+from twin.cli import scene as scene_loading
 from twin.cli import show
 from twin.cli.address import PageAddress, free_port
 from twin.core import assets
@@ -23,10 +23,14 @@ from twin.exchange.formats.step.format import FORMAT as STEP
 if TYPE_CHECKING:
     import viser
 
+    from twin.model.scene import Scene
     from twin.ui.viewer.face_page import FacePage
     from twin.ui.viewer.front import Front
     from twin.ui.viewer.loop import ViewerPage
     from twin.ui.viewer.server import Content
+
+    PageOpener = Callable[[viser.ViserServer, dict[str, Any]], Front]
+    """Function that loads the robots and opens the page; arguments: server, {name: value} of more of `open_page`."""
 
 
 _ADVICE = "every connected client can move and load robots, but cannot write to disk"
@@ -47,22 +51,22 @@ def view(args: argparse.Namespace) -> int:
     if args.html is not None:
         port = 0  # a recording needs no certain port
     port = free_port(args.host, port)
-    title, load = _what(args)
+    title, opener = _checked_opener(args)
     if args.html is not None:
         assets.require_writable_file(Path(args.html))
-        return _write(load, title, port, args)
+        return _record(opener, title, port, args)
 
-    def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Front:
+    def open_robot_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> Front:
         from twin.cli.terminal import Terminal
 
         terminal = None
         if local:
             terminal = Terminal.here()
-        front = load(server, {"stopping": stopping, "local": local, "terminal": terminal})
+        front = opener(server, {"stopping": stopping, "local": local, "terminal": terminal})
         front.load_soon()
         return front
 
-    return _show_page(args, title, port, open_page)
+    return _show_page(args, title, port, open_robot_page)
 
 
 def _show_scene(args: argparse.Namespace) -> int:
@@ -70,8 +74,7 @@ def _show_scene(args: argparse.Namespace) -> int:
     from twin.cli.parser import parser
     from twin.cli.serving import serve
 
-    if args.tool is not None:
-        raise TwinError(f"{args.robot} is a scene: its robots define their tools; omit --tool")
+    _refuse_tool(args)
     defaults = parser().parse_args(["serve", args.robot])
     return serve(argparse.Namespace(**(vars(defaults) | vars(args))))
 
@@ -100,28 +103,28 @@ def _show_faces(args: argparse.Namespace) -> int:
         drawing = StepDrawing(path)
     title = path.name
 
-    def open_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> FacePage:
+    def open_face_page(server: viser.ViserServer, stopping: threading.Event, local: bool) -> FacePage:
         from twin.ui.viewer.face_page import FacePage
 
         return FacePage(server, f"twin · {title}", drawing, stopping)
 
-    return _show_page(args, title, port, open_page, "faces")
+    return _show_page(args, title, port, open_face_page, "faces")
 
 
 def _show_page(
     args: argparse.Namespace,
     title: str,
     port: int,
-    open_page: Callable[[viser.ViserServer, threading.Event, bool], ViewerPage],
+    opener: Callable[[viser.ViserServer, threading.Event, bool], ViewerPage],
     content: Content = "robot",
 ) -> int:
     """Show a page of viser until Ctrl-C.
 
     Args:
-        args: options `host` and `no_browser`.
+        args: `robot` as given, for the command that the page names, and the options `host` and `no_browser`.
         title: name of the shown robot or scene.
         port: the port.
-        open_page: function that opens the page; its arguments are the server, the event that ends the page, and whether
+        opener: function that opens the page; its arguments are the server, the event that ends the page, and whether
             only this computer can connect.
         content: what the page shows.
     """
@@ -148,7 +151,7 @@ def _show_page(
             address.say("")
             if not args.no_browser:  # the browser starts while the CAD is read
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
-        front = open_page(server, stopping, not rules.needs_token)
+        front = opener(server, stopping, not rules.needs_token)
         front.run()
     finally:
         if before is None:  # the handler before was not set by Python
@@ -162,9 +165,8 @@ def _show_page(
     return 0
 
 
-def _write(
-    load: Callable[[viser.ViserServer, dict[str, Any]], Front], title: str, port: int, args: argparse.Namespace
-) -> int:
+def _record(opener: PageOpener, title: str, port: int, args: argparse.Namespace) -> int:
+    """Open the page on a server that nobody sees, and write its recording to the file of --html."""
     from twin.ui.access.rules import AccessRules
     from twin.ui.viewer.server import serve, stop
 
@@ -172,8 +174,8 @@ def _write(
     server = serve(f"twin · {title}", args.host, port, rules)
     front = None
     try:
-        front = load(server, {})
-        return _page(front, Path(args.html), args.quiet)
+        front = opener(server, {})
+        return _write_html(front, Path(args.html), args.quiet)
     finally:
         if front is not None:
             front.close()
@@ -181,20 +183,19 @@ def _write(
             stop(server)
 
 
-def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front]]:
-    """Return (title, function that loads the robots and opens the page).
+def _refuse_options(args: argparse.Namespace, file: Path | None) -> None:
+    """Refuse the options that the page of a robot, or the recording of a scene, does not have.
 
-    The arguments of the function are a server and {name: value} of further arguments of `Front`.
+    `file` is the file of the scene; None: a robot is shown.
 
     Raises:
-        TwinError: a name or option is invalid; raised before a port opens.
+        TwinError: such an option is given; the message names it.
     """
-    if args.machine is not None and assets.scene_file(args.robot) is None:
+    if file is None and args.machine is not None:
         raise TwinError(f"--machine: this page drives no machine of a robot; use `twin serve {args.robot} --machine …`")
     for option, value in (("--task", args.task), ("--fulcrum", args.fulcrum), ("--machine", args.machine)):
         if value is not None:
-            raise TwinError(f"{option} is for the live console of a scene; omit --html and name a scene with a console")
-    file = assets.scene_file(args.robot)
+            raise TwinError(f"{option} is for the live console of a scene; {_way_to_console(args, file)}")
     if args.protocols:
         reason = "a recording always plays the protocols"
         if file is None:
@@ -203,7 +204,52 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
     if args.watch and (file is not None or args.html is not None):
         raise TwinError("--watch rebuilds a robot in the live page: name a robot, not a scene, and omit --html")
     if file is not None:
-        return _scene(args, file)
+        _refuse_tool(args)
+        if args.protocol is not None:
+            raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
+
+
+def _way_to_console(args: argparse.Namespace, file: Path | None) -> str:
+    """Return what to change in the command so that it opens a live console; `file` as in `_refuse_options`."""
+    changes: list[str] = []
+    if args.html is not None:
+        changes.append("omit --html")
+    if args.watch:
+        changes.append("omit --watch")
+    if file is None:
+        changes.append("name a scene with a console")
+    return " and ".join(changes)
+
+
+def _refuse_tool(args: argparse.Namespace) -> None:
+    """Refuse --tool for a scene.
+
+    Raises:
+        TwinError: the option is given.
+    """
+    if args.tool is not None:
+        raise TwinError(f"{args.robot} is a scene: its robots define their tools; omit --tool")
+
+
+def _checked_opener(args: argparse.Namespace) -> tuple[str, PageOpener]:
+    """Return (title, function that loads the robots and opens the page).
+
+    Raises:
+        TwinError: a name or option is invalid; raised before a port opens.
+    """
+    file = assets.scene_file(args.robot)
+    _refuse_options(args, file)
+    if file is not None:
+        from twin.model.scene import load_scene
+
+        scene = load_scene(file)
+        scene.require_protocols()
+        return scene.name, _scene_page_opener(scene)
+    return _robot_page_opener(args)
+
+
+def _robot_page_opener(args: argparse.Namespace) -> tuple[str, PageOpener]:
+    """Return title and function, as `_checked_opener`, of a robot; with --watch, the page follows its files."""
     from twin.ui.session.timeline import protocols_of
 
     robot = api.load(args.robot, tool=args.tool)
@@ -229,33 +275,30 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[viser.ViserServer, d
     return robot.name, of_robot
 
 
-def _scene(args: argparse.Namespace, file: Path) -> tuple[str, Callable[[viser.ViserServer, dict[str, Any]], Front]]:
-    """Return title and function, as `_what`, of a scene of which a recording is written."""
-    from twin.model.scene import load_scene
-
-    if args.tool is not None:
-        raise TwinError(f"{args.robot} is a scene: its robots define their tools; omit --tool")
-    if args.protocol is not None:
-        raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
-    scene = load_scene(file)
-    scene.require_protocols()
+def _scene_page_opener(scene: Scene) -> PageOpener:
+    """Return the function that opens the page of a scene of which a recording is written."""
 
     def of_scene(server: viser.ViserServer, more: dict[str, Any]) -> Front:
         from twin.ui.session.desk import Desk
         from twin.ui.viewer.front import ShownRobot
         from twin.ui.viewer.page import open_page
 
-        loaded = scenes.with_organs(scenes.load(scene))
+        loaded = scene_loading.with_organs(scene_loading.load(scene))
         actors = []
         for place in scene.places:
             desk = Desk(loaded.robots[place.name])
             actors.append(ShownRobot(place.name, place.robot, desk, place.T_world_base, place.protocol))
         return open_page(f"twin · {scene.name}", actors, loaded.props, server, feed=loaded.feed, **more)
 
-    return scene.name, of_scene
+    return of_scene
 
 
-def _page(front: Front, path: Path, quiet: bool) -> int:
+def _write_html(front: Front, path: Path, quiet: bool) -> int:
+    """Plan the protocols of all robots of a page, and write what is then played as one HTML file.
+
+    Raises:
+        TwinError: a robot has no motion to record, or the file cannot be written.
+    """
     from twin.ui.viewer import view_export
 
     with show.progress(quiet) as progress:
