@@ -62,7 +62,7 @@ def _cause(error: OSError) -> str:
         return "the host is not an address of this computer"
     if error.errno == errno.EACCES:
         return "this user may not listen on the port (ports below 1024 are often reserved)"
-    return f"the system refuses it: {error.strerror or error}"
+    return f"no server can listen there: {error.strerror or error}"
 
 
 def _with_port(host: str, port: int) -> str:

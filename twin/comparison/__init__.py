@@ -12,6 +12,8 @@ The two sides and how they are mapped onto each other:
     tool_lines        what the frames of a last link and the joint lines before it have in common
     evidence          what the sides state beyond their lines: base, zeros, tools, limits, inertias
     search            the fit with the fewest conventions and the fewest deviating links
+    link_motions      the links of one robot with loops, moved onto those of the other
+    posed             robots with loops in one posture
     links             robots with loops: which joint has another place on which link
     mimic             a linkage with loops against linear couplings that replace its loops
     mimic_statements  base frame, tool frame and limits of both

@@ -15,7 +15,7 @@ from twin.comparison.edits import short
 from twin.comparison.fit import Problem
 from twin.comparison.items import NumberEdit
 from twin.comparison.joined import joined
-from twin.comparison.links import JointPlace, LinkMotions
+from twin.comparison.link_motions import LinkMotions, PlaceDifference
 from twin.comparison.matching import match
 from twin.comparison.recut import recut
 from twin.comparison.rereading import EditGoal, attribute_edits
@@ -28,7 +28,7 @@ _MOST = 4
 
 
 def loop_edits(
-    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[JointPlace]]
+    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[PlaceDifference]]
 ) -> list[NumberEdit]:
     """Return edits of one attribute of either side, each of which makes all links of both sides agree.
 
@@ -102,13 +102,17 @@ def _goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> 
             links, T = links_of(side)
         except TwinError:  # with this number, it is no robot of the same kind
             return np.zeros(0)
-        return np.concatenate([links.block(T, i, where)[0] for i, where in links.blocks])
+        residuals: list[Array] = []
+        for i, where in links.places:
+            residual_of_place, _ = links.residual(T, i, where)
+            residuals.append(residual_of_place)
+        return np.concatenate(residuals)
 
     def agrees(side: RobotSide) -> bool:
         try:
             links, T = links_of(side)
         except TwinError:
             return False
-        return links.fit(T, links.blocks)
+        return links.agree(T, links.places)
 
     return EditGoal(residual, agrees, lambda _: 0, tolerance)

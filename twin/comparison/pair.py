@@ -12,11 +12,13 @@ from twin.comparison.edits import with_edits
 from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
 from twin.comparison.items import ComparedItem, items, placed
 from twin.comparison.joined import joined
-from twin.comparison.links import JointPlace, differing_places, place_items, posed
+from twin.comparison.link_motions import PlaceDifference
+from twin.comparison.links import differing_places, place_items
 from twin.comparison.loop_edits import closing_edits, loop_edits
 from twin.comparison.matching import match
 from twin.comparison.mimic import MimicError, mimic_error
 from twin.comparison.mimic_statements import mimic_conventions, mimic_properties
+from twin.comparison.posed import posed
 from twin.comparison.poses import PoseFit, compare_rows
 from twin.comparison.properties import KINDS, Properties, compare
 from twin.comparison.property_edits import with_property_edits
@@ -219,7 +221,7 @@ def _frame_item(kind: str, text: str, T: Array) -> ComparedItem:
 
 
 def _of_links(
-    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[JointPlace]]
+    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[PlaceDifference]]
 ) -> SidePair:
     """Return the comparison of robots with loops of which some joints have other places on their links.
 

@@ -1,0 +1,221 @@
+"""The links of one robot, each moved as a rigid body onto the link of another robot that carries the same joints.
+
+All links together must bring the lines of all joints together, on the parent and on the child: then both robots are the
+same up to conventions. All joints are treated alike, also those that close loops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin.comparison.fit import Problem
+from twin.comparison.side import ONE_COORDINATE, TURNING
+from twin.core import spatial
+from twin.core.spatial import Array
+
+Where = Literal["parent", "child", "both"]
+
+JointPlace = tuple[int, Where]
+"""Number of a joint, and the link or links on which its place is meant."""
+
+_ROUNDS = 12
+"""Maximum number of Gauss-Newton steps."""
+
+_DONE = 1e-12
+"""Step in m and rad that is no longer made."""
+
+_DAMPING = 1e-11
+"""Damping, relative to the largest diagonal element, of motions that do not change the lines: a bar between balls."""
+
+
+@dataclass(frozen=True)
+class PlaceDifference:
+    """By how much the place of a joint on its parent, its child, or both differs.
+
+    Attributes:
+        joint: number of the joint, as in `Problem.axes`.
+        where: the link or links.
+        shift: (3,) in m.
+        turn: (3,) in rad.
+    """
+
+    joint: int
+    where: Where
+    shift: Array
+    turn: Array
+
+
+class LinkMotions:
+    """The motions of the links of the first side onto those of the second."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.groups = len(problem.first.groups)
+        self.places: list[JointPlace] = []
+        for i, kind in enumerate(problem.kinds):
+            if kind == "free":
+                continue
+            self.places.append((i, "parent"))
+            self.places.append((i, "child"))
+            if kind in ("revolute", "prismatic"):
+                self.places.append((i, "both"))
+
+    def residual(self, T: Array, i: int, where: Where) -> tuple[Array, Array]:
+        """Return (residual (rows,), derivatives (rows, 6 groups)) of the place of joint `i`; "both": see `_shared`.
+
+        `T` (groups, 4, 4) are the motions. The derivatives of a link are by a rotation about the origin in rad, then by
+        a shift in m.
+        """
+        axis = self.problem.axes[i]
+        if where == "both":
+            return self._shared(T, i)
+        group = axis.parent if where == "parent" else axis.child
+        return self._place(T, i, group)
+
+    def _shared(self, T: Array, i: int) -> tuple[Array, Array]:
+        """Return residual and derivatives of what the places of a joint on its two links have in common.
+
+        Of a hinge (1 row): how far its two points are apart along its line, in m. Of a slide (6 rows): the rotation
+        between its links in rad, and how far its points are apart across its direction, in m: a slide may begin
+        anywhere, but the child moves only along it.
+        """
+        axis = self.problem.axes[i]
+        along = self.problem.target_directions[i]
+        on_parent, d_on_parent = self._point(T, i, axis.parent)
+        on_child, d_on_child = self._point(T, i, axis.child)
+        apart = on_parent - on_child
+        d_apart = d_on_parent - d_on_child
+        if self.problem.kinds[i] != "prismatic":
+            return np.array([float(along @ apart)]), (along @ d_apart)[None]
+        between = T[axis.parent, :3, :3] @ T[axis.child, :3, :3].T
+        rotation = spatial.log_so3(between)
+        # exact if the links are not rotated against each other; otherwise an approximation, which needs more steps
+        d_rotation = np.zeros((3, 6 * self.groups))
+        d_rotation[:, 6 * axis.parent : 6 * axis.parent + 3] = np.eye(3)
+        d_rotation[:, 6 * axis.child : 6 * axis.child + 3] = -np.eye(3)
+        across = np.asarray(np.cross(apart, along), float)
+        d_across = -spatial.hat(along) @ d_apart
+        return np.concatenate([rotation, across]), np.vstack([d_rotation, d_across])
+
+    def _point(self, T: Array, i: int, group: int) -> tuple[Array, Array]:
+        """Return the point (3,) of a joint on a link, and its derivatives (3, 6 groups)."""
+        point = T[group, :3, :3] @ self.problem.points[i] + T[group, :3, 3]
+        d_point = np.zeros((3, 6 * self.groups))
+        d_point[:, 6 * group : 6 * group + 3] = -spatial.hat(point)
+        d_point[:, 6 * group + 3 : 6 * group + 6] = np.eye(3)
+        return point, d_point
+
+    def _place(self, T: Array, i: int, group: int) -> tuple[Array, Array]:
+        """Return residual and derivatives of the place of a joint on one link, against that in the second side.
+
+        Of a ball: its point in m. Of other joints: their direction, and if they turn, the distance from their line.
+        """
+        kind = self.problem.kinds[i]
+        point, d_point = self._point(T, i, group)
+        to_line = point - self.problem.target_points[i]
+        if kind == "spherical":
+            return to_line, d_point
+        target = self.problem.target_directions[i]
+        direction = T[group, :3, :3] @ self.problem.directions[i]
+        if direction @ target < 0.0:  # which way is positive is a convention
+            direction = -direction
+        d_direction = np.zeros((3, 6 * self.groups))
+        d_direction[:, 6 * group : 6 * group + 3] = -spatial.hat(direction)
+        rows = [direction - target]
+        derivatives = [d_direction]
+        if kind in TURNING:
+            rows.append(np.cross(to_line, target))
+            derivatives.append(-spatial.hat(target) @ d_point)
+        return np.concatenate(rows), np.vstack(derivatives)
+
+    def solved(self, kept: Sequence[JointPlace], weights: Sequence[float], start: Array) -> Array:
+        """Return the motions (groups, 4, 4) that bring the kept places together, in the sense of least squares."""
+        T = start.copy()
+        for _ in range(_ROUNDS):
+            residuals: list[Array] = []
+            derivatives: list[Array] = []
+            for weight, (i, where) in zip(weights, kept, strict=True):
+                residual, d_residual = self.residual(T, i, where)
+                residuals.append(weight * residual)
+                derivatives.append(weight * d_residual)
+            r = np.concatenate(residuals)
+            J = np.vstack(derivatives)
+            normal = J.T @ J
+            damping = _DAMPING * float(normal.diagonal().max())
+            step = np.linalg.solve(normal + damping * np.eye(len(normal)), -J.T @ r).reshape(self.groups, 6)
+            T = spatial.pose(spatial.exp_so3(step[:, :3]), step[:, 3:]) @ T
+            if np.abs(step).max() < _DONE:
+                break
+        return T
+
+    def misfit(self, T: Array, i: int, where: Where) -> float:
+        """Return by how much a place differs, in units of the tolerance."""
+        kind = self.problem.kinds[i]
+        r, _ = self.residual(T, i, where)
+        # a ball is a point, and the places of a hinge share a shift along its line: lengths without an angle
+        if kind == "spherical" or (kind == "revolute" and where == "both"):
+            return float(np.linalg.norm(r)) / self.problem.tolerance
+        turn = float(np.linalg.norm(r[:3])) / self.problem.angle_tolerance
+        shift = float(np.linalg.norm(r[3:])) / self.problem.tolerance
+        return max(turn, shift)
+
+    def agree(self, T: Array, kept: Sequence[JointPlace]) -> bool:
+        """Return whether the kept places agree within the tolerance."""
+        return max(self.misfit(T, i, where) for i, where in kept) <= 1.0
+
+    def together(self) -> Array:
+        """Return the motions (groups, 4, 4) that bring all places together, in the sense of least squares."""
+        identity = np.tile(np.eye(4), (self.groups, 1, 1))
+        return self.solved(self.places, np.ones(len(self.places)).tolist(), identity)
+
+    def without(self, left_out: Sequence[JointPlace]) -> list[JointPlace]:
+        """Return the places without some: leaving a place out leaves out what it shares with the other one."""
+        kept: list[JointPlace] = []
+        for i, where in self.places:
+            left_out_here = [chosen for joint, chosen in left_out if joint == i]
+            if left_out_here and (where == "both" or "both" in left_out_here or where in left_out_here):
+                continue
+            kept.append((i, where))
+        return kept
+
+    def explained(self, left_out: Sequence[JointPlace], start: Array) -> tuple[PlaceDifference, ...] | None:
+        """Return by how much the places that are left out differ, if all others agree without them; else None."""
+        kept = self.without(left_out)
+        T = self.solved(kept, np.ones(len(kept)).tolist(), start)
+        if not self.agree(T, kept):
+            return None
+        return tuple(self._difference(T, i, where) for i, where in left_out)
+
+    def _difference(self, T: Array, i: int, where: Where) -> PlaceDifference:
+        """Return how the place of a joint in the first side differs from that in the second."""
+        axis = self.problem.axes[i]
+        group = axis.child if where == "child" else axis.parent
+        point, _ = self._point(T, i, group)
+        target = self.problem.target_directions[i]
+        shift = point - self.problem.target_points[i]
+        turn = np.zeros(3)
+        kind = self.problem.kinds[i]
+        if kind != "spherical":
+            direction = T[group, :3, :3] @ self.problem.directions[i]
+            if direction @ target < 0.0:
+                direction = -direction
+            across = np.cross(target, direction)
+            sine = float(np.linalg.norm(across))
+            if sine > 0.0:
+                turn = np.arctan2(sine, target @ direction) * across / sine
+            shift = shift - target * (shift @ target)
+        if kind == "prismatic":
+            shift = np.zeros(3)  # a slide has no place by itself, but its two links have one across it
+        if kind in ONE_COORDINATE and where != "both":
+            other = axis.parent if where == "child" else axis.child
+            apart = point - self._point(T, i, other)[0]
+            along = target * (target @ apart)
+            if kind == "revolute":
+                shift = shift + along
+            else:
+                shift = shift + (apart - along)
+        return PlaceDifference(i, where, shift, turn)

@@ -1,0 +1,72 @@
+"""Robots with loops in one posture: the first side moved to where the second is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from twin.comparison.fit import Problem
+from twin.comparison.link_motions import LinkMotions
+from twin.comparison.side import ONE_COORDINATE, Axis, JointGroup, RobotSide
+from twin.core import spatial
+from twin.core.spatial import Array
+
+
+def posed(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
+    """Return both sides, the first in the posture in which the second is drawn; None if its links differ.
+
+    The bodies of the first side stay where its base is. The spin of a bar between two balls is not known: neither side
+    then has the inertia of the bar.
+    """
+    links = LinkMotions(problem)
+    T = links.together()
+    if not links.agree(T, links.places):
+        return None
+    moves = spatial.inverse(T[0]) @ T
+    axes: list[Axis] = []
+    for axis in problem.first.axes:
+        displacement = _displacement(axis, moves)
+        if displacement is None:
+            return None
+        M = moves[axis.parent]
+        point = M[:3, :3] @ axis.point + M[:3, 3]
+        direction = M[:3, :3] @ axis.direction
+        axes.append(replace(axis, point=point, direction=direction, drawn=axis.drawn + displacement))
+    frames: dict[str, tuple[int, Array]] = {}
+    for name, (group, frame) in problem.first.frames.items():
+        frames[name] = (group, moves[group] @ frame)
+    groups: list[JointGroup] = []
+    for group, M in zip(problem.first.groups, moves, strict=True):
+        inertia = group.inertia
+        groups.append(replace(group, inertia=None if inertia is None else inertia.seen_from(M)))
+    partners = list(problem.second.groups)
+    for i, axis in enumerate(problem.axes):
+        if _spins(problem, axis.child):
+            groups[axis.child] = replace(groups[axis.child], inertia=None)
+            partner = problem.second.axes[i].child
+            partners[partner] = replace(partners[partner], inertia=None)
+    first = replace(problem.first, axes=tuple(axes), frames=frames, groups=tuple(groups))
+    return first, replace(problem.second, groups=tuple(partners))
+
+
+def _displacement(axis: Axis, moves: Array) -> float | None:
+    """Return by how much a joint moves, in m or rad, if its links move by `moves` (groups, 4, 4).
+
+    None if its child is turned around across its line, which no motion of the joint does.
+    """
+    T = spatial.inverse(moves[axis.parent]) @ moves[axis.child]
+    R = T[:3, :3]
+    turned_around = axis.direction @ R @ axis.direction < 0.0
+    if turned_around and axis.kind not in ("spherical", "free"):
+        return None
+    if axis.kind not in ONE_COORDINATE:
+        return 0.0
+    if axis.kind == "prismatic":
+        moved_point = R @ axis.point + T[:3, 3]
+        return float(axis.direction @ (moved_point - axis.point))
+    return float(axis.direction @ spatial.log_so3(R))
+
+
+def _spins(problem: Problem, group: int) -> bool:
+    """Return whether a group is a bar between at most two balls, which can spin about its line."""
+    kinds = [axis.kind for axis in problem.axes if group in (axis.parent, axis.child)]
+    return group != 0 and len(kinds) <= 2 and set(kinds) == {"spherical"}
