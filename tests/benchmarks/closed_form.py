@@ -19,7 +19,7 @@ from race import Contender, Effort, Table, installed, race
 import twin
 from twin.codegen import Kernel, Stage
 from twin.core import spatial
-from twin.formula import flow
+from twin.formula import equation_values
 
 FLAGS = ("-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
 JUDGE = "largest difference of a joint in m to numpy's, pose by pose"
@@ -49,8 +49,8 @@ class Work:
         formula = program.formula
         x = ca.SX.sym("x", 6)
         symbols = {**program.parameters, **dict(zip(formula.coordinates.names, ca.vertsplit(x), strict=True))}
-        symbols = flow.run(formula, program.variants, symbols, "inverse")
-        q = flow.gather(formula, symbols, program.order, "joint")
+        symbols = equation_values.run(formula, program.variants, symbols, "inverse")
+        q = equation_values.gather(formula, symbols, program.order, "joint")
         self.of_coordinates = ca.Function("of_coordinates", [x], [q])
         self.of_pose = program.inverse.function
         self.truth = whole_numpy(self.coordinates)

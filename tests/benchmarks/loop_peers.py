@@ -316,7 +316,7 @@ class Scipy:
     def __init__(self, solver: LoopSolver) -> None:
         from scipy.optimize import root
 
-        from twin.formula.flow import Evaluator
+        from twin.formula.evaluator import Evaluator
 
         self.root, self.ours, e = root, Ours(solver), solver.equations
         rows = [r for b in solver.blocks for r in b.rows]

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from race import Contender, Effort, Table, installed, race
 
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.kinematics import Tip, Trocar, compile_formula, solve
 from twin.kinematics.tasks import residual
 from twin.robots import load_formula

@@ -340,7 +340,7 @@ def test_cache_keeps_the_newest(cache, monkeypatch):
 @pytest.mark.parametrize("name", contrasting())
 def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
     from twin.core import spatial
-    from twin.formula import flow
+    from twin.formula import evaluator
 
     rng = np.random.default_rng(5)
     robot = twin.load(name)
@@ -353,20 +353,20 @@ def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
     if kin.closed_inverse:
         evaluators += [program.inverse, program.judged_inverse, program.inverse_jacobian]
     evaluators += [program.forward, program.forward_jacobian] if kin.closed_forward and not kin.closed_inverse else []
-    for evaluator in evaluators:
-        few = evaluator.many(rows)
-        monkeypatch.setattr(flow, "_MANY", 10)
-        many = evaluator.many(rows)
+    for compiled in evaluators:
+        few = compiled.many(rows)
+        monkeypatch.setattr(evaluator, "_MANY", 10)
+        many = compiled.many(rows)
         monkeypatch.undo()
-        assert np.array_equal(np.isnan(few), np.isnan(many)), evaluator.name
+        assert np.array_equal(np.isnan(few), np.isnan(many)), compiled.name
         flat, difference = np.abs(few).reshape(500, -1), np.abs(many - few).reshape(500, -1)
         if flat.size:  # near a singularity large terms cancel: of each row the largest number counts
             most = np.max(np.where(np.isfinite(flat), flat, 0), axis=1, keepdims=True)
             # There, a rounding of the input alone may change the result by more than that.
-            rounded = evaluator.many(rows * (1 + np.finfo(float).eps * rng.choice([-1, 1], rows.shape)))
+            rounded = compiled.many(rows * (1 + np.finfo(float).eps * rng.choice([-1, 1], rows.shape)))
             by_input = np.nanmax(np.abs(rounded - few).reshape(500, -1), axis=1, keepdims=True, initial=0)
-            assert np.nanmax(difference / np.maximum(np.maximum(most, 1), 1e12 * by_input)) < 1e-12, evaluator.name
-        assert evaluator.function.size1_out(0) == 0 or evaluator._kernel is not None
+            assert np.nanmax(difference / np.maximum(np.maximum(most, 1), 1e12 * by_input)) < 1e-12, compiled.name
+        assert compiled.function.size1_out(0) == 0 or compiled._kernel is not None
 
 
 def test_rootfinders_are_left_to_casadi():
@@ -408,9 +408,9 @@ def test_a_kernel_is_linked_in_scattered_memory():
 def test_a_batch_of_poses_has_the_answers_of_each_and_nan_where_there_is_none(name, many, monkeypatch):
     from twin.core import spatial
     from twin.core.errors import KinematicsError
-    from twin.formula import flow
+    from twin.formula import evaluator
 
-    monkeypatch.setattr(flow, "_MANY", many)
+    monkeypatch.setattr(evaluator, "_MANY", many)
     kin, rng = twin.load(name).kinematics(), np.random.default_rng(8)
     if not kin.closed_inverse:
         pytest.skip(f"{name} has no closed inverse")

@@ -20,7 +20,7 @@ from twin.codegen import kernel as kernel_module
 from twin.core import compute_device, gpu
 from twin.core.compute_device import PROCESSOR, computing_on, current
 from twin.core.errors import GpuError, TwinError
-from twin.formula import flow
+from twin.formula import evaluator
 
 MISSING = "driver is missing|is an NVIDIA driver library"
 
@@ -33,7 +33,7 @@ def card(monkeypatch) -> ProcessorAsGpu:
     card = ProcessorAsGpu()
     monkeypatch.setattr(gpu, "found", lambda: (card, ""))
     monkeypatch.setattr(kernel_module, "_MANY", 1)
-    monkeypatch.setattr(flow, "_MANY", 1)  # few poses would be computed by CasADi, which has other roundings
+    monkeypatch.setattr(evaluator, "_MANY", 1)  # few poses would be computed by CasADi, which has other roundings
     return card
 
 

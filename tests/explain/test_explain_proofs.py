@@ -10,7 +10,7 @@ import pytest
 
 import twin
 from twin.api.proved_repairs import ProverOfRepairs, _verdict
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.proof.equality import equal_outputs
 from twin.robots import load_formula
 from twin.validation.explain.candidate import Candidate, Found
@@ -97,7 +97,7 @@ def test_without_a_prover_nothing_is_said(wrong):
 
 @pytest.mark.slow
 def test_equal_outputs_of_different_texts_are_proved(lapbot, wrong):
-    variants = flow.choose(lapbot.formula, None)
+    variants = variant_choice.choose(lapbot.formula, None)
     same = equal_outputs(lapbot.formula, lapbot.formula, variants, lapbot.mechanism)
     assert {claim.status for claim in same} == {"proved"}
     other = equal_outputs(lapbot.formula, wrong, variants, lapbot.mechanism)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import casadi
 import numpy as np
 import pytest
 
@@ -167,6 +168,10 @@ def test_broken_contract_is_named(sils, change, message):
         (
             lambda f: replace(f, coordinates=replace(f.coordinates, from_pose=lambda T: (T[0, 3],))),
             "must return 6 values",
+        ),
+        (
+            lambda f: replace(f, coordinates=replace(f.coordinates, from_pose=lambda T: casadi.inv(T[:2, :3]))),
+            r"coordinates.from_pose fails at .*test_kinematics_contract\.py:\d+: a 2 × 3 matrix has no inverse",
         ),
         (
             lambda f: replace(f, coordinates=replace(f.coordinates, to_pose=lambda *x: x[0])),

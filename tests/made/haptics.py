@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.core import spatial
-from twin.formula.flow import attach
+from twin.formula.evaluator import attach
 from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.hand_force import FORCE, STATE, ForceParameters, hand_force
 from twin.simulation.limits import JointLimits

@@ -22,7 +22,7 @@ import numpy as np
 import twin
 from made import proof_mutants as mutants
 from twin.core.errors import TwinError
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.proof.prove import Prover
 
 MANY = 4096
@@ -42,7 +42,7 @@ class Judge:
         """Prove the right equations."""
         robot = twin.load(name)
         self.formula = robot.formula
-        self.variants = flow.choose(robot.formula, None)
+        self.variants = variant_choice.choose(robot.formula, None)
         self.prover = Prover(robot.formula, robot.mechanism)
         self.right = self.prover.proof(self.variants)
         assert not self.right.count("refuted")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from made import explain_mutants
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.kinematics.compile import compile_formula
 from twin.proof import formula_side
 from twin.validation.explain.tokens import line_starts, span
@@ -168,7 +168,7 @@ class Oracle:
             if not self.formula.has("forward"):
                 self.points = self._columns(self.right.points_many(Ts=self.poses))
         if self.formula.has("forward"):
-            self._at_joints = formula_side.from_joints(self.formula, flow.choose(self.formula, None))
+            self._at_joints = formula_side.from_joints(self.formula, variant_choice.choose(self.formula, None))
 
     def _points_at(self, joints):
         """Return the points (k, 3 m) of the right equations at joints, which need not be those of their inverse."""

@@ -23,7 +23,7 @@ from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.formula import symbolic
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 
 SWIVELS = 72
 """Number of swivels in a scan: one every 5 deg."""

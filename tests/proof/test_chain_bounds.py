@@ -13,7 +13,7 @@ from twin.api.chain_bounds import chain_bounds
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import TwinError
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.model.mechanism import Mechanism
 from twin.proof import chain, formula_chain, trigonometric
 from twin.proof.trigonometric import AngleSum, TrigonometricSum, length_bound, part
@@ -76,7 +76,7 @@ def test_tolerances_of_lengths_widen_the_bound_by_their_sum():
 def test_sums_have_the_values_of_the_equations():
     robot = twin.load("pa10")
     formula = robot.formula
-    pose, _ = formula_chain.tool_pose(formula, flow.choose(formula, None), {}, {})
+    pose, _ = formula_chain.tool_pose(formula, variant_choice.choose(formula, None), {}, {})
     q = np.random.default_rng(2).uniform(-2, 2, 7)
     waves = np.exp(1j * pose.exponents()[:, :7] @ q)
     T = np.tensordot(waves, pose.centre, 1)
@@ -123,7 +123,7 @@ def test_a_tolerance_of_a_length_that_only_a_passive_joint_needs_counts():
     for joint in formula.joints:
         if joint.kind == "prismatic":
             sliding[joint.name] = chain.sliding_range(robot.mechanism, joint.name)
-    _, joints = formula_chain.tool_pose(changed, flow.choose(changed, None), sliding, {"slide_up": 1e-5})
+    _, joints = formula_chain.tool_pose(changed, variant_choice.choose(changed, None), sliding, {"slide_up": 1e-5})
     slide = joints["slide1"]
     assert isinstance(slide, TrigonometricSum)
     own = slide.exponents()[:, len(formula.joints)] != 0

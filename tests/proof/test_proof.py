@@ -22,7 +22,7 @@ from made import proof_mutants
 from made.lanes import robots
 from twin.cli import main
 from twin.core.errors import TwinError
-from twin.formula import flow
+from twin.formula import equation_values, variant_choice
 from twin.kinematics.compile import compile_formula
 from twin.proof import mechanism
 from twin.proof.claims import judged
@@ -138,7 +138,7 @@ def test_an_error_of_a_nanometre_is_no_proof():
     robot = twin.load("pa10")
     formula = robot.formula
     changed = tuple(replace(p, value=p.value + 1e-9) if p.name == "RL3" else p for p in formula.parameters)
-    proof = prove(replace(formula, parameters=changed), flow.choose(formula, None), robot.mechanism, STATES)
+    proof = prove(replace(formula, parameters=changed), variant_choice.choose(formula, None), robot.mechanism, STATES)
     wrong = {claim.name: claim.status for claim in proof.claims}
     assert wrong["forward: joint mount"] == "unproved"
     assert wrong["inverse: point elbow"] == "unproved"
@@ -156,7 +156,7 @@ def test_an_error_in_a_box_that_no_drawn_state_meets_is_found(width):
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     verdicts = {claim.name: claim for claim in proof.claims}
     assert verdicts["forward: joint mount"].status == "refuted"
     assert abs(verdicts["forward: joint mount"].witness["q1"] - 0.12345) <= width
@@ -171,7 +171,7 @@ def test_an_error_beyond_the_joint_limits_is_none_by_intervals():
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     assert all(claim.status == "proved" for claim in proof.claims if claim.name != "conditions")
     assert proof.branches.bounded == twin.prove(robot, states=256).proof.branches.bounded + 1
 
@@ -186,7 +186,7 @@ def test_a_condition_whose_other_answer_nobody_finds_is_unproved():
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     (claim,) = [claim for claim in proof.claims if claim.status != "proved"]
     assert claim.name == "conditions"
     assert "a search found no state with the other, and intervals in 4096 boxes" in claim.reason
@@ -205,7 +205,7 @@ def test_an_answer_without_a_value_at_some_states_only_is_searched_at_the_others
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     verdicts = {claim.name: claim for claim in proof.claims}
     assert verdicts["forward: joint mount"].status == "refuted"
     assert abs(verdicts["forward: joint mount"].witness["q1"] - 0.3) < 5e-5
@@ -222,7 +222,7 @@ def test_an_operation_without_an_exact_form_is_refuted_by_its_values_or_named():
             return T
 
         formula = with_forward(robot.formula, shifted)
-        proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+        proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
         verdicts.append({claim.name: claim.status for claim in proof.claims}["forward: joint mount"])
     assert verdicts == ["refuted", "proved"]
 
@@ -232,7 +232,7 @@ def test_an_operation_without_an_exact_form_is_refuted_by_its_values_or_named():
         return T
 
     formula = with_forward(robot.formula, written_otherwise)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     reasons = {claim.name: claim.reason for claim in proof.claims if claim.status == "unproved"}
     assert reasons["forward: joint mount"] == "no exact form: operation exp"
     assert reasons["forward of inverse"] == "no exact form: operation exp"
@@ -249,7 +249,7 @@ def test_a_table_is_refused_by_name():
 
     formula = with_forward(robot.formula, shifted)
     with pytest.raises(TwinError, match="formula 'pa10': an equation calls a table or another compiled function"):
-        prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+        prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
 
 
 @pytest.mark.parametrize("relation", [lambda q, x: ca.logic_and(q <= x, q >= x), lambda q, x: q == x + 0.3])
@@ -263,7 +263,7 @@ def test_a_condition_that_is_true_where_its_margin_is_zero_is_open(relation):
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     assert [claim.name for claim in proof.claims if claim.status != "proved"] == ["conditions"]
 
 
@@ -276,7 +276,7 @@ def test_equations_without_a_value_that_do_not_say_why_are_refuted():
         return T
 
     formula = with_forward(robot.formula, root)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     lost = {claim.name: claim for claim in proof.claims}["values"]
     assert lost.status == "refuted"
     assert abs(lost.witness["q1"]) > 1
@@ -291,7 +291,7 @@ def test_an_inverse_without_a_value_where_the_mechanism_is_assembled_is_refuted(
     right = "u = to / if_else(length < r7, "
     assert text.count(right) == 1
     with proof_mutants.with_text(function, text.replace(right, "u = to / if_else(length < r10, ")):
-        proof = prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism, 256)
+        proof = prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism, 256)
     assert {claim.name: claim for claim in proof.claims}["values"].status == "refuted"
 
 
@@ -300,7 +300,7 @@ def test_a_parameter_that_is_no_number_is_refused():
     changed = tuple(replace(p, value=float("nan")) if p.name == "l_p" else p for p in robot.formula.parameters)
     formula = replace(robot.formula, parameters=changed)
     with pytest.raises(TwinError, match="'l_p' is nan, not a finite number"):
-        prove(formula, flow.choose(formula, None), robot.mechanism, 64)
+        prove(formula, variant_choice.choose(formula, None), robot.mechanism, 64)
 
 
 def with_forward(formula, change):
@@ -338,14 +338,14 @@ def test_an_error_in_a_box_of_a_result_without_a_claim_is_named(entry, result, w
 
     equation = replace(helper, variants={helper.default: changed})
     formula = replace(robot.formula, equations=tuple(equation if e is helper else e for e in robot.formula.equations))
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     (claim,) = [claim for claim in proof.claims if claim.status != "proved"]
     assert claim.name == "results without a claim"
     assert result in claim.reason
     assert result in proof.uncovered_values
     assert result in "".join(proof.branches.silent)
     assert (proof.branches.unfound, proof.branches.unjudged) == (unfound, 0)
-    assert not prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism, 256).branches.silent
+    assert not prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism, 256).branches.silent
 
 
 def test_a_joint_that_is_in_no_loop_is_not_judged():
@@ -362,7 +362,7 @@ def test_a_joint_that_is_in_no_loop_is_not_judged():
 def test_a_tool_turned_by_half_a_turn_is_refuted(turn):
     robot = twin.load("pa10")
     formula = with_forward(robot.formula, lambda T, q1: T @ ca.diag(ca.DM([*turn, 1])))
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     verdicts = {claim.name: claim.status for claim in proof.claims}
     assert verdicts["forward: joint mount"] == "refuted"
 
@@ -376,7 +376,7 @@ def test_an_error_below_rounding_at_half_of_the_states_is_no_proof():
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     verdicts = {claim.name: claim.status for claim in proof.claims}
     assert verdicts["forward: joint mount"] == "unproved"
 
@@ -392,7 +392,7 @@ def test_a_root_with_the_wrong_sign_is_no_proof_however_small_its_effect(size):
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
     assert claim.status == "unproved"
     assert claim.zeros > 8
@@ -410,7 +410,7 @@ def test_states_that_a_search_found_judge_claims_with_roots():
         return T
 
     formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
     claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
     assert claim.status == "unproved"
     assert "where a condition has one of its answers" in claim.reason
@@ -461,7 +461,7 @@ def test_no_mutant_that_computes_something_else_is_proved(tmp_path):
             continue
         try:
             formula = case.load(path).formula if hasattr(case.load(path), "formula") else case.load(path)
-            proof = prove(formula, flow.choose(formula, None), twin.load(case.name).mechanism, STATES)
+            proof = prove(formula, variant_choice.choose(formula, None), twin.load(case.name).mechanism, STATES)
         except TwinError:
             continue
         if proof.count("refuted"):
@@ -542,7 +542,7 @@ def test_a_margin_that_is_a_function_is_named():
     formula = robot.formula
     symbols = dict.fromkeys(formula.reach.values(), np.cos)
     with pytest.raises(TwinError, match="is a ufunc, not a number, vector or matrix"):
-        flow.gather(formula, symbols, tuple(formula.reach.values()), "reach")
+        equation_values.gather(formula, symbols, tuple(formula.reach.values()), "reach")
 
 
 @pytest.mark.slow
@@ -553,5 +553,5 @@ def test_a_branch_that_full_turns_hide_is_met():
     text = Path(function.__code__.co_filename).read_text(encoding="utf-8")
     assert text.count("side * L_w * (R @ u)") == 1
     with proof_mutants.with_text(function, text.replace("side * L_w * (R @ u)", "L_w * (R @ u)")):
-        proof = prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism)
+        proof = prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism)
     assert {claim.name: claim.status for claim in proof.claims}["forward of inverse"] == "refuted"

@@ -12,7 +12,7 @@ import pytest
 
 import twin
 from made import proof_mutants
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.proof import mechanism_reach
 from twin.proof.prove import prove
 from twin.proof.refused_states import RefusedStates
@@ -30,7 +30,7 @@ def proof_of(name, equation, right, wrong, states=256):
     assert source.count(right) == 1
     changed = text.replace(source, source.replace(right, wrong))
     with proof_mutants.with_text(function, changed):
-        return prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism, states)
+        return prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism, states)
 
 
 def claim_of(proof):
@@ -81,7 +81,7 @@ def length_at(q):
 @pytest.mark.slow
 def test_right_guards_are_compared_with_the_mechanism():
     robot = twin.load("lapbot")
-    proof = prove(robot.formula, flow.choose(robot.formula, None), robot.mechanism, 256)
+    proof = prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism, 256)
     assert claim_of(proof) is None
     assert proof.refused.compared > 200
     assert proof.refused.unknown == 0
@@ -103,7 +103,7 @@ def test_a_pose_that_equations_without_a_forward_model_refuse_is_compared_too():
     names = robot.formula.coordinates.names
     formula = robot.formula
     first = next(e for e in formula.equations if e.stage == "inverse")
-    variant = flow.choose(formula, None).get(first.name, first.default)
+    variant = variant_choice.choose(formula, None).get(first.name, first.default)
     right = first.variants[variant]
 
     def refusing(**arguments):
@@ -118,7 +118,7 @@ def test_a_pose_that_equations_without_a_forward_model_refuse_is_compared_too():
     refusing.__signature__ = inspect.signature(right)
     equation = replace(first, variants={**first.variants, variant: refusing})
     equations = tuple(equation if e is first else e for e in formula.equations)
-    proof = prove(replace(formula, equations=equations), flow.choose(formula, None), robot.mechanism, 256)
+    proof = prove(replace(formula, equations=equations), variant_choice.choose(formula, None), robot.mechanism, 256)
     assert claim_of(proof).status == "refuted"
 
 

@@ -13,7 +13,7 @@ from twin.analysis import workspace as sampled
 from twin.analysis.proven_workspace import proven_workspace
 from twin.cli import main
 from twin.core.errors import TwinError
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.proof import intervals, krawczyk
 from twin.proof.formula_boxes import FormulaBoxes
 from twin.proof.interval_pose import IntervalPose, identity
@@ -96,7 +96,7 @@ def test_a_tolerance_does_not_prove_loops_that_the_lengths_of_the_cad_do_not_clo
         loops = ClosingConditions(replace(sils.mechanism, joints=tuple(joints)), tolerance=1e-5)
         assert loops.play > 2e-5
         R = sampled.centre(sils)[:3, :3]
-        equations = FormulaBoxes(sils.formula, flow.choose(sils.formula, None), R, loops.names, [])
+        equations = FormulaBoxes(sils.formula, variant_choice.choose(sils.formula, None), R, loops.names, [])
         judge = BoxJudge(loops, R, [], equations, corners[0])
         proved.append(cover(judge, *corners, edge=0.01, halvings=0).volume)
     assert proved == [pytest.approx(1e-6), 0.0]

@@ -16,7 +16,7 @@ from made.haptics import DT, Touch, observed, plane, random_hand, turned
 from twin.core import spatial
 from twin.core.errors import TwinError, WorldError
 from twin.formula import symbolic
-from twin.formula.flow import attach
+from twin.formula.evaluator import attach
 from twin.simulation import proxy
 from twin.simulation.condition import randomised
 from twin.simulation.controllers import passive

@@ -18,7 +18,7 @@ from twin.codegen import Kernel
 from twin.codegen.gpu_entry import THREADS
 from twin.core import assets
 from twin.core.ptx import ARCHITECTURE, ptx
-from twin.formula import flow
+from twin.formula import evaluator
 
 pytestmark = pytest.mark.witness
 
@@ -46,7 +46,7 @@ def kernels(name: str, monkeypatch) -> dict[str, Kernel]:
         made.append(self)
 
     monkeypatch.setattr(Kernel, "__init__", noted)
-    monkeypatch.setattr(flow, "_MANY", 1)
+    monkeypatch.setattr(evaluator, "_MANY", 1)
     robot = twin.load(name)
     workspace(robot, 2000)
     validate_samples(robot, 1000)

@@ -18,7 +18,7 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import MM, UM
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.kinematics.closed_loops.dragging import bounds_of
 from twin.proof.certificate import digest
 from twin.proof.formula_boxes import FormulaBoxes
@@ -210,7 +210,7 @@ def proven_workspace(
         start = np.clip(start, low, high)
     edge = _edge(edge, low, high)
     limits, unchecked = _limits(robot, loops)
-    chosen = flow.choose(robot.formula, variants)
+    chosen = variant_choice.choose(robot.formula, variants)
     equations = FormulaBoxes(robot.formula, chosen, T[:3, :3], loops.names, limits)
     judge = BoxJudge(loops, T[:3, :3], limits, equations, start)
     halvings = int(np.clip(np.log2((high - low).min() / edge), 0, _HALVINGS))

@@ -120,7 +120,7 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
         TwinError: the equations have no forward model, a branch, a table or a root; a sliding joint has no limits; the
             tolerance is not a number of at least 0.
     """
-    from twin.formula import flow
+    from twin.formula import variant_choice
     from twin.proof import bounds_certificate, chain, formula_chain
 
     if not (math.isfinite(tolerance) and tolerance >= 0):
@@ -128,7 +128,7 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
     if robot.files is None or not robot.files.has_equations:
         raise TwinError(f"{robot.name} has no equations to compare with its mechanism")
     formula = robot.formula
-    chosen = flow.choose(formula, variants)
+    chosen = variant_choice.choose(formula, variants)
     sliding = {}
     for joint in formula.joints:
         if joint.kind == "prismatic":

@@ -218,13 +218,13 @@ def prove(
         'agree'
     """
     from twin.api.motion_proof import prove_motion
-    from twin.formula import flow
+    from twin.formula import variant_choice
     from twin.proof.prove import prove as prove_formula
 
     if not _FEWEST_STATES <= states <= MOST_STATES:
         raise TwinError(f"{states} states: give {_FEWEST_STATES} to {MOST_STATES}")
     robot = loaded(robot)
-    chosen = flow.choose(robot.formula, variants)
+    chosen = variant_choice.choose(robot.formula, variants)
     proof = prove_formula(robot.formula, chosen, robot.mechanism, states, seed, progress)
     if not proof.claims:
         raise TwinError(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from twin.api.robot import Robot
 from twin.core.errors import TwinError
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.formula.contract import Formula
 from twin.proof.claims import JudgedClaim
 from twin.proof.equality import equal_outputs
@@ -23,7 +23,7 @@ class ProverOfRepairs:
     def __init__(self, robot: Robot, variants: Mapping[str, str] | str | None) -> None:
         """Keep the robot and the variants of its equations that are explained."""
         self.robot = robot
-        self.variants = flow.choose(robot.formula, variants)
+        self.variants = variant_choice.choose(robot.formula, variants)
 
     def proof(self, formula: Formula) -> ProofOfRepair:
         """Return the verdict on a repaired formula."""

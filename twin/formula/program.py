@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from twin.core.errors import KinematicsError, unknown
-from twin.formula import flow, symbolic
+from twin.formula import equation_values, symbolic
 from twin.formula.contract import POSE_SYMBOL, Formula
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.formula.scalar import Value
 
 POSE_TOL = 1e-6
@@ -59,11 +59,11 @@ class Program:
             self._state = ca.SX.sym("q", len(order))
             self._q = self._state
             symbols = self._after_joints(self._state)
-        self._symbols = flow.run(formula, variants, symbols, "helper")
+        self._symbols = equation_values.run(formula, variants, symbols, "helper")
         # Compiled here, not at first use, so that a missing point or measure causes an error at once.
         self.group = {}
         for kind, symbol_of_name in formula.scalars.items():
-            column = flow.gather(formula, self._symbols, tuple(symbol_of_name.values()), kind)
+            column = equation_values.gather(formula, self._symbols, tuple(symbol_of_name.values()), kind)
             self.group[kind] = Evaluator(kind, self._state, column)
         self.points = Evaluator("points", self._state, self._points(), (len(formula.points), 3))
         self._from_points: dict[tuple[str, ...], Evaluator] = {}
@@ -76,7 +76,7 @@ class Program:
         The misfit is the norm of the difference between the pose and the pose rebuilt from its coordinates.
         """
         T = symbolic.unflat(self._state, 4, 4)
-        T_rebuilt = flow.to_pose(self.formula, self._symbols)
+        T_rebuilt = equation_values.to_pose(self.formula, self._symbols)
         misfit = _length(ca.vec(T_rebuilt - T))
         return Evaluator("inverse", self._state, ca.vertcat(self._q, misfit))
 
@@ -90,11 +90,11 @@ class Program:
         z = ca.SX.sym("z", count + 16)
         T = symbolic.unflat(z[count:], 4, 4)
         symbols: dict[str, Value] = {name: z[i] for i, name in enumerate(self.parameters)}
-        symbols |= flow.from_pose(self.formula, T)
+        symbols |= equation_values.from_pose(self.formula, T)
         for stage in ("inverse", "forward"):
-            symbols = flow.run(self.formula, self.variants, symbols, stage)
+            symbols = equation_values.run(self.formula, self.variants, symbols, stage)
         q = self._joints(symbols)
-        misfit = _length(ca.vec(flow.to_pose(self.formula, symbols) - T))
+        misfit = _length(ca.vec(equation_values.to_pose(self.formula, symbols) - T))
         return Evaluator("inverse_of_parameters", z, ca.vertcat(q, misfit))
 
     @cached_property
@@ -147,7 +147,7 @@ class Program:
         names = self.formula.coordinates.names
         x = ca.SX.sym("x", len(names))
         symbols = dict(zip(names, ca.vertsplit(x), strict=True))
-        T = flow.to_pose(self.formula, symbols)
+        T = equation_values.to_pose(self.formula, symbols)
         return Evaluator("pose_of_coordinates", x, T, (4, 4))
 
     @cached_property
@@ -194,7 +194,7 @@ class Program:
         if names not in self._from_points:
             z = ca.SX.sym("z", 3 * len(names))
             symbols = {**self.parameters, **self._symbols_of_points(names, z)}
-            symbols = flow.run(self.formula, self.variants, symbols, "inverse")
+            symbols = equation_values.run(self.formula, self.variants, symbols, "inverse")
             self._from_points[names] = Evaluator("from_points", z, self._joints(symbols))
         return self._from_points[names]
 
@@ -211,16 +211,16 @@ class Program:
             z = ca.SX.sym("z", sum(sizes))
             numbers, pose, q, passive_values, coordinates = ca.vertsplit(z, [0, *ends])
             symbols: dict[str, Value] = {name: numbers[i] for i, name in enumerate(self.parameters)}
-            symbols |= flow.from_pose(self.formula, symbolic.unflat(pose, 4, 4))
+            symbols |= equation_values.from_pose(self.formula, symbolic.unflat(pose, 4, 4))
             symbols |= {name: q[i] for i, name in enumerate(self.order)}
             symbols |= {name: passive_values[i] for i, name in enumerate(passive)}
             symbols |= self._symbols_of_points(points, coordinates)
             for stage in ("inverse", "forward", "helper"):
-                symbols = flow.run(self.formula, self.variants, symbols, stage)
+                symbols = equation_values.run(self.formula, self.variants, symbols, stage)
             names = []
             for kind in ("reach", "measure", "aspect"):
                 names += self.formula.scalars[kind].values()
-            margins = flow.gather(self.formula, symbols, tuple(names), "margin")
+            margins = equation_values.gather(self.formula, symbols, tuple(names), "margin")
             self._margins[key] = Evaluator("margins_at", z, margins)
         return self._margins[key]
 
@@ -253,23 +253,23 @@ class Program:
         return self._joints(self._after_pose(T))
 
     def _joints(self, symbols: Mapping[str, Value]) -> ca.SX:
-        return flow.gather(self.formula, {**symbols, **self.extra_values}, self.order, "joint")
+        return equation_values.gather(self.formula, {**symbols, **self.extra_values}, self.order, "joint")
 
     def _after_pose(self, T: ca.SX) -> dict[str, Value]:
-        symbols = {**self.parameters, **flow.from_pose(self.formula, T)}
-        symbols = flow.run(self.formula, self.variants, symbols, "inverse")
-        return flow.run(self.formula, self.variants, symbols, "forward")
+        symbols = {**self.parameters, **equation_values.from_pose(self.formula, T)}
+        symbols = equation_values.run(self.formula, self.variants, symbols, "inverse")
+        return equation_values.run(self.formula, self.variants, symbols, "forward")
 
     def _after_joints(self, q: ca.SX) -> dict[str, Value]:
         symbols: dict[str, Value] = dict(self.parameters)
         symbols |= zip(self.order, ca.vertsplit(q), strict=True)
-        symbols = flow.run(self.formula, self.variants, symbols, "forward")
+        symbols = equation_values.run(self.formula, self.variants, symbols, "forward")
         if POSE_SYMBOL not in symbols:
-            symbols[POSE_SYMBOL] = flow.to_pose(self.formula, symbols)
+            symbols[POSE_SYMBOL] = equation_values.to_pose(self.formula, symbols)
         T = ca.SX(symbols[POSE_SYMBOL])
         if T.shape != (4, 4):
             raise KinematicsError(f"formula '{self.formula.name}': {POSE_SYMBOL} has shape {T.shape}, not (4, 4).")
-        return {**flow.from_pose(self.formula, T), **symbols}
+        return {**equation_values.from_pose(self.formula, T), **symbols}
 
     def _forward(self) -> tuple[ca.SX, ca.SX]:
         q = ca.SX.sym("q", len(self.order))
@@ -284,7 +284,7 @@ class Program:
                     raise KinematicsError(f"{what}: {unknown('symbol', symbol, self._symbols)}")
                 p = ca.SX(self._symbols[symbol])
             else:
-                p = flow.gather(self.formula, self._symbols, tuple(symbol), f"point '{name}':")
+                p = equation_values.gather(self.formula, self._symbols, tuple(symbol), f"point '{name}':")
             if p.numel() != 3:
                 raise KinematicsError(f"{what} has shape {p.shape}, but must have 3 numbers.")
             rows.append(ca.reshape(p, 1, 3))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from twin.core.errors import KinematicsError, unknown
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.formula import flow
+from twin.formula import variant_choice
 from twin.formula.contract import Formula, check_formula
 from twin.kinematics import assembly
 from twin.kinematics.compiled import POSE_TOL, Compiled, ExtraJoint, poses
@@ -36,7 +36,7 @@ def compile_formula(
         KinematicsError: the formula breaks the contract, a name is unknown, or a value is not finite.
     """
     check_formula(formula)
-    chosen = flow.choose(formula, variants)
+    chosen = variant_choice.choose(formula, variants)
     values = {parameter.name: float(parameter.value) for parameter in formula.parameters}
     for name, value in (parameters or {}).items():
         if name not in values:

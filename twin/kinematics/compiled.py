@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from twin.core.errors import KinematicsError, unknown
 from twin.core.spatial import Array
-from twin.formula import flow
+from twin.formula import equation_values
 from twin.formula.contract import Formula
 from twin.formula.program import POSE_TOL, Program
 from twin.kinematics import conditioning
@@ -75,7 +75,7 @@ class Compiled(ABC):
         self.closed_inverse = formula.has("inverse")
         self.closed_forward = formula.has("forward")
         what = f"formula '{formula.name}', characteristic_length"
-        length = flow.call(formula.characteristic_length, parameters, what)  # type: ignore[arg-type]
+        length = equation_values.call(formula.characteristic_length, parameters, what)  # type: ignore[arg-type]
         self.characteristic_length = float(length)
         self.program = Program(
             formula,

@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula import symbolic
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.formula.program import Program
 from twin.kinematics import tasks
 

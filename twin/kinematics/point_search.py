@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike
 from twin.core import spatial
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
-from twin.formula import flow, symbolic
+from twin.formula import equation_values, symbolic
 from twin.formula.contract import POSE_SYMBOL, PointSearch
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.kinematics.compiled import Compiled
 from twin.kinematics.solve import Solution
 from twin.kinematics.tasks import Task
@@ -418,7 +418,7 @@ class PointSolver:
     @cached_property
     def _closed(self) -> Evaluator:
         z = ca.SX.sym("z", 16)
-        of_pose = flow.from_pose(self.kin.formula, symbolic.unflat(z, 4, 4))
+        of_pose = equation_values.from_pose(self.kin.formula, symbolic.unflat(z, 4, 4))
         symbols = self._inverse({**self.kin.parameters, **of_pose})
         points = [ca.SX(symbols[name]) for name in self.search.unknowns]
         return Evaluator("closed", z, ca.vertcat(*points))
@@ -430,17 +430,17 @@ class PointSolver:
         z = ca.SX.sym("z", 16 + 3 * self.count)
         T = symbolic.unflat(z[:16], 4, 4)
         # The given points replace those that the equations would compute from the pose.
-        of_pose = flow.from_pose(formula, T)
+        of_pose = equation_values.from_pose(formula, T)
         symbols = self._inverse({**of_pose, **self._symbols(z[16:]), POSE_SYMBOL: T})
-        joints = flow.gather(formula, {**symbols, **program.extra_values}, program.order, "joint")
+        joints = equation_values.gather(formula, {**symbols, **program.extra_values}, program.order, "joint")
         return Evaluator("joints_of_points", z, joints)
 
     def _inverse(self, symbols: dict[str, Any]) -> dict[str, Any]:
-        return flow.run(self.kin.formula, self.kin.variants, symbols, "inverse")
+        return equation_values.run(self.kin.formula, self.kin.variants, symbols, "inverse")
 
     def _call(self, name: str, symbols: dict[str, Any]) -> Any:
         what = f"formula '{self.kin.formula.name}', point_search.{name}"
-        return flow.call(getattr(self.search, name), symbols, what)
+        return equation_values.call(getattr(self.search, name), symbols, what)
 
 
 _SOLVERS: WeakKeyDictionary[Compiled, PointSolver] = WeakKeyDictionary()

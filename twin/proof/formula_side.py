@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from twin.core.errors import KinematicsError
-from twin.formula import flow, symbolic
+from twin.formula import equation_values, symbolic
 from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.scalar import Value
 
@@ -37,10 +37,10 @@ def from_joints(formula: Formula, variants: Mapping[str, str], measures: bool = 
     parameters = _parameters(formula)
     names = tuple(joint.name for joint in formula.joints)
     state = {name: ca.SX.sym(name) for name in names}
-    symbols = flow.run(formula, variants, {**parameters, **state}, "forward")
+    symbols = equation_values.run(formula, variants, {**parameters, **state}, "forward")
     T = _pose(formula, symbols)
-    symbols = {**flow.from_pose(formula, T), **symbols, POSE_SYMBOL: T}
-    symbols = flow.run(formula, variants, symbols, "inverse")
+    symbols = {**equation_values.from_pose(formula, T), **symbols, POSE_SYMBOL: T}
+    symbols = equation_values.run(formula, variants, symbols, "inverse")
     outputs = {"pose": symbolic.flat(T), **_of_helpers(formula, variants, symbols, measures)}
     return _function(formula, state, parameters, outputs)
 
@@ -54,20 +54,21 @@ def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool, 
     parameters = _parameters(formula)
     if coordinates:
         state = {name: ca.SX.sym(name) for name in formula.coordinates.names}
-        T = flow.to_pose(formula, {**parameters, **state})
+        T = equation_values.to_pose(formula, {**parameters, **state})
         symbols: Mapping[str, Value] = {**parameters, **state, POSE_SYMBOL: T}
     else:
         state = {f"T{i}{j}": ca.SX.sym(f"T{i}{j}") for i in range(4) for j in range(4)}
         T = symbolic.unflat(ca.vertcat(*state.values()), 4, 4)
-        symbols = {**parameters, **flow.from_pose(formula, T)}
-    symbols = flow.run(formula, variants, symbols, "inverse")
+        symbols = {**parameters, **equation_values.from_pose(formula, T)}
+    symbols = equation_values.run(formula, variants, symbols, "inverse")
     names = tuple(joint.name for joint in formula.joints)
-    joints = flow.gather(formula, symbols, names, "joint")
+    joints = equation_values.gather(formula, symbols, names, "joint")
     outputs = {"pose": symbolic.flat(T), "joints": joints}
     if formula.has("forward"):
-        again = flow.run(formula, variants, {**parameters, **{name: symbols[name] for name in names}}, "forward")
+        joint_symbols = {name: symbols[name] for name in names}
+        again = equation_values.run(formula, variants, {**parameters, **joint_symbols}, "forward")
         outputs["again"] = symbolic.flat(_pose(formula, again))
-    symbols = flow.run(formula, variants, symbols, "forward")
+    symbols = equation_values.run(formula, variants, symbols, "forward")
     outputs |= _of_helpers(formula, variants, symbols, measures)
     return _function(formula, state, parameters, outputs)
 
@@ -80,10 +81,10 @@ def aspects(formula: Formula, variants: Mapping[str, str]) -> ca.Function:
     parameters = _parameters(formula)
     state = [ca.SX.sym(f"T{i}{j}") for i in range(4) for j in range(4)]
     T = symbolic.unflat(ca.vertcat(*state), 4, 4)
-    symbols: Mapping[str, Value] = {**parameters, **flow.from_pose(formula, T)}
+    symbols: Mapping[str, Value] = {**parameters, **equation_values.from_pose(formula, T)}
     for stage in ("inverse", "forward", "helper"):
-        symbols = flow.run(formula, variants, symbols, stage)
-    found = flow.gather(formula, symbols, tuple(aspect.symbol for aspect in formula.aspects), "aspect")
+        symbols = equation_values.run(formula, variants, symbols, stage)
+    found = equation_values.gather(formula, symbols, tuple(aspect.symbol for aspect in formula.aspects), "aspect")
     preferred = ca.DM([aspect.preferred for aspect in formula.aspects])
     numbers = ca.vertcat(*parameters.values()) if parameters else ca.SX(0, 1)
     return ca.Function("aspects", [ca.vertcat(*state), numbers], [found * preferred])
@@ -94,21 +95,23 @@ def _of_helpers(
 ) -> dict[str, ca.SX]:
     """Return passive joints, reach and points, as far as the helpers can be computed from these symbols."""
     try:
-        symbols = flow.run(formula, variants, symbols, "helper")
+        symbols = equation_values.run(formula, variants, symbols, "helper")
     except KinematicsError:  # a helper needs a symbol of another way of computing: then nothing is claimed of it
         return {}
     outputs = {
-        "passive": flow.gather(formula, symbols, formula.passive, "passive"),
-        "reach": flow.gather(formula, symbols, tuple(formula.reach.values()), "reach"),
+        "passive": equation_values.gather(formula, symbols, formula.passive, "passive"),
+        "reach": equation_values.gather(formula, symbols, tuple(formula.reach.values()), "reach"),
     }
     for name, symbol in formula.points.items():
         if isinstance(symbol, str):
-            outputs[f"point {name}"] = ca.vec(flow.expression(formula, symbols, symbol, f"point '{name}':"))
+            outputs[f"point {name}"] = ca.vec(equation_values.expression(formula, symbols, symbol, f"point '{name}':"))
         else:
-            outputs[f"point {name}"] = flow.gather(formula, symbols, symbol, f"point '{name}':")
+            outputs[f"point {name}"] = equation_values.gather(formula, symbols, symbol, f"point '{name}':")
     if measures:
-        outputs["measures"] = flow.gather(formula, symbols, tuple(m.symbol for m in formula.measures), "measure")
-        outputs["aspects"] = flow.gather(formula, symbols, tuple(a.symbol for a in formula.aspects), "aspect")
+        of_measures = tuple(measure.symbol for measure in formula.measures)
+        of_aspects = tuple(aspect.symbol for aspect in formula.aspects)
+        outputs["measures"] = equation_values.gather(formula, symbols, of_measures, "measure")
+        outputs["aspects"] = equation_values.gather(formula, symbols, of_aspects, "aspect")
     return outputs
 
 
@@ -119,8 +122,8 @@ def _parameters(formula: Formula) -> dict[str, ca.SX]:
 def _pose(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
     """Return the pose (4, 4) that forward equations gave as a matrix or as coordinates."""
     if POSE_SYMBOL in symbols:
-        return flow.expression(formula, symbols, POSE_SYMBOL, "the pose")
-    return flow.to_pose(formula, symbols)
+        return equation_values.expression(formula, symbols, POSE_SYMBOL, "the pose")
+    return equation_values.to_pose(formula, symbols)
 
 
 def _function(

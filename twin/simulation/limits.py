@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.model.mechanism import Mechanism
 
 

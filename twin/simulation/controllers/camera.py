@@ -18,7 +18,7 @@ from twin.core.errors import WorldError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.formula import symbolic
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.pedals import CAMERA

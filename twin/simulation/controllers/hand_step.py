@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula import symbolic
-from twin.formula.flow import Evaluator, attach
+from twin.formula.evaluator import Evaluator, attach
 from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console_equations import Console
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.formula.flow import attach
+from twin.formula.evaluator import attach
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, ForceParameters, hand_force

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.formula.flow import attach
+from twin.formula.evaluator import attach
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
 from twin.simulation.controllers.velocity import step

@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula import symbolic
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
 from twin.simulation.limits import JointLimits

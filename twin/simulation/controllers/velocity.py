@@ -18,7 +18,7 @@ import numpy as np
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.formula import symbolic
-from twin.formula.flow import Evaluator
+from twin.formula.evaluator import Evaluator
 from twin.kinematics import Kinematics
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
-from twin.formula.flow import attach
+from twin.formula.evaluator import attach
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_Q

@@ -18,7 +18,7 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import display_unit
 from twin.formula.contract import Formula
-from twin.formula.flow import choose
+from twin.formula.variant_choice import choose
 from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Judged

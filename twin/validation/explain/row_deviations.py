@@ -20,9 +20,9 @@ import numpy as np
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.formula.contract import Equation, Formula, Stage, arguments
-from twin.formula.flow import choose
 from twin.formula.plain_function import PlainRows
 from twin.formula.scalar import Value
+from twin.formula.variant_choice import choose
 from twin.validation.explain import numeric, plain
 from twin.validation.explain.numeric import Matrix, Rebuilder, to_array
 from twin.validation.explain.rows import Helper, RowPlace, Step, Tolerance

@@ -13,7 +13,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.formula import symbolic
-from twin.formula.flow import attach
+from twin.formula.evaluator import attach
 from twin.simulation.local_plane import COUNT, SIZE, WIDTH, LocalPlane, rows
 from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner
 from twin.simulation.plants.contact.gripper import Gripper

@@ -11,7 +11,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import WorldError
 from twin.core.spatial import Array
-from twin.formula.flow import attach
+from twin.formula.evaluator import attach
 from twin.kinematics import Kinematics
 from twin.model.body import Body
 from twin.model.joint import Joint
