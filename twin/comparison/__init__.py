@@ -30,6 +30,9 @@ Which number to edit:
 
     statements        the numbers of a description file with their lines, and what each number moves
     edits             the number of a file whose edit removes a difference
+    edit_case         what an edit must achieve
+    solved_value      the value of a number with which both sides agree
+    paths             paths as they are told
     rereading         edits that are found by reading a changed text again
     dh_edits, loop_edits, property_edits      edits of DH tables, of joints of loops, of properties
     xacro_lines       whether a line of a xacro states the number that an edit names

@@ -192,7 +192,7 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
 def _unedited_text(pair: SidePair) -> Iterator[str]:
     """Yield for each side whose numbers cannot be edits the reason, if an item has no edit of it."""
     for side in (pair.first, pair.second):
-        without = [item for item in pair.items if item.kind not in ("name", "order")]
+        without = [item for item in pair.items if item.moves_geometry]
         without = [item for item in without if all(edit.side != side.label for edit in item.edits)]
         reason = why_not_edited(side)
         if without and reason:
@@ -272,7 +272,7 @@ def _item_text(item: ComparedItem, pair: SidePair) -> Iterator[str]:
         if len(edits) > _SHOWN_EDITS:
             yield f"      and {len(edits) - _SHOWN_EDITS} more in {label}"
     searched = not (why_not_edited(pair.first) and why_not_edited(pair.second))
-    if searched and not item.edits and item.kind not in ("name", "order"):
+    if searched and not item.edits and item.moves_geometry:
         yield "      no edit of one number was found that removes this"
 
 

@@ -85,6 +85,11 @@ class ComparedItem:
     turn: float = 0.0
     edits: tuple[NumberEdit, ...] = field(default=())
 
+    @property
+    def moves_geometry(self) -> bool:
+        """Whether the item is a change of lines or frames, which numbers of a file state."""
+        return self.kind not in ("name", "order")
+
     def with_edits(self, edits: Sequence[NumberEdit]) -> ComparedItem:
         """Return the item with edits."""
         return replace(self, edits=tuple(edits))

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.comparison.edits import short
 from twin.comparison.fit import Problem
 from twin.comparison.items import NumberEdit
 from twin.comparison.joined import joined
 from twin.comparison.link_motions import LinkMotions, PlaceDifference
 from twin.comparison.matching import match
+from twin.comparison.paths import short
 from twin.comparison.recut import recut
 from twin.comparison.rereading import EditGoal, attribute_edits
 from twin.comparison.side import RobotSide, openings, plain

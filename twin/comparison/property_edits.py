@@ -6,12 +6,12 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from twin.comparison import rereading
-from twin.comparison.edits import short
 from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
 from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.frames import gaps
 from twin.comparison.items import NumberEdit
 from twin.comparison.matching import Matching
+from twin.comparison.paths import short
 from twin.comparison.properties import Properties, PropertyRow, compare, difference
 from twin.comparison.rereading import EditGoal
 from twin.comparison.side import RobotSide, plain

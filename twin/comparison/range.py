@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.comparison.edits import short
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import FrameGap, leaf_gaps
+from twin.comparison.paths import short
 from twin.comparison.properties import followed_of, mapped_limits
 from twin.comparison.rereading import numbers
 from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide, plain

@@ -1,0 +1,92 @@
+"""What an edit of one side must achieve: the two sides agree without one change of their fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from twin.comparison.dh_edits import CellStatement
+from twin.comparison.fit import Problem, Unknowns, values_of
+from twin.comparison.frames import gaps, gaps_of, leaf_gaps
+from twin.comparison.matching import Matching
+from twin.comparison.side import RobotSide
+from twin.comparison.statements import NumberStatement, PlaceStatement
+from twin.core.spatial import Array
+
+Statement = NumberStatement | PlaceStatement | CellStatement
+
+
+@dataclass(frozen=True)
+class EditCase:
+    """One item of one pair, without its own change: what an edit must achieve.
+
+    Attributes:
+        problem: the pair.
+        matching: which joints are the same.
+        u: the solution without the change of the item.
+        edited: 0 if the first side is edited, 1 for the second.
+        moved_tools: joints whose leaf frames differ by other conventions.
+    """
+
+    problem: Problem
+    matching: Matching
+    u: Unknowns
+    edited: int
+    moved_tools: Sequence[int]
+
+    @property
+    def side(self) -> RobotSide:
+        """The side that is edited."""
+        return (self.problem.first, self.problem.second)[self.edited]
+
+    @cached_property
+    def apart(self) -> frozenset[int]:
+        """The joints whose lines are apart, as in `Problem.axes`."""
+        gap = self.problem.gap(self.u)
+        far = (gap.distances > self.problem.tolerance) | (gap.angles > self.problem.angle_tolerance)
+        return frozenset(int(i) for i in np.flatnonzero(far))
+
+    def moves_all(self, statement: Statement) -> bool:
+        """Return whether a statement moves each joint whose line is apart, or a joint before it in the tree."""
+        axes = (self.problem.axes, self.problem.second.axes)[self.edited]
+        pending = [i for i, axis in enumerate(axes) if statement.moves(axis)]
+        reached: set[int] = set()
+        while pending:
+            joint = pending.pop()
+            reached.add(joint)
+            pending += [k for k in self.problem.below[joint] if k not in reached]
+        return self.apart <= reached
+
+    def with_side(self, side: RobotSide) -> Problem:
+        """Return the pair with another side instead of the edited one."""
+        sides = [self.problem.first, self.problem.second]
+        sides[self.edited] = side
+        return Problem(sides[0], sides[1], self.matching, self.problem.tolerance)
+
+    def residual(self, side: RobotSide) -> Array:
+        """Return what remains of lines, and of leaf frames except those on the joints `moved_tools`, in m and rad."""
+        problem = self.with_side(side)
+        parents, children, groups = problem.motions(self.u.signs, values_of(self.u)[None], self.u.deviating)
+        parts = [problem.rows(self.u.signs, parents, children)[0]]
+        for gap in gaps_of(problem, groups, inner=False):
+            if gap.joint not in self.moved_tools:
+                parts.append((gap.T - np.eye(4))[:3].ravel())
+        return np.concatenate(parts)
+
+    def agrees(self, side: RobotSide) -> bool:
+        """Return whether all lines coincide, and all leaf frames except those on the joints `moved_tools`."""
+        problem = self.with_side(side)
+        if not problem.holds(problem.gap(self.u)):
+            return False
+        for gap in leaf_gaps(problem, self.u):
+            if gap.joint not in self.moved_tools and gap.differs(problem):
+                return False
+        return True
+
+    def differing_frames(self, side: RobotSide) -> int:
+        """Return the number of frames of inner links that differ."""
+        problem = self.with_side(side)
+        return sum(gap.differs(problem) for gap in gaps(problem, self.u))
