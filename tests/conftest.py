@@ -165,19 +165,22 @@ def no_plots(monkeypatch):
 def sampled_once():
     """Sample each mechanism once in a file whose tests explain many formulas by it."""
     from twin.validation.explain import explain, heldout
-    from twin.validation.explain.truth import SAMPLES, sample
+    from twin.validation.explain.truth import SAMPLES, sample_states
 
     found = {}
 
     def once(model, samples=SAMPLES, seed=7, progress=lambda f: None, regular=False):
         key = (id(model), samples, seed, regular)
         if key not in found:
-            found[key] = model, sample(model, samples, seed, progress, regular)  # the model lives as long as its id
+            found[key] = (
+                model,
+                sample_states(model, samples, seed, progress, regular),
+            )  # the model lives as long as its id
         return found[key][1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(explain, "sample", once)
-        patch.setattr(heldout, "sample", once)
+        patch.setattr(explain, "sample_states", once)
+        patch.setattr(heldout, "sample_states", once)
         yield
 
 

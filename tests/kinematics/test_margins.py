@@ -26,10 +26,10 @@ SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
 def setting(name):
     """Formula, independent model and states of a robot."""
     from twin import api
-    from twin.validation.explain.truth import sample
+    from twin.validation.explain.truth import sample_states
 
     robot = api.load(name)
-    return robot.formula, robot.reference(), sample(robot.reference())
+    return robot.formula, robot.reference(), sample_states(robot.reference())
 
 
 def rows_of(formula, model, run):

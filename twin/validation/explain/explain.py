@@ -46,7 +46,7 @@ from twin.validation.explain.row_deviations import Judge, RowPlace, Tolerance
 from twin.validation.explain.rows import Key
 from twin.validation.explain.source import Edit, diff, patched
 from twin.validation.explain.suspects import shared
-from twin.validation.explain.truth import Truth, gather, sample
+from twin.validation.explain.truth import Truth, sample_states, symbol_values
 from twin.validation.explain.unvalued import unvalued
 from twin.validation.explain.varied import coincidences, condition
 from twin.validation.explain.weigh import weigh
@@ -78,17 +78,17 @@ def known(
     A redundant mechanism has many solutions for a pose. The formula is judged with two of them: the sampled solution,
     and the solution nearest to the formula's joint values. The solution with fewer wrong rows is returned.
     """
-    run = sample(model, progress=lambda f: progress("sample the mechanism", f))
+    run = sample_states(model, progress=lambda f: progress("sample the mechanism", f))
     if not (model.redundant and formula.has("inverse")):
-        return gather(formula, run, model, parameters)
-    sampled = gather(formula, sample(model, regular=True), model, parameters)
+        return symbol_values(formula, run, model, parameters)
+    sampled = symbol_values(formula, sample_states(model, regular=True), model, parameters)
     try:
         extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
         q = compile_formula(formula, variants, parameters, extra_joints).inverse_many(run.Ts_base_tool)
         near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
     except TwinError:  # equations without a solution are reported row by row
         return sampled
-    gathered = gather(formula, near, model, parameters)
+    gathered = symbol_values(formula, near, model, parameters)
     off = len(Judge(formula, variants, gathered).failing())
     if not off:
         return gathered
@@ -264,7 +264,7 @@ def _elsewhere(task: _Task, model: ReferenceModel, judge: Judge, notes: list[str
     notes += [_by_chance(group) for group in by_chance]
     if any(p.name == judge.truth.free for group in by_chance for p in group):
         # At the values of the formula, the rows agree; at other states of the redundant mechanism they do not.
-        other = task.judge(gather(task.formula, sample(model, regular=True), model, task.parameters))
+        other = task.judge(symbol_values(task.formula, sample_states(model, regular=True), model, task.parameters))
         if other.failing():
             return other
     return judge
@@ -367,7 +367,7 @@ def _over_range(
         return None
     # As many right states as wrong ones, so that an edit must keep what is right.
     rows = np.concatenate([wrong[:: max(1, len(wrong) // _OF_EACH)][:_OF_EACH], right[:_OF_EACH]])
-    truth = gather(formula, model.collect(found.drawn.run.x[rows]), model, parameters)
+    truth = symbol_values(formula, model.collect(found.drawn.run.x[rows]), model, parameters)
     judge = Judge(formula, variants, truth, tolerance)
     return judge if judge.failing() else None
 

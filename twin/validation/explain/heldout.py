@@ -9,7 +9,7 @@ from twin.reference import ReferenceModel
 from twin.validation.explain.candidate import Candidate, Found
 from twin.validation.explain.row_deviations import Judge, evaluate, worst
 from twin.validation.explain.rows import Key
-from twin.validation.explain.truth import gather, sample
+from twin.validation.explain.truth import sample_states, symbol_values
 
 _STATES = 12
 _SEED = 101  # other states than those of the search
@@ -46,11 +46,11 @@ def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list
 def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
     """Return a judge of the formula at new states; None if a row that agrees in `judge` is wrong at the new states."""
     try:
-        run = sample(model, _STATES, _SEED, regular=model.redundant)
+        run = sample_states(model, _STATES, _SEED, regular=model.redundant)
     except TwinError:
         return None
     values = {p.name: float(judge.truth.symbols[p.name]) for p in judge.formula.parameters}
-    fresh = judge.on(gather(judge.formula, run, model, values))
+    fresh = judge.on(symbol_values(judge.formula, run, model, values))
     failing = {p.key for p in judge.failing()}
     return fresh if {p.key for p in fresh.failing()} <= failing else None
 

@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.reference import ReferenceModel
 from twin.reference.newton import minimise
 from twin.validation.explain.row_deviations import Judge, Residuals
-from twin.validation.explain.truth import gather
+from twin.validation.explain.truth import symbol_values
 
 _DRAWS = 12
 """Number of mechanisms with further random errors."""
@@ -54,4 +54,4 @@ def _residuals(
     model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces))
     assert judge.truth.run is not None
     X, _ = minimise(model.tree, judge.truth.run.x.copy(), model.loops_only, model.tree.passive)
-    return judge.on(gather(judge.formula, model.collect(X), model, parameters)).residuals
+    return judge.on(symbol_values(judge.formula, model.collect(X), model, parameters)).residuals

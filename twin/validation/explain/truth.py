@@ -27,6 +27,12 @@ SAMPLES = 24
 _SPREAD = 0.06
 """Half width of the box of joint values that is sampled around each posture, as a fraction of each joint's range."""
 
+_POSTURES = 4
+"""Maximum number of postures around which the mechanism is sampled: the first ones in the description."""
+
+_FEWEST = 6
+"""Minimum number of states with which a formula is judged, if the mechanism hardly moves."""
+
 _REGULAR = 0.1
 """A posture is skipped as near a singularity if its conditioning is below this fraction of the best conditioning."""
 
@@ -42,7 +48,7 @@ class Truth:
         kinds: kind ("length", "angle" or "pose") of each symbol with a value in the mechanism, except parameters.
         k: number of samples.
         Ts: (k, 4, 4) tool poses in base.
-        run: states of the mechanism; None if there are none.
+        run: states of the mechanism, one for each sample; None if the values are not those of such states.
         coordinates: names and units of the pose coordinates, for messages.
         borrowed: {symbol: named point} for each symbol to which a helper assigns an unchanged named point.
         free: name of the free parameter (swivel) of a redundant mechanism, or "". The value of this parameter in each
@@ -63,7 +69,11 @@ class Truth:
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> Truth:
-        """Return randomly perturbed values, which no mechanism can have, to detect rows that agree by coincidence."""
+        """Return randomly perturbed values, which no mechanism can have, to detect rows that agree by coincidence.
+
+        All symbols are perturbed at each sample by itself, also floats (parameters), which become arrays (k,). A matrix
+        that stands for all samples is perturbed once.
+        """
         rng = np.random.default_rng(seed)
         symbols: dict[str, Value] = {}
         for name, value in self.symbols.items():
@@ -73,22 +83,14 @@ class Truth:
             x = np.broadcast_to(np.asarray(value, float), (self.k,))
             # A relative and an absolute change, so that also a zero is changed.
             symbols[name] = x * (1 + 0.01 * rng.standard_normal(self.k)) + 1e-3 * rng.standard_normal(self.k)
-        return replace(self, symbols=symbols)
+        return replace(self, symbols=symbols, run=None)
 
     def first(self) -> Truth:
-        """Return the values at the first sample only."""
-        symbols: dict[str, Value] = {}
-        for name, value in self.symbols.items():
-            if isinstance(value, Matrix):
-                symbols[name] = Matrix(value.a[:1])
-            elif np.ndim(value):
-                symbols[name] = value[:1]
-            else:
-                symbols[name] = value
-        return replace(self, symbols=symbols, k=1, Ts=self.Ts[:1])
+        """Return the values at the first sample only, without its state `run`."""
+        return self.repeated((0,), 1)
 
     def repeated(self, samples: Sequence[int], times: int) -> Truth:
-        """Return the values at some samples, repeated several times."""
+        """Return the values at some samples, repeated several times, without their states `run`."""
         rows = np.tile(np.asarray(samples), times)
         symbols: dict[str, Value] = {}
         for name, value in self.symbols.items():
@@ -112,19 +114,20 @@ class Truth:
         return ", ".join(parts)
 
 
-def sample(
+def sample_states(
     model: ReferenceModel,
     samples: int = SAMPLES,
     seed: int = 7,
     progress: Callable[[float], None] = lambda f: None,
     regular: bool = False,
 ) -> SolvedSamples:
-    """Return states of the mechanism around its postures (without postures: around the rest poses).
+    """Return states of the mechanism around its first `_POSTURES` postures (without postures: around the rest poses).
 
-    With `regular`, postures near a singularity, where several assembly modes meet, are skipped.
+    With `regular`, postures near a singularity, where several assembly modes meet, are skipped. The result has fewer
+    than `samples` states, but at least `_FEWEST`, if the mechanism can take few of the drawn ones.
 
     Raises:
-        TwinError: the mechanism cannot be moved.
+        TwinError: the mechanism can take fewer than `_FEWEST` of the drawn states.
     """
     mechanism = model.mechanism
     rng = np.random.default_rng(seed)
@@ -140,7 +143,7 @@ def sample(
             progress(len(states) / samples)
         if len(states) >= samples:
             break
-    if len(states) < 6:
+    if len(states) < _FEWEST:
         raise TwinError(
             f"{mechanism.name}: the mechanism hardly moves near its postures, so there are no poses for the check"
         )
@@ -148,7 +151,10 @@ def sample(
 
 
 def _box(joints: Sequence[Joint]) -> tuple[Array, Array, Array]:
-    """Return (lower limits, upper limits, half widths of the sampled box), each (n,), in m and rad."""
+    """Return (lower limits, upper limits, half widths of the sampled box), each (n,), in m and rad.
+
+    Limits may be infinite; the half widths are finite.
+    """
     ranges: list[tuple[float, float]] = []
     most: list[float] = []  # half widths for joints with a long range
     for joint in joints:
@@ -159,7 +165,6 @@ def _box(joints: Sequence[Joint]) -> tuple[Array, Array, Array]:
             ranges.append(joint.limits or (-0.1, 0.1))
             most.append(0.02)
     limits = np.array(ranges)
-    limits = np.where(np.isfinite(limits), limits, np.sign(limits) * np.pi)
     half = np.minimum(_SPREAD * np.ptp(limits, axis=1), most)
     return limits[:, 0], limits[:, 1], half
 
@@ -168,7 +173,7 @@ def _starts(model: ReferenceModel, regular: bool) -> list[Assembly]:
     """Return the states around which the mechanism is sampled."""
     mechanism = model.mechanism
     starts: list[Assembly] = []
-    for name in list(mechanism.postures)[:4]:
+    for name in list(mechanism.postures)[:_POSTURES]:
         with contextlib.suppress(AssemblyError):
             starts.append(model.solve(np.asarray(mechanism.posture(name), float)))
     if not starts:
@@ -193,7 +198,7 @@ def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
         return states
 
 
-def gather(
+def symbol_values(
     formula: Formula, run: SolvedSamples, model: ReferenceModel, parameters: Mapping[str, float] | None = None
 ) -> Truth:
     """Return the values of the formula's symbols at states of the mechanism."""
