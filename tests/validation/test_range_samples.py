@@ -25,7 +25,8 @@ from twin.kinematics.closed_loops import LoopSolver
 from twin.reference import ReferenceModel
 from twin.robots import load_formula
 from twin.validation import range_samples
-from twin.validation.range_samples import RangeSamples, SampledRange, _Tally
+from twin.validation.range_samples import SampledRange, SuspectReservoir, _Tally
+from twin.validation.range_samples_result import RangeSamples
 from twin.validation.rows import Tolerances
 
 
@@ -160,8 +161,29 @@ def test_the_worst_of_the_kernels_is_relative_to_the_tolerances():
     """A turn of 1 rad is worse than an offset of 1 µm, although only the second state has an offset."""
     tally = _Tally()
     tally.add(np.array([[1.0], [2.0]]), np.array([0.0, 1e-6]), np.array([1.0, 0.0]), Tolerances())
-    assert tally.worst[1] == [1.0]
+    assert tally.worst is not None
+    assert tally.worst.q == [1.0]
     assert tally.position is None
+
+
+def test_kept_suspects_are_spread_over_all():
+    """Given in blocks, as at once; a suspect without a result is no worst one."""
+    q = np.arange(5000.0)[:, None]
+    reservoir = SuspectReservoir()
+    tally = _Tally()
+    for block in np.array_split(q, 7):
+        reservoir.add(block)
+        missing = np.full(len(block), np.nan)
+        assert tally.add(block, missing, missing, Tolerances()).all()
+    chosen = reservoir.chosen()
+    assert reservoir.found == 5000
+    assert chosen is not None
+    assert len(chosen) == 256
+    assert chosen[0] == 0
+    assert chosen[-1] > 4900
+    assert np.diff(chosen[:, 0]).max() < 2 * 5000 / 256
+    assert tally.worst is None
+    assert np.array_equal(tally.examined(1), chosen)
 
 
 def test_blocks_change_nothing(tmp_path, monkeypatch):

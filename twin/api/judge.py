@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from twin.planning.protocol import Protocol, Solver
     from twin.planning.trajectory import Trajectory
     from twin.validation.explain.explanation import Explanation
-    from twin.validation.range_samples import RangeSamples
+    from twin.validation.range_samples_result import RangeSamples
     from twin.validation.result import Report
     from twin.validation.retimed import CheckedPlan
     from twin.validation.rows import Tolerances
