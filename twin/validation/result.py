@@ -184,7 +184,7 @@ class Report(Result):
             (k, 3); "angles" (k, 3) in rad; "residual_tool" (k,) in m; "residual_rotation" (k,) in rad; "rcm_error"
             (k,) in m, NaN in phases without an RCM; "fulcrum" (k, 2) in m, see `fulcrum`; "limit_margin" (k,),
             smallest distance of a joint to a limit, in rad or m; "singularity.<name>" (k,); "reach.<name>" (k,) in m.
-            The residuals of searches for tip and trocar, with their outcomes: see `trocar_methods.SEARCHES`, `Single`.
+            The residuals of searches for tip and trocar, with their outcomes: see `trocar_methods.OneStartResult`.
             On the times "clearance_t" (j,) in s: "clearance" (j,) in m. On the times "t_coarse" (c,) in s:
             "residual_driven.<joint>", "residual_point.<name>"; "p_tool_B", "v_tool_B", "a_tool_B" (c, 3), the tool's
             motion if the joint values of the equations drive the mechanism.

@@ -8,7 +8,9 @@ where the search keeps the redundant joint as in the equations.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from twin.core.format import count, power
 from twin.core.result import TextTable
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics, Tip, Trocar, solve
-from twin.kinematics.point_search import PointSolver, point_solver
+from twin.kinematics.point_search import PointSolutions, PointSolver, point_solver
 from twin.kinematics.solve import TOLERANCE as SOLVED
 from twin.kinematics.solve import descend
 from twin.reference import ReferenceModel
@@ -42,10 +44,26 @@ SEARCHES = {
 }
 """Title of each kind of search, by the name of its curves in a report."""
 
+
+class SearchOutcome(IntEnum):
+    """Outcome of a search from one start; the index of its text in `OUTCOMES`."""
+
+    SOLVED = 0
+    BEYOND_TIP = 1
+    NOT_CONVERGED = 2
+
+
 OUTCOMES = ("solved", "arm beyond the tip", "not converged")
-"""Outcomes of a search; their indices are the values of `Single.outcome`."""
+"""Texts of the outcomes of a search."""
+
+_STARTS = 48
+"""Maximum number of starts of a search for one problem."""
+
+_EXCESS = 1e-9
+"""Excess over a joint limit in m or rad that is a rounding error."""
 
 _SEED = 0
+"""Seed of the random problems and postures."""
 
 _DEPTHS = (0.125, 0.875)
 """Smallest and largest insertion depth of a problem, relative to the distance from wrist to tip."""
@@ -83,12 +101,12 @@ class Problems:
 
 
 @dataclass(frozen=True)
-class Single:
-    """Results of one start for each problem.
+class OneStartResult:
+    """Results of a search from one start for each problem.
 
     Attributes:
         history: (k, s) residual in m at the start and after each step; NaN after the end.
-        outcome: (k,) index in `OUTCOMES`.
+        outcome: (k,) values of `SearchOutcome`.
         steps: (k,) number of steps tried.
     """
 
@@ -99,7 +117,7 @@ class Single:
     def cells(self) -> tuple[str, ...]:
         """Return the cells of a table: number of each outcome, median number of steps of the solved ones."""
         numbers = np.bincount(self.outcome, minlength=len(OUTCOMES)).tolist()
-        solved = self.outcome == 0
+        solved = self.outcome == SearchOutcome.SOLVED
         median = ""
         if solved.any():
             median = f"{np.median(self.steps[solved]):.0f}"
@@ -124,7 +142,7 @@ def three_methods(case: Case, out: EquationsComparison, number: int = PROBLEMS) 
         out.findings.append(_DIFFERS(kin.formula.name, f"tip and trocar cannot be solved: {error}", None, None))
 
 
-def problems(kin: Kinematics, solver: PointSolver, limits: Array, number: int) -> Problems:
+def random_problems(kin: Kinematics, solver: PointSolver, limits: Array, number: int) -> Problems:
     """Return random problems, each with a solution within the joint limits (n, 2), and random starts within them."""
     rng = np.random.default_rng(_SEED)
     reach = np.where(kin.revolute, np.pi, 1.0)
@@ -139,93 +157,156 @@ def problems(kin: Kinematics, solver: PointSolver, limits: Array, number: int) -
     return Problems(Ts, tips, trocars, rng.uniform(low, high, (number, len(low))))
 
 
-def by_points(solver: PointSolver, given: Problems, outside: bool = False) -> Single:
+def by_points(solver: PointSolver, problems: Problems, outside: bool = False) -> OneStartResult:
     """Run the search for points once for each problem; `outside`: start with the wrist outside the trocar."""
-    begin = solver.places(given.starts)
+    begin = solver.places(problems.starts)
     if outside:
-        begin = solver.outside(begin, given.tips, given.trocars)
-    found = solver.descend(begin, given.tips, given.trocars)
-    outcome = np.where(found.solved, 0, np.where(found.converged, 1, 2))
-    return Single(found.history, outcome, found.iterations)
+        begin = solver.outside(begin, problems.tips, problems.trocars)
+    found = solver.descend(begin, problems.tips, problems.trocars)
+    outcome = np.full(len(begin), SearchOutcome.NOT_CONVERGED, int)
+    outcome[found.converged] = SearchOutcome.BEYOND_TIP
+    outcome[found.solved] = SearchOutcome.SOLVED
+    return OneStartResult(found.history, outcome, found.iterations)
 
 
-def by_joints(kin: Kinematics, given: Problems, limits: Array, axis: tuple[float, float, float]) -> Single:
+def by_joints(kin: Kinematics, problems: Problems, limits: Array, axis: tuple[float, float, float]) -> OneStartResult:
     """Run the joint-space search once for each problem, within the limits; the arm is never beyond the tip."""
     histories: list[list[float]] = []
-    outcome = np.zeros(len(given.starts), int)
-    steps = np.zeros(len(given.starts), int)
-    for i, (tip, trocar, q) in enumerate(zip(given.tips, given.trocars, given.starts, strict=True)):
+    outcome = np.full(len(problems.starts), SearchOutcome.SOLVED, int)
+    steps = np.zeros(len(problems.starts), int)
+    for i, (tip, trocar, q) in enumerate(zip(problems.tips, problems.trocars, problems.starts, strict=True)):
         history: list[float] = []
         found = descend(kin, Tip(tip) + Trocar(trocar, axis), q, limits, history=history)
         histories.append(history)
         if not found.residual <= SOLVED:  # true also for NaN
-            outcome[i] = 2
+            outcome[i] = SearchOutcome.NOT_CONVERGED
         steps[i] = found.iterations
     longest = max(map(len, histories))
     residuals = np.full((len(histories), longest), np.nan)
     for row, history in zip(residuals, histories, strict=True):
         row[: len(history)] = history
     # the search has lengths in units of the characteristic length
-    return Single(residuals * kin.characteristic_length, outcome, steps)
+    return OneStartResult(residuals * kin.characteristic_length, outcome, steps)
+
+
+@dataclass(frozen=True)
+class _Solutions:
+    """Solutions of random problems (k) by the three methods.
+
+    Attributes:
+        points: by points, from several starts.
+        within_limits: (k,) whether those are within the joint limits.
+        by_joints: (k,) whether the joint-space search found a solution.
+        off_points, off_joints: (k,) distances of the wrist from that of the closed form, in m; NaN without a solution.
+        by_all: (k,) whether all methods solve the problem.
+    """
+
+    points: PointSolutions
+    within_limits: np.ndarray
+    by_joints: np.ndarray
+    off_points: Array
+    off_joints: Array
+    by_all: np.ndarray
 
 
 def _compare(
     kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, out: EquationsComparison, number: int
 ) -> None:
     solver = point_solver(kin)
-    axis = solver.search.axis
-    given = problems(kin, solver, limits, number)
-    closed = solver.closed(given.Ts)
-    points = solver.solve_many(given.tips, given.trocars, limits)
-    joints = np.full_like(given.starts, np.nan)
-    for i, (tip, trocar) in enumerate(zip(given.tips, given.trocars, strict=True)):
-        try:
-            task = _SHARPENED * (Tip(tip) + Trocar(trocar, axis))
-            joints[i] = solve(kin, task, limits=limits, any_branch=True, rng=i).q
-        except KinematicsError:
-            continue
-    by_limits = points.excess <= 1e-9
-    all_solved = np.isfinite(closed).all(axis=(1, 2)) & by_limits & np.isfinite(joints).all(axis=1)
-    wrist = solver.search.unknowns[-1]
-    off_points = np.linalg.norm(points.points[:, -1] - closed[:, -1], axis=1)
-    off_joints = np.full(len(joints), np.nan)
-    known = np.isfinite(joints).all(axis=1)
-    off_joints[known] = np.linalg.norm(solver.places(joints[known])[:, -1] - closed[known, -1], axis=1)
-    note = f"against the closed form, at {all_solved.sum()} of {number} random problems, which all methods solve"
-    for name, off in ((f"{wrist} by points", off_points), (f"{wrist} by joints", off_joints)):
-        _row(out, "A", name, off[all_solved], EXACT, note, "the methods for tip and trocar give different positions")
+    problems = random_problems(kin, solver, limits, number)
+    solutions = _solved(kin, solver, problems, limits)
+    _judge_wrists(solver, solutions, out)
     _along(solver, case, out)
-    _mechanism(model, given, points.q, by_limits, axis, case, out)
-    first = by_points(solver, given)
-    outside = by_points(solver, given, outside=True)
-    alone = by_joints(kin, given, limits, axis)
-    names = " and ".join(solver.search.unknowns)
-    reached = (f"{by_limits.sum()}", _largest(off_points[all_solved]))
-    by_joint = (f"{known.sum()}", _largest(off_joints[all_solved]))
-    of_equations = kin.inverse_many(given.Ts)
-    inside = ((of_equations >= limits[:, 0]) & (of_equations <= limits[:, 1])).all(axis=1)
-    out.tables[HEADING] = TextTable(
-        ("method", "solved", "arm beyond tip", "not converged", "steps", "solved in 48 starts", f"{wrist} off by"),
-        (
-            (f"{names}, from random postures", *first.cells(), "", ""),
-            (f"{names}, {wrist} outside the trocar", *outside.cells(), *reached),
-            ("joints, from the same postures", *alone.cells(), *by_joint),
-            ("closed form, elbow as in the equations", f"{inside.sum()}", "", "", "", "", ""),
-        ),
-    )
+    _mechanism(model, problems, solutions, solver.search.axis, case, out)
+    searches = {
+        "search.points": by_points(solver, problems),
+        "search.outside": by_points(solver, problems, outside=True),
+        "search.joints": by_joints(kin, problems, limits, solver.search.axis),
+    }
+    q_equations = kin.inverse_many(problems.Ts)
+    inside = ((q_equations >= limits[:, 0]) & (q_equations <= limits[:, 1])).all(axis=1)
+    out.tables[HEADING] = _table(solver, searches, solutions, int(inside.sum()))
     out.facts[HEADING] = {
         "problems": f"{count(number, 'problem')} drawn within the joint limits, with one random posture each",
         "source": solver.search.source,
-        "solved": "from one start; 48 starts: within the joint limits too. Closed form: within the limits at the "
-        "elbow of the equations; other elbows are not tried",
+        "solved": f"from one start; {_STARTS} starts: within the joint limits too. Closed form: within the limits at "
+        "the elbow of the equations; other elbows are not tried",
     }
-    for key, single in zip(SEARCHES, (first, outside, alone), strict=True):
-        out.series |= {key: single.history, f"{key}.outcome": single.outcome}
+    for key, result in searches.items():
+        out.series |= {key: result.history, f"{key}.outcome": result.outcome}
 
 
-def _largest(off: Array) -> str:
+def _solved(kin: Kinematics, solver: PointSolver, problems: Problems, limits: Array) -> _Solutions:
+    """Solve all problems by each method, the searches from several starts."""
+    closed = solver.closed(problems.Ts)
+    points = solver.solve_many(problems.tips, problems.trocars, limits, starts=_STARTS)
+    joints = np.full_like(problems.starts, np.nan)
+    for i, (tip, trocar) in enumerate(zip(problems.tips, problems.trocars, strict=True)):
+        task = _SHARPENED * (Tip(tip) + Trocar(trocar, solver.search.axis))
+        try:
+            joints[i] = solve(kin, task, limits=limits, starts=_STARTS, any_branch=True, rng=i).q
+        except KinematicsError:
+            continue
+    within_limits = points.excess <= _EXCESS
+    by_joints_solved = np.asarray(np.isfinite(joints).all(axis=1))
+    wrists = closed[:, -1]
+    off_points = np.linalg.norm(points.points[:, -1] - wrists, axis=1)
+    off_joints = np.full(len(joints), np.nan)
+    wrists_by_joints = solver.places(joints[by_joints_solved])[:, -1]
+    off_joints[by_joints_solved] = np.linalg.norm(wrists_by_joints - wrists[by_joints_solved], axis=1)
+    by_all = np.isfinite(closed).all(axis=(1, 2)) & within_limits & by_joints_solved
+    return _Solutions(points, within_limits, by_joints_solved, off_points, off_joints, by_all)
+
+
+def _judge_wrists(solver: PointSolver, solutions: _Solutions, out: EquationsComparison) -> None:
+    """Add a row for each search: the wrist against the closed form, at the problems that all methods solve."""
+    wrist = solver.search.unknowns[-1]
+    chosen = solutions.by_all
+    note = f"against the closed form, at {chosen.sum()} of {len(chosen)} random problems, which all methods solve"
+    what = "the methods for tip and trocar give different positions"
+    _row(out, "A", f"{wrist} by points", solutions.off_points[chosen], EXACT, note, what)
+    _row(out, "A", f"{wrist} by joints", solutions.off_joints[chosen], EXACT, note, what)
+
+
+def _table(
+    solver: PointSolver, searches: Mapping[str, OneStartResult], solutions: _Solutions, closed_inside: int
+) -> TextTable:
+    """Return the table of all methods.
+
+    `searches` are the results from one start, as in `SEARCHES`; `closed_inside` is the number of problems at which the
+    closed form is within the joint limits.
+    """
+    names = " and ".join(solver.search.unknowns)
+    wrist = solver.search.unknowns[-1]
+    chosen = solutions.by_all
+    # the search from several starts also begins with the wrist outside the trocar, so that its numbers are in that row
+    points_solved = (f"{solutions.within_limits.sum()}", _largest(solutions.off_points[chosen]))
+    joints_solved = (f"{solutions.by_joints.sum()}", _largest(solutions.off_joints[chosen]))
+    from_random = searches["search.points"].cells()
+    from_outside = searches["search.outside"].cells()
+    by_joint_search = searches["search.joints"].cells()
+    return TextTable(
+        (
+            "method",
+            "solved",
+            "arm beyond tip",
+            "not converged",
+            "steps",
+            f"solved in {_STARTS} starts",
+            f"{wrist} off by",
+        ),
+        (
+            (f"{names}, from random postures", *from_random, "", ""),
+            (f"{names}, {wrist} outside the trocar", *from_outside, *points_solved),
+            ("joints, from the same postures", *by_joint_search, *joints_solved),
+            ("closed form, elbow as in the equations", f"{closed_inside}", "", "", "", "", ""),
+        ),
+    )
+
+
+def _largest(distances: Array) -> str:
     """Return the largest of some distances in m as text, also below 1 pm."""
-    return f"{power(float(off.max(initial=0.0)), 2)} m"
+    return f"{power(float(distances.max(initial=0.0)), 2)} m"
 
 
 def _along(solver: PointSolver, case: Case, out: EquationsComparison) -> None:
@@ -242,18 +323,19 @@ def _along(solver: PointSolver, case: Case, out: EquationsComparison) -> None:
 
 def _mechanism(
     model: ReferenceModel,
-    given: Problems,
-    qs: Array,
-    solved: np.ndarray,
+    problems: Problems,
+    solutions: _Solutions,
     axis: tuple[float, float, float],
     case: Case,
     out: EquationsComparison,
 ) -> None:
     """Add rows for tip and shaft of the mechanism, driven to the joints of the search for points."""
+    qs = solutions.points.q
+    solved = solutions.within_limits
     states, _ = Closing(model, np.ones(qs.shape[1])).states(qs[solved])
     Ts = model.collect(states).Ts_base_tool
-    tips = given.tips[solved]
-    trocars = given.trocars[solved]
+    tips = problems.tips[solved]
+    trocars = problems.trocars[solved]
     shaft = Ts[:, :3, :3] @ np.asarray(axis)
     note = f"mechanism at the joints of the optimisation, {solved.sum()} of {len(qs)} random problems"
     distance = np.linalg.norm(Ts[:, :3, 3] - tips, axis=1)
@@ -266,26 +348,26 @@ def _row(
     out: EquationsComparison,
     pair: str,
     name: str,
-    off: Array,
+    differences: Array,
     tolerance: float,
     note: str,
     what: str,
     phase: str = _PHASE,
 ) -> None:
     """Add a row for differences (k,) in m and, if it disagrees, a finding."""
-    if not len(off):
+    if not len(differences):
         return
     r = Residual(
         pair,
         "trocar",
         name,
         "m",
-        float(off.max()),
-        float(np.sqrt(np.mean(off**2))),
+        float(differences.max()),
+        float(np.sqrt(np.mean(differences**2))),
         tolerance,
         0.0,
         phase,
-        samples=len(off),
+        samples=len(differences),
         note=note,
     )
     out.judge(r, _MISSES if pair == "A-B" else _DIFFERS, what, when=phase)
