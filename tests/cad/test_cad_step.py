@@ -133,13 +133,21 @@ def test_a_folder_is_no_step_file(tmp_path):
         read_step(tmp_path)
 
 
-@pytest.mark.parametrize("content", [b"", b"solid x\n", bytes(range(256)) * 40], ids=["empty", "stl", "noise"])
+@pytest.mark.parametrize("content", [b"solid x\n", bytes(range(256)) * 40], ids=["stl", "noise"])
 def test_what_is_no_step_file_is_said_to_be_none(tmp_path, content):
     path = tmp_path / "odd.step"
     path.write_bytes(content)
     with pytest.raises(CadError) as caught:
         read_step(path)
     assert str(caught.value) == f"{path} is not a STEP file: it does not begin with ISO-10303-21"
+
+
+@pytest.mark.parametrize("content", [b"", b" \r\n"], ids=["empty", "blank"])
+def test_an_empty_file_is_said_to_be_empty(tmp_path, content):
+    path = tmp_path / "odd.step"
+    path.write_bytes(content)
+    with pytest.raises(CadError, match=r"odd\.step is empty: export or copy the STEP file again"):
+        read_step(path)
 
 
 @pytest.mark.parametrize("part", [0.02, 0.5, 0.99])

@@ -92,11 +92,16 @@ def test_step_is_missing(robot, refused):
     assert "No such file" in message
 
 
-@pytest.mark.parametrize("content", [b"", b"solid cube\nfacet normal 0 0 1\n", bytes(range(256)) * 40])
+@pytest.mark.parametrize("content", [b"solid cube\nfacet normal 0 0 1\n", bytes(range(256)) * 40])
 def test_step_is_garbage(robot, refused, content):
     robot.step.write_bytes(content)
     message = refused()
     assert f"{robot.step} is not a STEP file: it does not begin with ISO-10303-21" in message
+
+
+def test_step_is_empty(robot, refused):
+    robot.step.write_bytes(b"")
+    assert f"{robot.step} is empty: export or copy the STEP file again" in refused()
 
 
 @pytest.mark.parametrize("kept", [0.01, 0.5, 0.999])
