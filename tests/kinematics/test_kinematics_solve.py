@@ -285,27 +285,6 @@ def test_unreachable_targets_raise_with_the_best_iterate(sils, arm):
     assert caught.value.best.q.shape == (6,)
 
 
-def test_forward_without_an_assembly_says_so(sils):
-    too_wide = np.array([0, 0.2, 0, 0, 0, 0])  # carriages of limb 1 farther apart than 2 l_1
-    q = sils.inverse(spatial.pose(p=sils.formula.seeds[0][:3]))
-    with pytest.raises(KinematicsError, match=r"no assembly was found on the branch X_E\+ z_up\+ D-"):
-        sils.forward(q + too_wide)
-    with pytest.raises(KinematicsError, match="not finite"):
-        sils.forward(q * np.nan)
-    assert np.isnan(sils.forward_many(np.array([q, q + too_wide, q]))[1]).all()
-    assert sils.branches(q[[1, 0, 3, 2, 5, 4]]) == []
-
-
-def test_forward_stays_on_the_branch_of_its_seed(sils):
-    q = sils.inverse(spatial.pose(p=sils.formula.seeds[0][:3]))
-    for T in sils.branches(q):
-        np.testing.assert_allclose(sils.forward(q + 1e-4, seed=T), T, atol=5e-3)
-    with pytest.raises(KinematicsError, match="not a rigid pose"):
-        sils.forward(q, seed=2 * np.eye(4))
-    with pytest.raises(KinematicsError, match="2 seed poses for 1 rows"):
-        sils.forward_many(q[None], seed=np.tile(np.eye(4), (2, 1, 1)))
-
-
 def test_bad_tasks_are_refused(arm):
     for make, message in (
         (lambda: Pose(2 * np.eye(4)), "not a rigid pose"),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from twin.core.errors import KinematicsError, unknown
+from twin.core.spatial import Array
 from twin.formula import equation_values, symbolic
 from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.evaluator import Evaluator
@@ -16,6 +18,28 @@ from twin.formula.scalar import Value
 
 POSE_TOL = 1e-6
 """Maximum norm of the difference between a pose and the pose rebuilt from its coordinates."""
+
+
+class NewtonResults(NamedTuple):
+    """Results of `Program.newton`, of one start or of several (k, ...).
+
+    Attributes:
+        T: (..., 4, 4) pose at the end.
+        error: (...) joint error in m or rad; NaN if the search failed.
+        travel: (...) travel from the start pose; see `Program.newton`.
+        aspects: (..., m) aspects at the end.
+    """
+
+    T: Array
+    error: Array
+    travel: Array
+    aspects: Array
+
+
+def newton_results(numbers: Array) -> NewtonResults:
+    """Return the results that `Program.newton` computes as numbers (..., 18 + m)."""
+    T = numbers[..., :16].reshape(*numbers.shape[:-1], 4, 4)
+    return NewtonResults(T, numbers[..., 16], numbers[..., 17], numbers[..., 18:])
 
 
 class Program:
@@ -161,9 +185,9 @@ class Program:
     def newton(self) -> Evaluator:
         """Newton's method: from q (n) and a start pose (16,), compute (pose (16,), joint error, travel, aspects).
 
-        The joint error is a norm in m or rad. The travel is the norm of the motion from the start pose to the result:
-        translation divided by the characteristic length, and rotation in rad. One call returns all results, because
-        separate Python calls would take ten times as long as the solution.
+        `newton_results` gives the results names. The joint error is a norm in m or rad. The travel is the norm of the
+        motion from the start pose to the result: translation divided by the characteristic length, and rotation in rad.
+        One call returns all results, because separate Python calls would take ten times as long as the solution.
         """
         n = len(self.order)
         xi = ca.SX.sym("xi", 6)

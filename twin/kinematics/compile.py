@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.formula import variant_choice
 from twin.formula.contract import Formula, check_formula
-from twin.kinematics import assembly
+from twin.kinematics import forward_solver, inverse_solver
 from twin.kinematics.compiled import POSE_TOL, Compiled, ExtraJoint, poses
 
 
@@ -61,7 +61,7 @@ class Kinematics(Compiled):
         """
         T = poses(T_base_tool, batch=False)
         if not self.closed_inverse:
-            return assembly.inverse_by_solver(self, T, seed)
+            return inverse_solver.inverse_by_solver(self, T, seed)
         out = self.program.inverse.one(T.ravel())
         q = out[:-1]
         misfit = out.item(-1)
@@ -83,7 +83,7 @@ class Kinematics(Compiled):
         """Return q (k, n) at poses (k, 4, 4); NaN rows where the pose is out of reach or not rigid."""
         Ts = poses(Ts_base_tool)
         if not self.closed_inverse:
-            return assembly.inverse_by_solver_many(self, Ts)
+            return inverse_solver.inverse_by_solver_many(self, Ts)
         return self.program.judged_inverse.many(Ts.reshape(-1, 16))
 
     def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
@@ -102,7 +102,7 @@ class Kinematics(Compiled):
             if seed is not None and np.shape(seed) == q.shape[1:]:
                 q[:, self.auxiliary] = np.asarray(seed)[self.auxiliary]
         else:
-            q = assembly.inverse_by_solver_many(self, Ts, seed)
+            q = inverse_solver.inverse_by_solver_many(self, Ts, seed)
         if np.isnan(q.sum()):  # a row without a solution is NaN
             self._raise_unsolved(Ts, q, seed)
         return q
@@ -132,7 +132,7 @@ class Kinematics(Compiled):
         Raises:
             KinematicsError: no assembly is found; `best` is the best pose.
         """
-        return assembly.forward(self, self._joints(q, batch=False), self._seed(seed))
+        return forward_solver.forward(self, self._joints(q, batch=False), self._seed(seed))
 
     def forward_many(self, qs: ArrayLike, seed: ArrayLike | None = None) -> Array:
         """Return poses (k, 4, 4) at qs (k, n), each solved from the previous pose; NaN without a solution.
@@ -145,8 +145,8 @@ class Kinematics(Compiled):
             Ts = poses(seed)
             if len(Ts) != len(qs):
                 raise KinematicsError(f"{len(Ts)} seed poses for {len(qs)} rows of q: give one seed pose for each row.")
-            return assembly.forward_many(self, qs, Ts)
-        return assembly.forward_many(self, qs, self._seed(seed))
+            return forward_solver.forward_many(self, qs, Ts)
+        return forward_solver.forward_many(self, qs, self._seed(seed))
 
     def branches(self, q: ArrayLike) -> list[Array]:
         """Return the tool poses (4, 4) of all assemblies at q (n,), the preferred branch first; empty if there is none.
@@ -154,7 +154,7 @@ class Kinematics(Compiled):
         Raises:
             KinematicsError: the formula has no enumeration of assemblies and no forward equations.
         """
-        return assembly.branches(self, self._joints(q, batch=False))
+        return forward_solver.branches(self, self._joints(q, batch=False))
 
     def _why_unreachable(self, T: Array) -> str:
         """Return the error text of a pose (4, 4) that the equations do not reach: the chains, and their lengths."""

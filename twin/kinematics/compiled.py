@@ -2,7 +2,7 @@
 
 All values are in SI units. Poses are T_base_tool (4, 4); the first axis of a batch is time. Twists and Jacobian rows
 contain the linear velocity of the tool origin, then the angular velocity, both in base axes. The solvers (`solve`,
-`assembly`) use these functions; `compile.Kinematics` adds inverse and forward kinematics.
+`forward_solver`) use these functions; `compile.Kinematics` adds inverse and forward kinematics.
 """
 
 from __future__ import annotations

@@ -1,9 +1,12 @@
-"""Solve forward kinematics without a forward equation, and inverse kinematics without an inverse equation.
+"""Solve forward kinematics without a forward equation.
 
-The forward kinematics of a parallel robot is the root of q(T) - q, where q(T) is the inverse equation. The root is
-searched by Newton's method from a seed pose, then by Levenberg-Marquardt, then among all assemblies that the formula
-can enumerate. The branch label (the signs that identify an assembly) of the solution is checked, because a Newton step
-can jump to another assembly with the same joint values.
+The forward kinematics of a parallel robot is the root T of q(T) - q, where q(T) is the inverse equation. There are
+several roots, the assemblies at q. The signs of the formula's aspects at a pose identify its branch; the signs of a
+solution are checked, because a Newton step can jump to another branch.
+
+From a seed pose, the solver tries in order: Newton's method; Newton's method in small steps of q; Levenberg-Marquardt;
+all assemblies that the formula can enumerate. Without a seed, it tries all assemblies that the formula can enumerate,
+then Levenberg-Marquardt from the formula's seeds and random poses.
 """
 
 from __future__ import annotations
@@ -13,8 +16,9 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
+from twin.formula.program import newton_results
 from twin.kinematics.compiled import Compiled
-from twin.kinematics.solve import Joints, Pose, descend, seeds, solve
+from twin.kinematics.solve import Joints, descend, seeds
 
 FORWARD_TOL = 1e-11
 """Norm of the joint error, in m or rad, below which a forward solution is accepted."""
@@ -52,7 +56,7 @@ def forward_many(kin: Compiled, qs: Array, seed: Array | None) -> Array:
         return Ts
     kin.need_six_joints()
     if seed is not None and seed.ndim == 3:
-        return _from_seeds(kin, qs, seed)
+        return _from_seed_poses(kin, qs, seed)
     Ts = np.full((len(qs), 4, 4), np.nan)
     previous = seed
     for i, q in enumerate(qs):
@@ -66,14 +70,14 @@ def forward_many(kin: Compiled, qs: Array, seed: Array | None) -> Array:
     return Ts
 
 
-def _from_seeds(kin: Compiled, qs: Array, seeds: Array) -> Array:
+def _from_seed_poses(kin: Compiled, qs: Array, seed_poses: Array) -> Array:
     """Return poses (k, 4, 4) at qs (k, n), each from its own seed (k, 4, 4); NaN without a solution."""
-    Ts = _newton_many(kin, qs, seeds)  # all at once; the few rows that do not converge follow one by one
+    Ts = _newton_many(kin, qs, seed_poses)  # all at once; the few rows that do not converge follow one by one
     for i in np.flatnonzero(np.isnan(Ts[:, 0, 0])):
         if not np.isfinite(qs[i]).all():
             continue
         try:
-            Ts[i] = _from_seed(kin, qs[i], seeds[i])
+            Ts[i] = _from_seed(kin, qs[i], seed_poses[i])
         except KinematicsError:
             continue
     return Ts
@@ -103,62 +107,47 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
     return [poses_found[i] for i in np.argsort(-scores, kind="stable")]
 
 
-def inverse_by_solver(kin: Compiled, T: Array, seed: object) -> Array:
-    """Return q (n,) at a pose (4, 4) for a formula that has only forward equations."""
-    return solve(kin, Pose(T), seed=seed).q  # type: ignore[arg-type]
-
-
-def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: object = None) -> Array:
-    """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; NaN rows without a solution."""
-    qs = np.full((len(Ts), len(kin.joints)), np.nan)
-    for i, T in enumerate(Ts):
-        try:
-            q = inverse_by_solver(kin, T, seed)
-        except KinematicsError:
-            continue
-        qs[i] = q
-        seed = q
-    return qs
-
-
 def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
-    """Return the pose (4, 4) at q (n,) with the branch label of the seed (4, 4)."""
-    label = np.sign(kin.program.group["aspect"].one(seed.ravel()))
+    """Return the pose (4, 4) at q (n,) on the branch of the seed (4, 4)."""
+    seed_signs = np.sign(kin.program.group["aspect"].one(seed.ravel()))
     T, error, travel, signs = _newton(kin, q, seed)
-    if error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all():
+    if error <= FORWARD_TOL and travel < _TRAVEL and (signs == seed_signs).all():
         return T
     # Far from the seed, Newton's method may jump to another branch; small steps of q prevent this.
-    T_stepped = _in_steps(kin, q, seed, label)
+    T_stepped = _in_steps(kin, q, seed, seed_signs)
     if T_stepped is not None:
         return T_stepped
     result = descend(kin, Joints(q), seed)
     T, error, _, signs = _newton(kin, q, result.T)
-    if error <= FORWARD_TOL and (signs == label).all():
+    if error <= FORWARD_TOL and (signs == seed_signs).all():
         return T
     if kin.formula.branches is not None:  # the straight path of q from the seed may leave the workspace
-        others = [T for T in branches(kin, q) if _signs(kin, T, label)]
+        others = [T for T in branches(kin, q) if _has_signs(kin, T, seed_signs)]
         if others:
             return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
     cause = "Newton's method does not converge"
     if error <= FORWARD_TOL:
         cause = "Newton's method ends on another branch"
     raise KinematicsError(
-        f"{kin.formula.name}: no assembly at q = {_text(kin, q)} was reached from the seed: {cause}. "
+        f"{kin.formula.name}: no assembly at q = {_q_text(kin, q)} was reached from the seed: {cause}. "
         "Give a closer seed, or omit the seed.",
         best=result.T,
         residual=result.residual,
     )
 
 
-def _in_steps(kin: Compiled, q: Array, seed: Array, label: Array) -> Array | None:
-    """Return the pose (4, 4) at q (n,), approached in eight steps of q from the seed (4, 4); None: a step fails."""
+def _in_steps(kin: Compiled, q: Array, seed: Array, seed_signs: Array) -> Array | None:
+    """Return the pose (4, 4) at q (n,), approached in eight steps of q from the seed (4, 4); None: a step fails.
+
+    A step also fails if it leaves the branch of the seed with the aspect signs `seed_signs` (m,).
+    """
     q_seed = kin.program.inverse.one(seed.ravel())[:-1]
     if not np.isfinite(q_seed).all():
         return None
     T = seed
     for fraction in np.linspace(0, 1, 9)[1:]:
         T, error, travel, signs = _newton(kin, q_seed + fraction * (q - q_seed), T)
-        if not (error <= FORWARD_TOL and travel < _TRAVEL and (signs == label).all()):
+        if not (error <= FORWARD_TOL and travel < _TRAVEL and (signs == seed_signs).all()):
             return None
     return T
 
@@ -168,7 +157,7 @@ def _cold(kin: Compiled, q: Array) -> Array:
     preferred = np.array([aspect.preferred for aspect in kin.formula.aspects])
     if kin.formula.branches is not None:
         for T in branches(kin, q):
-            if _signs(kin, T, preferred):
+            if _has_signs(kin, T, preferred):
                 return T
     best: Array | None = None
     residual = np.inf
@@ -181,7 +170,7 @@ def _cold(kin: Compiled, q: Array) -> Array:
             best = result.T
             residual = result.residual
     raise KinematicsError(
-        f"{kin.formula.name}: no assembly was found on the branch {kin.preferred_branch} at q = {_text(kin, q)}. "
+        f"{kin.formula.name}: no assembly was found on the branch {kin.preferred_branch} at q = {_q_text(kin, q)}. "
         "Check q, or give a seed pose.",
         best=best,
         residual=residual,
@@ -190,23 +179,20 @@ def _cold(kin: Compiled, q: Array) -> Array:
 
 def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Array]:
     """Return (pose (4, 4), joint error, travel, aspect signs) after Newton's method from T; failed: joint error NaN."""
-    out = kin.program.newton.one(np.concatenate([q, T.ravel()]))
-    pose = out[:16].reshape(4, 4)
-    return pose, out[16], out[17], np.sign(out[18:])
+    solved = newton_results(kin.program.newton.one(np.concatenate([q, T.ravel()])))
+    return solved.T, float(solved.error), float(solved.travel), np.sign(solved.aspects)
 
 
-def _newton_many(kin: Compiled, qs: Array, seeds: Array) -> Array:
+def _newton_many(kin: Compiled, qs: Array, seed_poses: Array) -> Array:
     """Return the poses (k, 4, 4) found by Newton's method from seeds (k, 4, 4); NaN without convergence."""
-    flat = seeds.reshape(-1, 16)
-    out = kin.program.newton.many(np.hstack([qs, flat]))
-    error = out[:, 16]
-    travel = out[:, 17]
-    signs = np.sign(out[:, 18:])
-    labels = np.sign(kin.program.group["aspect"].many(flat))
-    same_branch = (signs == labels).all(axis=1)
-    solved = (error <= FORWARD_TOL) & (travel < _TRAVEL) & same_branch
-    out[~solved] = np.nan
-    return out[:, :16].reshape(-1, 4, 4).copy()
+    flat = seed_poses.reshape(-1, 16)
+    found = newton_results(kin.program.newton.many(np.hstack([qs, flat])))
+    seed_signs = np.sign(kin.program.group["aspect"].many(flat))
+    same_branch = (np.sign(found.aspects) == seed_signs).all(axis=1)
+    solved = (found.error <= FORWARD_TOL) & (found.travel < _TRAVEL) & same_branch
+    Ts = found.T.copy()
+    Ts[~solved] = np.nan
+    return Ts
 
 
 def _score(kin: Compiled, Ts: Array) -> Array:
@@ -223,7 +209,7 @@ def _score(kin: Compiled, Ts: Array) -> Array:
     return scores
 
 
-def _signs(kin: Compiled, T: Array, wanted: Array) -> bool:
+def _has_signs(kin: Compiled, T: Array, wanted: Array) -> bool:
     """Return whether a pose (4, 4) has these aspect signs (m,)."""
     signs = kin.aspect_signs(T[None])[0]
     return bool(np.all(signs == wanted))
@@ -236,6 +222,6 @@ def _distance(T: Array, other: Array, length: float = 1.0) -> float:
     return float(max(shift, angle))
 
 
-def _text(kin: Compiled, q: Array) -> str:
+def _q_text(kin: Compiled, q: Array) -> str:
     """Return names and values of the joints, such as "q1 0.1, q2 -0.2"."""
     return ", ".join(f"{name} {value:.6g}" for name, value in zip(kin.joints, q, strict=True))
