@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from made.arm import arm
 from twin.analysis.mutation import cad, formula, trajectory_faults, units, usd
 from twin.analysis.mutation.bench import Bench
 from twin.analysis.mutation.equivalent import Chain, same_equations, same_motion
@@ -218,3 +219,17 @@ def test_as_many_faults_are_drawn_as_were_asked_for(count, families):
 
 def test_the_whole_draw_is_what_it_was():
     assert shared_out(sum(SHARES.values()), SHARES) == SHARES
+
+
+def test_a_slide_with_another_axis_slides_along_it():
+    mechanism = arm(2)
+    slide = replace(mechanism.joints[0], type="prismatic", limits=(-0.1, 0.1))
+    both = replace(mechanism, joints=(slide, mechanism.joints[1]))
+    told = set()
+    for seed in range(8):
+        what, _ = cad._axis(both, np.random.default_rng(seed))
+        told.add(what)
+    assert told == {
+        "joint q0 slides along another axis of its frame",
+        "joint q1 turns about another axis of its frame",
+    }

@@ -1,4 +1,4 @@
-"""Which joint of one side is which joint of the other: by names, else by the structure of the chains."""
+"""Which joint of one side is which joint of the other: by names, by links, else by the structure of the chains."""
 
 from __future__ import annotations
 
@@ -15,12 +15,10 @@ class Matching:
 
     Attributes:
         pairs: for each joint of the second side, the index of the joint of the first side that it is.
-        by_name: whether all pairs follow from the names alone.
         renamed: (name in the first side, name in the second side) of pairs whose names differ.
     """
 
     pairs: tuple[int, ...]
-    by_name: bool
     renamed: tuple[tuple[str, str], ...]
 
 
@@ -30,18 +28,15 @@ def match(first: RobotSide, second: RobotSide) -> Matching:
     Raises:
         TwinError: the sides have different numbers or types of joints, so that no joint-by-joint match exists.
     """
-    by_name = _by_names(first, second) or _by_links(first, second)
-    if by_name is None:
-        by_name = _by_structure(first, second)
-        complete = False
-    else:
-        complete = True
+    pairs = _by_names(first, second) or _by_links(first, second)
+    if pairs is None:
+        pairs = _by_structure(first, second)
     renamed = []
-    for j, i in enumerate(by_name):
+    for j, i in enumerate(pairs):
         names = (first.axes[i].name, second.axes[j].name)
         if names[0] != names[1]:
             renamed.append(names)
-    return Matching(tuple(by_name), complete, tuple(renamed))
+    return Matching(tuple(pairs), tuple(renamed))
 
 
 def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:

@@ -6,6 +6,8 @@ from math import floor, log10, pi
 MM = 1e-3
 UM = 1e-6
 DEG = pi / 180
+MS = 1e-3
+"""A millisecond in s."""
 
 ROUNDING = 1e-9
 """Largest excess over a limit, in m or rad, that counts as a rounding error; a path may end exactly at a limit."""

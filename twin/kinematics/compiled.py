@@ -28,7 +28,8 @@ class Compiled(ABC):
     """The compiled functions of a formula; `Kinematics` adds the solvers.
 
     Methods with arguments `Ts` and `qs` compute from poses Ts (k, 4, 4) if the formula has inverse equations, otherwise
-    from joints qs (k, n). If the required argument is missing, it is computed from the other argument.
+    from joints qs (k, n). If the required argument is missing, it is computed from the other argument. The exception is
+    the Jacobian of forward equations, which is computed from qs if both are given.
 
     Attributes:
         formula: the formula from which the functions are compiled.
@@ -161,7 +162,11 @@ class Compiled(ABC):
         return J
 
     def jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
-        """Return the Jacobians (k, 6, n), tool twist per joint rates; NaN at singularities."""
+        """Return the Jacobians (k, 6, n), tool twist per joint rates; NaN at singularities.
+
+        With forward equations they are those at qs, if given, also if the formula has inverse equations; without
+        forward equations, the inverses of `inverse_jacobian_many` are returned.
+        """
         if not self.closed_forward:
             return conditioning.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
         # The forward equations need q, also in a formula whose other functions start from poses.

@@ -74,15 +74,16 @@ def _turned(m: Mechanism, rng: np.random.Generator) -> Made:
 def _axis(m: Mechanism, rng: np.random.Generator) -> Made:
     single = [joint for joint in m.joints if len(joint.free_axes) == 1]
     joint = some(single, rng)
-    R = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
+    T_exchange = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
+    motion = "turns about" if joint.is_angle else "slides along"
 
     def make() -> Mechanism:
-        T_parent_joint = joint.T_parent_joint @ R
-        T_child_joint = joint.T_child_joint @ R
+        T_parent_joint = joint.T_parent_joint @ T_exchange
+        T_child_joint = joint.T_child_joint @ T_exchange
         turned = replace(joint, T_parent_joint=T_parent_joint, T_child_joint=T_child_joint)
         return drawn_anew(_with_joints(m, turned))
 
-    return f"joint {joint.name} turns about another axis of its frame", make
+    return f"joint {joint.name} {motion} another axis of its frame", make
 
 
 def _swapped(m: Mechanism, rng: np.random.Generator) -> Made:

@@ -26,7 +26,7 @@ import numpy as np
 
 from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
-from twin.exchange.audit.claims import check_claims, check_proof_clips, check_readme
+from twin.exchange.audit.bundle_claims import check_claims, check_proof_clips, check_readme
 from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.file_comparison import (

@@ -17,6 +17,12 @@ DENSITY = 1000.0
 LEAST = 1e-3
 """Minimum assumed mass in kg: simulators reject smaller masses."""
 
+_SIDE = 0.01
+"""Minimum side in m of a bounding box: a flat or missing shape would have no volume, and so no mass."""
+
+_SHAPELESS = max(DENSITY * _SIDE**3, LEAST)
+"""Mass in kg that is assumed for a body without a shape: a cube with sides `_SIDE`."""
+
 
 def inertia_of(body: Body) -> Inertia:
     """Return the stated inertia of a body; if none is stated, the inertia of the bounding box filled with water."""
@@ -28,8 +34,7 @@ def inertia_of(body: Body) -> Inertia:
         vertices = np.concatenate([mesh.vertices for mesh in body.meshes])
         low = vertices.min(axis=0)
         high = vertices.max(axis=0)
-    # At least 1 cm: a flat or missing shape would have no volume, and so no mass.
-    sides = np.maximum(high - low, 0.01)
+    sides = np.maximum(high - low, _SIDE)
     mass = max(DENSITY * float(np.prod(sides)), LEAST)
     # A box with sides a, b, c has the moments m / 12 (b2 + c2), m / 12 (a2 + c2), m / 12 (a2 + b2).
     moments = mass / 12 * (np.sum(sides**2) - sides**2)
@@ -63,7 +68,7 @@ def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
                 without_shape.append(body.name)
     for names, assumed in (
         (", ".join(with_shape), "its bounding box filled with water"),
-        (", ".join(without_shape), f"{LEAST * 1000:g} g, because it has no shape"),
+        (", ".join(without_shape), f"{_SHAPELESS * 1000:g} g, because it has no shape"),
     ):
         if names:
             text = f"{file}: the mass of {names} is unknown, but the format requires one; the file assumes {assumed}"

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from twin.core.errors import DescriptionError, unknown
 from twin.core.provenance import Parameter
-from twin.core.units import MM
+from twin.core.units import MM, MS
 from twin.schema import NotNegative, Origin, Positive, Table, error_at, load_toml
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault, Operation
@@ -99,7 +99,22 @@ class Class(Table):
 
 
 class CampaignTable(Table):
-    """Content of a campaign file, such as cad/raven_left/campaigns/table1.toml."""
+    """Content of a campaign file, such as cad/raven_left/campaigns/table1.toml.
+
+    Attributes:
+        title, source: title of the campaign, and the publication from which its faults are.
+        seed: seed of all random draws.
+        faults: number of sessions with one fault each.
+        free: number of sessions without a fault.
+        trained: number of the first sessions that run again with the simulated trainee, if he can notice something.
+        mass, friction: range of the factor of all masses, and of all friction, of the machine's plant.
+        lead: number of packets (one per ms) before the earliest fault; not the slope `DetectionTable.lead_ms`.
+        scales: motion scales of the operator, of which each session draws one.
+        trainee: reaction times of the simulated trainee.
+        detection: parameters of the adaptive limit.
+        scenario: scenarios to which classes of faults belong.
+        class_: classes of faults, of which each session with a fault draws one by weight.
+    """
 
     title: str
     source: str
@@ -190,7 +205,7 @@ class Campaign:
     def adaptive(self) -> Adaptive:
         """The adaptive limit, with the parameters of the campaign file."""
         detection = self.table.detection
-        return Adaptive(detection.floor_mm.value * MM, detection.lead_ms.value * MM)
+        return Adaptive(detection.floor_mm.value * MM, detection.lead_ms.value * MS)
 
     def parameters(self) -> list[Parameter]:
         """Return the parameters of trainee and detection with their provenance."""
@@ -202,7 +217,7 @@ class Campaign:
             ("trainee.visual", trainee.visual, "s", 1.0),
             ("trainee.troubleshoot", trainee.troubleshoot, "s", 1.0),
             ("detection.floor_mm", detection.floor_mm, "mm", MM),
-            ("detection.lead_ms", detection.lead_ms, "ms", MM),
+            ("detection.lead_ms", detection.lead_ms, "ms", MS),
         ):
             value = quantity.value
             parameters.append(Parameter(name, value * si, unit, value, quantity.provenance, quantity.note))

@@ -29,7 +29,8 @@ def columns(sizes: Mapping[str, int]) -> dict[str, slice]:
 class Signals:
     """Vectors in SI by name, "<owner>.<what>", for example `hand.pedal` or `sher.encoder`.
 
-    Reading returns a copy that a block may store. Only the World writes.
+    Reading returns a copy that a block may store. The World writes what the steps of blocks return; a fast block writes
+    its own outputs itself, into the memory that it receives in `Block.attach`.
 
     Attributes:
         now: the current values (n,) without a copy, for fast blocks; they are read-only and valid until the next write.

@@ -21,9 +21,9 @@ from twin.core.errors import SourceError, UnsupportedError
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size, read_bytes
 from twin.core.spatial import Array
+from twin.exchange.formats.mjcf.read.geoms import shown
 from twin.exchange.formats.mjcf.read.motors import fixed_tendon, read_motors
 from twin.exchange.formats.mjcf.read.robots import chosen, tied_by
-from twin.exchange.formats.mjcf.read.shapes import shown
 from twin.exchange.read.source import (
     Findings,
     Imported,
