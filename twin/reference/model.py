@@ -27,19 +27,19 @@ from twin.reference.posing import posed
 from twin.reference.states import Assembly, SolvedSamples
 from twin.reference.tree import Tree
 
-_STRIDE = 0.02
+_CONTINUATION_STEP = 0.02
 """Largest change (m, rad) of the target in one continuation step."""
 
 _BLOCK = 1000
 """Number of states solved at once: a compromise between speed and memory."""
 
-_JUMP = 0.5
+_MODE_JUMP = 0.5
 """Largest change (m, rad) of a coordinate in one step; a larger change means another assembly mode."""
 
 _AT_ONCE = 32
 """Maximum number of knots (see `walk`) that are solved together if the motion is predictable."""
 
-_SURPRISE = 0.2
+_PREDICTABLE = 0.2
 """Prediction error, relative to the step, above which samples are solved one by one."""
 
 _DEPARTURES = 2
@@ -54,11 +54,14 @@ _RANK = 1e-6
 _FLAT = 1e-9
 """Singular values below this fraction of the largest one count as zero."""
 
-_STRIDES = (0.01, 0.1)
+_INDEPENDENT_STEPS = (0.01, 0.1)
 """Largest change per step (m for slides, rad for rotations) if independent states are solved together."""
 
 GAP_TOLERANCE = 1e-3
-"""Loop gap in m above which a target is out of reach."""
+"""Misfit above which a target is out of reach: the largest of loop gaps in m and errors of the tool pose in m and rad.
+
+One number is the limit of all of them: an error of the tool of 1 mrad counts as much as a gap of 1 mm.
+"""
 
 Progress = Callable[[float], None]
 """Progress callback: called with the fraction done."""
@@ -174,7 +177,7 @@ class ReferenceModel:
         """
         start = self._unwound(X, q)
         new, converged = self._move_driven(start, q)
-        steady = self.jumps(start, new) < _JUMP
+        steady = self.jumps(start, new) < _MODE_JUMP
         closed = self._misfits(new, q) < GAP_TOLERANCE
         reached = np.logical_and.reduce([converged, steady, closed])
         for i in np.flatnonzero(~reached):
@@ -191,7 +194,7 @@ class ReferenceModel:
         """
         q = np.asarray(q, float)
         start = self._start(seed)
-        slide_stride, turn_stride = _STRIDES
+        slide_stride, turn_stride = _INDEPENDENT_STEPS
         stride = np.where([j.is_angle for j in self.mechanism.active], turn_stride, slide_stride)
         blocks = []
         for first in range(0, len(q), _BLOCK):
@@ -222,7 +225,7 @@ class ReferenceModel:
             if s == 1:
                 target = goal  # without rounding errors
             new, converged = self._move_driven(X, target)
-            steady = self.jumps(X, new) < _JUMP
+            steady = self.jumps(X, new) < _MODE_JUMP
             is_reached &= np.logical_and(converged, steady)
             X = new
         return X, is_reached
@@ -342,10 +345,14 @@ class ReferenceModel:
         A = self.loop_jacobian(x)
         return mobility.count(A, self.tree.loops, self.tree.passive)
 
-    # -- internals ---------------------------------------------------------------------------------------
+    # -- one state or move, for the solutions above ---------------------------------------------------------
 
     def _closed(self, run: SolvedSamples, Ts: Array | None = None) -> SolvedSamples:
-        """Return the run; raise `AssemblyError` at the first sample with an open loop or a missed tool pose."""
+        """Return the run; raise `AssemblyError` at the first sample whose misfit is above `GAP_TOLERANCE`.
+
+        The misfit of a sample is the largest of its loop gaps in m; with poses Ts (k, 4, 4), also of the shift in m and
+        the rotation in rad of the tool from its pose.
+        """
         misfit = run.gaps[..., 0].max(axis=1, initial=0.0)
         if Ts is not None:
             shift = np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1)
@@ -429,11 +436,31 @@ class ReferenceModel:
         return minimise(self.tree, X, posed(self.tree, Ts), every)
 
     def _reach(self, x: Array, target: Array, move: Move) -> Array:
-        """Return the configuration at the target, reached from x in steps of at most `_JUMP` in every coordinate."""
+        """Return the configuration at the target, reached from x in steps of at most `_MODE_JUMP` in each coordinate.
+
+        Raises:
+            AssemblyError: the motion stops before the target.
+        """
         start = self._target_at(x, target)
-        origin = x
+        reached, misfit = self._continued(x, start, target, move)
+        # The misfit is large, for example, with collinear links.
+        if misfit > _THERE and misfit > 2 * self._misfits(x[None], start[None])[0] + _THERE:
+            departure = self._depart(reached, target, move)
+            if departure is not None:
+                return departure
+        return reached
+
+    def _continued(self, x: Array, start: Array, target: Array, move: Move) -> tuple[Array, float]:
+        """Return (configuration at the target, its misfit), continued from configuration x at the target `start`.
+
+        A step that fails is halved, and one that succeeds is followed by one of twice its size. Where even the smallest
+        step fails, the motion continues from a departure (see `_depart`), at most `_DEPARTURES` times.
+
+        Raises:
+            AssemblyError: the motion stops before the target.
+        """
         misfit = np.inf
-        count = max(1, int(np.ceil(walk.distance(start, target) / _STRIDE)))
+        count = max(1, int(np.ceil(walk.distance(start, target) / _CONTINUATION_STEP)))
         stride = 1.0 / count
         smallest = stride / 256
         step = stride
@@ -447,8 +474,8 @@ class ReferenceModel:
             X, converged = move(x[None], goal)
             misfit = np.inf
             if converged[0]:
-                misfit = self._misfits(X, goal)[0]
-            if misfit < GAP_TOLERANCE and self.jumps(x[None], X)[0] < _JUMP:
+                misfit = float(self._misfits(X, goal)[0])
+            if misfit < GAP_TOLERANCE and self.jumps(x[None], X)[0] < _MODE_JUMP:
                 x = X[0]
                 s = ahead
                 step = 2 * step
@@ -468,12 +495,7 @@ class ReferenceModel:
             s = ahead
             step = stride
             misfit = 0.0  # a departure's misfit is below `_THERE`
-        # `misfit` is that of x at the target. It is large, for example, with collinear links.
-        if misfit > _THERE and misfit > 2 * self._misfits(origin[None], start[None])[0] + _THERE:
-            departure = self._depart(x, target, move)
-            if departure is not None:
-                return departure
-        return x
+        return x, misfit
 
     def _target_at(self, x: Array, target: Array) -> Array:
         """Return the active joint values (n,) or the tool pose (4, 4) at configuration x, like `target`."""
@@ -497,7 +519,7 @@ class ReferenceModel:
 
         def distance(new: Array) -> float:
             jump = self.jumps(x[None], new[None])[0]
-            if jump < _JUMP and self._misfits(new[None], target[None])[0] < _THERE:
+            if jump < _MODE_JUMP and self._misfits(new[None], target[None])[0] < _THERE:
                 return jump
             return np.inf
 
@@ -543,7 +565,7 @@ class ReferenceModel:
             knots = solved_from(start)
         states = self._between(coarse, knots, targets)
         samples = np.arange(len(targets))
-        for block in np.array_split(samples, max(1, len(targets) // 1000)):
+        for block in np.array_split(samples, max(1, len(targets) // _BLOCK)):
             solved, converged = move(states[block], targets[block])
             if not converged.all():
                 k = int(np.argmin(converged))
@@ -600,9 +622,9 @@ class ReferenceModel:
             guess = self._foreseen(x, targets)
         X, converged = move(guess, targets)
         before = np.concatenate([x[None], X[:-1]])
-        steady = self.jumps(before, X) <= _JUMP
+        steady = self.jumps(before, X) <= _MODE_JUMP
         if len(targets) > 1:
-            predicted = self._surprise(x, guess, X) < _SURPRISE
+            predicted = self._surprise(x, guess, X) < _PREDICTABLE
             steady = np.logical_and(steady, predicted)
         closed = self._misfits(X, targets) <= GAP_TOLERANCE
         return X, np.logical_and.reduce([converged, steady, closed])
