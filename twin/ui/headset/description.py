@@ -20,6 +20,7 @@ from twin.model.scene import Place
 from twin.ui.headset.protocol import sevens
 from twin.ui.session.desk import Desk
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of
+from twin.ui.session.readings import LIVE_TOLERANCE
 
 
 def describe(
@@ -74,6 +75,7 @@ def describe(
         "postures": list(desk.postures),
         "variants": _variants(desk),
         "has_equations": desk.kin is not None,
+        "live_tolerance": LIVE_TOLERANCE,
         "has_workspace": desk.kin is not None and desk.kin.closed_inverse,
         "scenery": scenery,
         "assumed": assumptions([*_equations(desk), *m.parameters]),

@@ -7,11 +7,13 @@ import {
   DoubleSide,
   Float32BufferAttribute,
   Group,
+  Matrix4,
   Mesh,
   MeshStandardMaterial,
   type Object3D,
   Vector3,
 } from 'three';
+import { mergeGeometries } from 'three/addons/utils/BufferGeometryUtils.js';
 import { loadGlb } from './glb';
 import type { Member } from './member';
 import { partsOf } from './overlays';
@@ -40,9 +42,9 @@ export class Drawn {
   /** Whether the person is shown. */
   personal = false;
   readonly person = new Group();
-  private readonly parts: Object3D[] = [];
+  private readonly parts: Mesh[] = [];
   /** Those of the parts that no robot carries. */
-  private readonly fixed: Object3D[] = [];
+  private readonly fixed: Mesh[] = [];
   private readonly cables: Cable[] = [];
   private info: DrawnInfo | null = null;
   private figure: Promise<void> | null = null;
@@ -70,10 +72,12 @@ export class Drawn {
     if (info.file) {
       const found = partsOf((await loadGlb(info.file)).scene);
       for (const { node, robot, link, pattern } of info.parts) {
-        const part = found.find((o) => o.name === node);
+        const body = found.find((o) => o.name === node);
         const carrier = robot === null ? this.world.robotWorld : nodeOf(members, robot, link);
-        if (!part || !carrier) continue;
-        part.traverse((o) => dress(o, pattern === 'tissue'));
+        if (!body || !carrier) continue;
+        const part = joined(body, pattern === 'tissue');
+        // belts and motors lie close to links, which cast shadows themselves
+        if (robot !== null) part.castShadow = false;
         carrier.add(part);
         (robot === null ? this.fixed : this.parts).push(part);
       }
@@ -95,9 +99,7 @@ export class Drawn {
 
   /** Return the meshes that never move. */
   get still(): readonly Mesh[] {
-    const out: Mesh[] = [];
-    for (const part of this.fixed) part.traverse((o) => o instanceof Mesh && out.push(o));
-    return out;
+    return this.fixed;
   }
 
   /** Let the cables follow the robots. */
@@ -131,9 +133,7 @@ export class Drawn {
   }
 
   private async fetch(file: string): Promise<void> {
-    const parts = partsOf((await loadGlb(file)).scene);
-    for (const part of parts) part.traverse((o) => dress(o, false));
-    this.person.add(...parts);
+    for (const body of partsOf((await loadGlb(file)).scene)) this.person.add(joined(body, false));
   }
 
   private hang(info: CableInfo, members: readonly Member[]): void {
@@ -155,16 +155,47 @@ function nodeOf(members: readonly Member[], robot: string | null, link: string |
   return link === null ? undefined : member?.robot?.links.get(link)?.node;
 }
 
-function dress(object: Object3D, tissue: boolean): void {
-  if (!(object instanceof Mesh)) return;
-  const mesh = object as Mesh<BufferGeometry, MeshStandardMaterial>;
+/** Return one mesh of all meshes of a body, whose vertices have their colours and opacities: one call draws it. */
+function joined(body: Object3D, tissue: boolean): Mesh<BufferGeometry, MeshStandardMaterial> {
+  body.updateMatrixWorld(true);
+  const inverse = new Matrix4().copy(body.matrixWorld).invert();
+  const geometries: BufferGeometry[] = [];
+  let transparent = false;
+  body.traverse((o) => {
+    if (!(o instanceof Mesh)) return;
+    const { geometry: own, material, matrixWorld } = o as Mesh<BufferGeometry, MeshStandardMaterial>;
+    const geometry = new BufferGeometry();
+    geometry.setIndex(own.index);
+    geometry.setAttribute('position', own.getAttribute('position').clone());
+    geometry.setAttribute('normal', own.getAttribute('normal').clone());
+    geometry.setAttribute('color', colored(material, own.getAttribute('position').count));
+    transparent ||= material.opacity < 1;
+    geometries.push(geometry.applyMatrix4(new Matrix4().multiplyMatrices(inverse, matrixWorld)));
+  });
+  const geometry = mergeGeometries(geometries);
+  if (tissue) layTissue(geometry);
+  const material = new MeshStandardMaterial({
+    vertexColors: true,
+    transparent,
+    depthWrite: !transparent,
+    forceSinglePass: true,
+    map: tissue ? tissueTexture() : null,
+    roughness: tissue ? 0.5 : 0.6,
+    metalness: 0, // metal is black where it reflects no room
+    side: DoubleSide, // a cloth is open below
+  });
+  const mesh = new Mesh(geometry, material);
+  mesh.name = body.name;
+  body.matrix.decompose(mesh.position, mesh.quaternion, mesh.scale);
+  mesh.castShadow = !transparent;
   mesh.receiveShadow = true;
-  mesh.material = mesh.material.clone();
-  mesh.material.side = DoubleSide; // a cloth is open below
-  if (!tissue) return;
-  layTissue(mesh.geometry);
-  mesh.material.map = tissueTexture();
-  mesh.material.roughness = 0.5;
+  return mesh;
+}
+
+function colored({ color, opacity }: MeshStandardMaterial, count: number): Float32BufferAttribute {
+  const all = new Float32Array(4 * count);
+  for (let i = 0; i < count; i++) all.set([color.r, color.g, color.b, opacity], 4 * i);
+  return new Float32BufferAttribute(all, 4);
 }
 
 /** Draw a cable anew if its ends have moved; the frame of its mesh is that of the robot's base. */

@@ -23,7 +23,7 @@ import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { bytesOf } from './fields';
 import { accent, flat, ORANGE, VIOLET } from './ink';
 import { Label } from './label';
-import { length, type RobotModel } from './model';
+import { difference, length, type RobotModel } from './model';
 import type { Numbers, Scenery, State } from './protocol';
 import { matrixOf, poseOf, type Robot } from './robot';
 import { discard, type World } from './world';
@@ -220,7 +220,7 @@ export class Overlays {
   private sayOf(label: Label, at: Vector3, name: string, error: number | null, depth: number | null): void {
     const size = this.size;
     const lines = [name];
-    if (error !== null) lines.push(`shaft off by ${length(error)}`);
+    if (error !== null) lines.push(`distance of shaft ${difference(error)}`);
     if (depth !== null) lines.push(`depth ${length(depth)}`);
     label.sprite.position.copy(at).addScaledVector(new Vector3(0, 0, 1), 0.012 * size);
     label.say(lines.join('\n'), '#9a4f00', this.world.look, this.line);

@@ -46,6 +46,8 @@ export interface RobotInfo {
   /** Distances of joints that can be changed, in m. */
   distances: { name: string; drawn: number; lower: number; upper: number }[];
   has_equations: boolean;
+  /** Largest difference in m or rad at which equations and mechanism agree. */
+  live_tolerance: number;
   has_workspace: boolean;
   scenery: Scenery | null;
   assumed: string[];

@@ -200,8 +200,6 @@ function phaseText(app: App): string {
     : 'The robot is not on the protocol; press Play to return to it.';
 }
 
-/** Difference between equations and mechanism in m or rad above which the value is red. */
-const AGREE = 1e-6;
 /** Maximum accepted distance in m of the shaft from the RCM. */
 const RCM = 1e-4;
 
@@ -214,9 +212,10 @@ function measures(app: App): Control[] {
     tone: () => tone(app.model.state),
   });
   const over = (value: number | null, limit: number): Tone => (value !== null && Math.abs(value) > limit ? 'bad' : 'plain');
+  const agree = () => app.model.info?.live_tolerance ?? 0;
   const apart = (s: State): number | null => s.residual_m ?? s.residual_rad;
   return [
-    line('gap', (s) => (s.gap_m === null ? '' : `Loop gap  ${difference(s.gap_m)}`), (s) => over(s.gap_m, AGREE)),
+    line('gap', (s) => (s.gap_m === null ? '' : `Loop gap  ${difference(s.gap_m)}`), (s) => over(s.gap_m, agree())),
     line(
       'residual',
       (s) => {
@@ -224,7 +223,7 @@ function measures(app: App): Control[] {
         if (s.residual_rad !== null) return `Equations ↔ mechanism  ${difference(s.residual_rad, true)}`;
         return s.residual_m === null ? '' : `Equations ↔ mechanism  ${difference(s.residual_m)}`;
       },
-      (s) => (s.scope === null ? over(apart(s), AGREE) : 'warn'),
+      (s) => (s.scope === null ? over(apart(s), agree()) : 'warn'),
     ),
     line(
       'rcm',
