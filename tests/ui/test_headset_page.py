@@ -336,12 +336,16 @@ def test_a_lost_line_is_told_and_taken_up_again(browser):
             page.until(
                 "document.querySelector('[data-id=status]').innerText.includes('reconnecting')", "the loss is told"
             )
+            notice = page.page.locator(".toast")
+            notice.wait_for(state="visible")
+            assert 'run "twin serve sils" again' in notice.inner_text()
             assert page("twin.app.robot !== null")
             frames = page("twin.app.line.frames")
             serving.start()
             page.until("twin.app.model.line === 'open'", "the line is back")
             page.until(f"twin.app.line.frames > {frames}", "frames come again")
             assert page("twin.app.line.reconnects") >= 1
+            notice.wait_for(state="hidden")
             page.errors[:] = [e for e in page.errors if "WebSocket" not in e and "ERR_" not in e]
     finally:
         serving.stop()

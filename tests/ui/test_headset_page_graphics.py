@@ -65,6 +65,9 @@ def test_drawn_parts_follow_the_links_and_change_no_box(browser, sils):
             " if (/^drawn/.test(o.name)) out.push(o.parent.userData.twinLink ?? o.parent.name); }); return out; })()"
         )
         assert {"limb1", "limb2", "limb3", "carriage1", "carriage6"} <= set(carriers)
+        # one call draws all that a link carries, and none for shadows
+        assert len(carriers) == len(set(carriers)) == page("twin.app.drawn.parts.filter((o) => o.isMesh).length")
+        assert not page("twin.app.drawn.parts.some((o) => o.castShadow)")
         cable = "[...twin.app.drawn.cables[0].mesh.geometry.getAttribute('position').array]"
         before = np.array(page(cable))
         page.until("twin.app.model.state.duration > 0", "the plan")
