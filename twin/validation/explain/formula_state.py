@@ -48,6 +48,10 @@ class FormulaStates:
         self.base = base
         self.computed: dict[tuple[Edit, ...], FormulaState | None] = {}
 
+    def is_known(self, change: Sequence[Edit]) -> bool:
+        """Return whether the state after edits was computed before, so that `after` takes no time."""
+        return tuple(change) in self.computed
+
     def after(self, change: Sequence[Edit]) -> FormulaState | None:
         """Return the state of the formula file after edits; None if it cannot be evaluated."""
         key = tuple(change)

@@ -1,9 +1,13 @@
-"""Choose among exact repairs: those that hold in general, and after which the fewest rows of the formula are wrong."""
+"""Choose among exact repairs: those that hold in general, and after which the fewest rows of the formula are wrong.
+
+A repair of a group of rows is a cure: a function that makes the rows agree. Different edits that result in this
+function are its readings; see `candidate.Found`. A list of cures is therefore a list of lists of candidates.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,13 +20,27 @@ from twin.validation.explain.source import Edit
 from twin.validation.explain.trials import Trials
 
 _WHOLE = 12
-"""Maximum number of repairs checked on the whole formula, of all repairs that result in one function."""
+"""Number of readings of one cure that are checked on the whole formula; further ones only until one is confirmed."""
 
 MOST_EXACT = 60
 """Maximum number of exact edits of one group of rows that are compared with each other."""
 
 LATE = 3
 """Maximum number of repairs that are confirmed, if the time is over."""
+
+
+@dataclass(frozen=True)
+class _CheckedCure:
+    """A cure without the readings that do not hold in general.
+
+    Attributes:
+        confirmed: readings that hold in general, each with the number of wrong rows of the whole formula after it; None
+            if that is not known.
+        unchecked: readings for which there was no time.
+    """
+
+    confirmed: list[tuple[Candidate, int | None]]
+    unchecked: list[Candidate]
 
 
 class RepairChoice:
@@ -51,7 +69,10 @@ class RepairChoice:
         return after is None or not (after.chance or after.worse)
 
     def has_repair(self, k: Key, candidates: list[Candidate]) -> bool:
-        """Return whether one of the candidates repairs a row, and not by chance."""
+        """Return whether one of the candidates repairs a row, and not by chance.
+
+        Also False if the time is over and the first `LATE` exact candidates do so only by chance: then it is not known.
+        """
         exact = self.trials.exact([k], candidates)[:MOST_EXACT]
         for n, c in enumerate(exact):
             if self.deadline.passed and n >= LATE:
@@ -61,7 +82,10 @@ class RepairChoice:
         return False
 
     def mark(self, c: Candidate) -> None:
-        """Remember that a candidate's edits make rows agree only by chance; one such is told for each row."""
+        """Set `by_chance` of a candidate whose edits do not repair rows in general, so that it is not proposed.
+
+        If the rows agree only by chance, the candidate is also told (see `by_chance`), but only one for each row.
+        """
         after = self.states.after(c.edits)
         c.by_chance = True
         repaired = self._repaired(c)
@@ -83,42 +107,53 @@ class RepairChoice:
         return {row for row in self.trials.failing if c.scores.get(row, np.inf) <= 1}
 
     def best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
-        """Keep the repairs after which the fewest rows of the whole formula are wrong.
+        """Keep the cures after which the fewest rows of the whole formula are wrong.
 
         Readings that hold only for the present values of equal or assumed parameters are left out before, also if no
-        other repair is left. A repair of which no reading is confirmed is not proposed.
+        other repair is left. A cure of which no reading is confirmed is not proposed.
         """
-        general: list[tuple[list[tuple[Candidate, int | None]], list[Candidate]]] = []
-        least: int | None = None
-        for n, way in enumerate(cures):
-            confirmed: list[tuple[Candidate, int | None]] = []
-            others: list[Candidate] = []
-            for i, c in enumerate(way):
-                is_first = i == 0 and n < LATE
-                in_time = (i < _WHOLE or not confirmed) and not self.deadline.passed
-                if not (is_first or in_time or tuple(c.edits) in self.states.computed):
-                    others.append(c)
-                    continue
-                if not self.is_general(c):
-                    continue
-                after = self.states.after(c.edits)
-                wrong = None if after is None else after.wrong
-                if wrong is not None and (least is None or wrong < least):
-                    least = wrong
-                confirmed.append((c, wrong))
-            general.append((confirmed, others))
-        kept = []
-        for confirmed, others in general:
-            readings = [c for c, wrong in confirmed if wrong is None or wrong == least]
+        checked = [self._checked(cure, is_early=n < LATE) for n, cure in enumerate(cures)]
+        numbers: list[int] = []
+        for cure in checked:
+            for _, wrong in cure.confirmed:
+                if wrong is not None:
+                    numbers.append(wrong)
+        least = min(numbers, default=None)
+        kept: list[list[Candidate]] = []
+        for cure in checked:
+            readings = [c for c, wrong in cure.confirmed if wrong is None or wrong == least]
             if readings:
-                kept.append([*readings, *others])
+                kept.append([*readings, *cure.unchecked])
         return kept
+
+    def _checked(self, cure: Sequence[Candidate], is_early: bool) -> _CheckedCure:
+        """Check the readings of a cure on the whole formula, as far as there is time.
+
+        The first reading of a cure with `is_early` is always checked. A reading whose state is known already is, too,
+        because that takes no time: what is known of it should not be lost.
+        """
+        confirmed: list[tuple[Candidate, int | None]] = []
+        unchecked: list[Candidate] = []
+        for i, c in enumerate(cure):
+            is_first = i == 0 and is_early
+            in_time = (i < _WHOLE or not confirmed) and not self.deadline.passed
+            if not (is_first or in_time or self.states.is_known(c.edits)):
+                unchecked.append(c)
+                continue
+            if not self.is_general(c):
+                continue
+            after = self.states.after(c.edits)
+            wrong = None if after is None else after.wrong
+            confirmed.append((c, wrong))
+        return _CheckedCure(confirmed, unchecked)
 
     def together(self, found: list[Found]) -> tuple[list[Found], list[Key]]:
         """Return (results of which the first repairs of all groups hold together, rows that are left without a repair).
 
         Repairs of several groups may hold together only for the present values of parameters, or one may undo another.
-        Then another repair of one group is put first; if none holds, the repair with the most unusual edit is left out.
+        Then another repair of one group is put first; if none holds, the repair with the most unusual edit is left out:
+        its readings are marked `by_chance`, and their edits are added to `Trials.rejected`, so that a further search
+        for these rows finds others.
         """
         if len(found) < 2 or self._hold_together(found):
             return found, []
