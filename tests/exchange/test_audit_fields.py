@@ -51,6 +51,14 @@ def spoil_mjcf(root: ET.Element) -> None:
     actuator = root.find("actuator/general")
     low, high = map(float, actuator.get("ctrlrange").split())
     actuator.set("ctrlrange", f"{low / 2} {high / 2}")
+    actuator.set("name", "crank_x")
+    actuator.set("forcelimited", "false")
+    next(joint for joint in root.iter("joint") if joint.get("range")).set("solreflimit", "0.5 1")
+
+
+def spoil_motion(layer: Sdf.Layer) -> None:
+    Sdf.CopySpec(layer, "/bars/base", layer, "/bars/crank/base")
+    del layer.GetPrimAtPath("/bars").nameChildren["base"]
 
 
 def spoil_stage(layer: Sdf.Layer) -> None:
@@ -59,6 +67,10 @@ def spoil_stage(layer: Sdf.Layer) -> None:
     root = layer.GetPrimAtPath("/bars")
     root.attributes["physxArticulation:solverPositionIterationCount"].default = 4
     root.attributes["twin:tool"].default = "nothing"
+    for kind, field in (("Camera", "focalLength"), ("DistantLight", "inputs:intensity")):  # no parts of the robot
+        added = Sdf.CreatePrimInLayer(layer, f"/bars/{kind}")
+        added.specifier, added.typeName = Sdf.SpecifierDef, kind
+        Sdf.AttributeSpec(added, field, Sdf.ValueTypeNames.Float).default = 20.0
     mesh = layer.GetPrimAtPath("/bars/crank/crank_visual")
     Sdf.AttributeSpec(mesh, "physxCollision:contactOffset", Sdf.ValueTypeNames.Float).default = 0.5
 
@@ -73,19 +85,32 @@ EXPECTED = {
 }
 """Codes of the findings on what `spoil_...` does to each file."""
 
+PLACED = {
+    ("bars.xml: crank_x", "mjcf.claim"),
+    ("bars.xml: crank_x", "mjcf.range_off"),
+    ("bars.xml: joint 'crank_joint'", "physics.largest_effort"),
+    ("bars.xml: joint 'crank_joint'", "physics.declarations_of_contact_or_look"),
+    ("usd/bars_swing.usda: /bars/crank/base", "usd.undefined"),
+}
+"""Places and codes of those that must be found although the robot has one actuator, two limits, and a base at rest."""
+
 
 def test_what_formats_declare_beside_the_mechanism_is_compared(bars, tmp_path):
     folder = tmp_path / "bars"
-    shutil.copytree(bars, folder, ignore=shutil.ignore_patterns("*.glb", "*.usdz", "unity", "proof.json", "*_s*.usda"))
+    shutil.copytree(bars, folder, ignore=shutil.ignore_patterns("*.glb", "*.usdz", "unity", "proof.json", "*_sim.usda"))
     for name, spoil in (("bars.urdf", spoil_urdf), ("bars.xml", spoil_mjcf)):
         root = parsed(folder / name)
         spoil(root)
         stored(folder / name, root)
-    layer = Sdf.Layer.OpenAsAnonymous(str(folder / "usd/physics.usda"))
-    spoil_stage(layer)
-    (folder / "usd/physics.usda").unlink()
-    assert layer.Export(str(folder / "usd/physics.usda"))
-    told = {(f.where.split(":")[0], f.code) for f in audit(folder).findings if f.severity != "info"}
+    for name, spoil in (("usd/physics.usda", spoil_stage), ("usd/motion/swing.usdc", spoil_motion)):
+        layer = Sdf.Layer.OpenAsAnonymous(str(folder / name))
+        spoil(layer)
+        (folder / name).unlink()
+        assert layer.Export(str(folder / name))
+    placed = {(f.where, f.code) for f in audit(folder).findings if f.severity != "info"}
+    assert placed >= PLACED, PLACED - placed
+    assert not [where for where, _ in placed if "Camera" in where or "DistantLight" in where]
+    told = {(where.split(":")[0], code) for where, code in placed}
     missing = {(file, code) for file, codes in EXPECTED.items() for code in codes} - told
     assert not missing, sorted(told)
 

@@ -9,7 +9,8 @@ loops are closed at `ref`, and Drake reads no other form. Loops and couplings ar
     spherical       one connect at the ball
     revolute        two connects, at two points of the pin
     fixed           one weld, site to site
-    with a slide    an auxiliary body (carrier, 1 g), with a slide (and hinge) on one body and a weld to the other
+    with a slide    an auxiliary body (carrier, 1 g without weight), with a slide (and hinge) on one body and a weld to
+                    the other
     free            none: the body is at the top level, with a freejoint; on a moving parent three slides and a ball
     couplings       a fixed tendon of constant length
 
@@ -185,6 +186,7 @@ class _Writer:
         for slide in self.carriers.get(name, []):
             T = slide.T_parent_joint @ self._motion(slide)
             carrier = ET.SubElement(element, "body", {"name": f"{slide.name}_carrier", **_place(T)})
+            carrier.set("gravcomp", "1")  # no part of the robot: no drive has to hold its weight
             self._moves(carrier, slide, np.eye(4))
             _inertial(carrier, CARRIER)
             ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size="0.002")

@@ -348,6 +348,7 @@ def _check_model(m: mujoco.MjModel, d: mujoco.MjData, ledger: Ledger) -> None:
             ledger.wrong("mjcf.actuator", text, name, suggestion=advice)
     for a in range(m.nu):
         _check_servo(m, a, ledger)
+        _check_ranges(m, a, ledger)
     _check_names(m, ledger)
     _check_colliders(m, ledger)
     _check_softness(m, ledger)
@@ -394,6 +395,22 @@ def _check_servo(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:
         )
         advice = f"write ctrlrange = range of the {kind} - its value at home"
         ledger.wrong("mjcf.control", text, name, size=min(beyond), suggestion=advice)
+
+
+def _check_ranges(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:
+    """Report ranges of an actuator that the file declares and switches off: MuJoCo then ignores them."""
+    name = m.actuator(a).name
+    for what, limited, range_ in (
+        ("ctrl", m.actuator_ctrllimited[a], m.actuator_ctrlrange[a]),
+        ("force", m.actuator_forcelimited[a], m.actuator_forcerange[a]),
+    ):
+        if limited or not range_.any():
+            continue
+        text = (
+            f"actuator '{name}' has {what}range {range_[0]:g} .. {range_[1]:g}, but {what}limited is false: MuJoCo "
+            "ignores the range."
+        )
+        ledger.add("mjcf.range_off", "warning", text, name, suggestion=f"remove {what}limited, or {what}range")
 
 
 def _stretch(m: mujoco.MjModel, a: int) -> tuple[Array, float, str] | None:

@@ -16,6 +16,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 
 _STEPPING = re.compile(r"<!--[^>]*At this time step, with this integrator")
+_OF_JOINTS = re.compile(r"<!--[^>]*A control is the displacement of its joint from home")
 _HOLDING = re.compile(r"<!--[^>]*Zero holds the robot at home")
 
 _KINDS = re.compile(r"<!--[^>]*as stated by the text of that name")
@@ -65,6 +66,8 @@ def check_claims(text: str, m: mujoco.MjModel, balance: Balance | None, weighed:
         _check_stepping(m, ledger)
     if _KINDS.search(text):
         _check_kinds(m, ledger)
+    if _OF_JOINTS.search(text):
+        _check_names(m, ledger)
     if _HOLDING.search(text):
         if balance is None:
             advice = "write the keyframe again, or remove the comment"
@@ -93,6 +96,23 @@ def _check_kinds(m: mujoco.MjModel, ledger: Ledger) -> None:
         if lacking:
             text = f"motor '{name}' has {' and '.join(lacking)}; a comment of the file states that it has."
             ledger.wrong("mjcf.claim", text, name, suggestion="write the <custom> elements again")
+
+
+def _check_names(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report an actuator with a name that is neither that of its joint nor that of any other joint.
+
+    The comment states controls by their joints, so a program finds the control of a joint by the joint's name. An
+    actuator with the name of another joint is reported in files without the comment too.
+    """
+    joints = {m.joint(j).name for j in range(m.njnt)}
+    for a in range(m.nu):
+        if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+            continue
+        name = m.actuator(a).name
+        joint = m.joint(int(m.actuator_trnid[a, 0])).name
+        if name not in joints:
+            text = f"actuator '{name}' drives joint '{joint}'; a comment of the file states controls by their joints."
+            ledger.wrong("mjcf.claim", text, name, suggestion="name the actuator as its joint, or remove the comment")
 
 
 def _check_stepping(m: mujoco.MjModel, ledger: Ledger) -> None:

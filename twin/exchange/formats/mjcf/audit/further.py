@@ -54,6 +54,9 @@ _CONTACT: Mapping[str, frozenset[str]] = {
 }
 """The same for what acts on contacts and on the look."""
 
+_LIMIT_SOLVER = ("solref_limit", "solimp_limit")
+"""Fields of joints that say how far a limit yields; they act like those of contacts, and authors may choose them."""
+
 _OPTIONS = frozenset(
     {"gravity", "density", "viscosity", "disableflags", "timestep", "integrator", "iterations", "tolerance"}
 )
@@ -93,7 +96,7 @@ Declared = dict[str, dict[str, str]]
 def further(spec: mujoco.MjSpec) -> tuple[Declared, Declared]:
     """Return the further declarations of an MJCF: (those that act on the motion, those on contacts and look)."""
     motion = _of_objects(spec, _MOTION)
-    contact = _of_objects(spec, _CONTACT)
+    contact = _of_objects(spec, _CONTACT) | _of_limits(spec)
     options = _fields(spec.option, mujoco.MjSpec().option, _OPTIONS | _ACCURACY)
     flags = _names_of(mujoco.mjtDisableBit, spec.option.disableflags & ~_COMPARED_FLAGS)
     if flags:
@@ -125,6 +128,22 @@ def _of_objects(spec: mujoco.MjSpec, known: Mapping[str, frozenset[str]]) -> Dec
             if fields:
                 label = item.name or f"{number + 1} of {len(getattr(spec, name))}"
                 out[f"{_DEFAULTS.get(name, 'body')} '{label}'"] = fields
+    return out
+
+
+def _of_limits(spec: mujoco.MjSpec) -> Declared:
+    """Return how limits of joints yield, where that is not by MuJoCo's own parameters."""
+    out: Declared = {}
+    fallback = _fallback("joints")
+    for number, joint in enumerate(spec.joints):
+        fields: dict[str, str] = {}
+        for key in _LIMIT_SOLVER:
+            value = getattr(joint, key)
+            if not _equal(value, getattr(fallback, key)):
+                fields[key] = _text(value)
+        if fields:
+            label = joint.name or f"{number + 1} of {len(spec.joints)}"
+            out[f"joint '{label}'"] = fields
     return out
 
 

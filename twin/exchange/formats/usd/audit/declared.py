@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
 from twin.core.provenance import EARLIER
 from twin.core.units import SI
@@ -68,11 +68,14 @@ def is_ours(stage: Usd.Stage) -> bool:
 def further_declarations(stage: Usd.Stage) -> tuple[dict[str, dict[str, str]], dict[str, dict[str, str]]]:
     """Return {prim: {attribute: value}} of what no other check reads: (of the motion, of contacts and look).
 
-    Values that are those of the schemas where nothing is authored are left out.
+    Values that are those of the schemas where nothing is authored are left out, and cameras and lights, which are no
+    parts of the robot.
     """
     motion: dict[str, dict[str, str]] = {}
     contact: dict[str, dict[str, str]] = {}
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdGeom.Camera) or prim.HasAPI(UsdLux.LightAPI):
+            continue
         fields: dict[str, str] = {}
         for attribute in prim.GetAuthoredAttributes():
             name = str(attribute.GetName())
@@ -119,6 +122,7 @@ def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger:
     _check_engines(stage, ledger)
     _check_display_colors(stage, ledger)
     _check_range(stage, codes, ledger)
+    _check_undefined(stage, ledger)
 
 
 def _frames(stage: Usd.Stage) -> set[str]:
@@ -470,6 +474,17 @@ def _check_range(stage: Usd.Stage, codes: Array, ledger: Ledger) -> None:
             f"{expected[0]:g} .. {expected[1]:g}."
         )
         ledger.add("usd.range", "warning", text, "endTimeCode", suggestion="write the range of the samples")
+
+
+def _check_undefined(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report values of prims that no layer defines, as where a motion's prim has another path than its link."""
+    for prim in stage.TraverseAll():
+        if prim.IsDefined() or prim.IsAbstract() or not prim.GetAuthoredProperties():
+            continue
+        path = str(prim.GetPath())
+        names = ", ".join(sorted(prim.GetAuthoredPropertyNames())[:3])
+        text = f"no layer defines the prim {path}: what is stated there ({names}) acts on nothing."
+        ledger.wrong("usd.undefined", text, path, suggestion="move the values to the prim that they are meant for")
 
 
 def default_prim_fault(stage: Usd.Stage) -> str:
