@@ -16,10 +16,11 @@ from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 from pxr import Sdf
 
-from made import audit_fields, audit_fields_usd, audit_seeds, audit_seeds_fresh, bundle
+from made import audit_effects, audit_fields, audit_fields_usd, audit_seeds, audit_seeds_fresh, bundle
 from made.audit_fields import parsed, stored
 from twin.exchange.audit import audit
 
@@ -137,6 +138,26 @@ def test_every_field_is_listed_and_every_change_changes_the_file(bars, tmp_path)
             (folder / file).write_bytes(before)
     known = audit_fields.mjcf_fields()
     assert {"solreflimit", "actuatorfrcrange"} <= set(known["joint"])
+
+
+SOLIMP = [[0.9999, 0.9999, 0.001, 0.5, 2.0]]
+VALUES = (
+    ("eq_solimp", SOLIMP, [[1.009, 0.9999, 0.001, 0.5, 2.0]], True),
+    ("eq_solimp", SOLIMP, [[0.9999, 0.9999, 0.002, 0.6, 3.0]], True),
+    ("eq_solimp", SOLIMP, [[-0.9999, 0.9999, 0.001, 0.5, 2.0]], False),
+    ("effort", [1e6, 5.0], [1.01e6, 5.0], True),
+    ("effort", [1e6, 5.0], [1e6, 5.05], False),
+    ("mat_rgba", [[0.5, 0.2, 0.1, 1.0]], [[0.505, 0.2, 0.1, 1.0]], True),
+    ("mat_rgba", [[0.5, 0.2, 0.1, 1.0]], [[0.52, 0.2, 0.1, 1.0]], False),
+    ("mat_rgba", [[0.5, 0.2, 0.1, 1.0]], [[0.5, 0.2, 0.1, 1.0]] * 2, False),
+    ("inertias", [1e-6 * np.eye(6)], [1.01e-6 * np.eye(6)], True),
+    ("inertias", [np.eye(6)], [1.01 * np.eye(6)], False),
+)
+
+
+@pytest.mark.parametrize(("field", "before", "after", "none"), VALUES)
+def test_a_change_has_no_effect_by_its_values_not_by_its_name(field, before, after, none):
+    assert audit_effects.harmless({field: np.array(before)}, {field: np.array(after)}, field) is none
 
 
 def test_the_fresh_kinds_are_sixty_and_stand_in_no_other_table():
