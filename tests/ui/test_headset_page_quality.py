@@ -71,9 +71,10 @@ def test_surroundings_drawn_once_are_the_same_picture(page):
     different, colors = page(COMPARE)
     assert colors > 500, "a picture of something"
     assert different < 1e-3
-    page("twin.app.surroundings.props.visible = false")  # an instrument remains, before nothing
+    # an instrument remains, before nothing
+    page("(twin.app.surroundings.props.visible = false, twin.app.drawn.show(false, false))")
     without, fewer = page(COMPARE)
-    page("twin.app.surroundings.props.visible = true")
+    page("(twin.app.surroundings.props.visible = true, twin.app.drawn.show(true, true))")
     assert without < 1e-3
     assert fewer < colors, "the copy follows what is shown"
 
