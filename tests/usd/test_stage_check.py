@@ -191,6 +191,18 @@ def test_each_defect_of_a_motion_is_named(name, clean, tmp_path):
         assert named[code, where].when == "time code 7 (0.1167 s)"
 
 
+def test_two_time_codes_of_one_key_are_no_speed(clean, tmp_path):
+    def keys_twice(stage):
+        motion = Path(stage.GetRootLayer().realPath).parent / "motion" / "swing.usdc"
+        stage.SetEditTarget(Sdf.Layer.Find(str(motion)))
+        orient = stage.GetAttributeAtPath(f"{ROCKER}.xformOp:orient")
+        for time in orient.GetTimeSamples()[1:]:
+            orient.Set(orient.Get(time), np.nextafter(time, 0.0))
+
+    findings = check_stage(seeded(clean, tmp_path, keys_twice, "bars_swing.usda"))
+    assert "stage.speed" not in {f.code for f in findings}
+
+
 def test_layers_are_reported_in_the_order_of_their_names(tmp_path):
     names = [f"layer_{k:02}.usda" for k in range(20)]
     for name in names:

@@ -148,8 +148,11 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
     for view in views:
         listed = _listed_kinds(view.physics)
         for subject, name in keys:
-            if name == "existence" and subject.startswith(listed):
-                view.said.setdefault((subject, name), False)
+            if name != "existence" or not subject.startswith(listed):
+                continue
+            if view.physics.couples_pairs and _couples_more(subject, views):
+                continue
+            view.said.setdefault((subject, name), False)
 
 
 _FURTHER = {"further declarations": "further", "declarations of contact or look": "contact"}
@@ -211,9 +214,16 @@ def _listed_kinds(physics: FilePhysics) -> tuple[str, ...]:
         kinds += ["joint", "body"]
         if physics.all_motors:
             kinds.append("motor")
-        if physics.couplings is not None:
-            kinds.append("coupling")
+    if physics.couplings is not None:
+        kinds.append("coupling")
     return tuple(kinds)
+
+
+def _couples_more(subject: str, views: Sequence[View]) -> bool:
+    """Return whether a subject is, in one of the files, a coupling of more than two joints."""
+    if not subject.startswith("coupling"):
+        return False
+    return any(len(view.said.get((subject, "links"), ())) > 2 for view in views)
 
 
 def _check_transmissions(views: Sequence[View]) -> None:

@@ -279,6 +279,7 @@ class FilePhysics:
         trocars: names of the trocar joints; the protocol determines their positions.
         couplings: {name: ({joint: factor}, constant)}; the sum of factor times joint coordinate is the constant. None
             if the format cannot state couplings.
+        couples_pairs: whether the file can state couplings of two joints only: others are not missing in it.
         motors: {name: motor with a transmission}; None if not stated.
         reductions: {joint: motor coordinate / joint coordinate} of the transmissions of one joint; None if a file has
             no transmissions.
@@ -309,6 +310,7 @@ class FilePhysics:
     tool: str = ""
     trocars: frozenset[str] = frozenset()
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
+    couples_pairs: bool = False
     motors: Mapping[str, FileMotor] | None = None
     all_motors: bool = False
     reductions: Mapping[str, float] | None = None

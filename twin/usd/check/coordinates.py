@@ -33,6 +33,9 @@ RADIAN_SPEED = 4 * np.pi
 SPEED_MARGIN = 1.01
 """Factor by which a speed may exceed the maximum, because finite differences between samples have an error."""
 
+_ROUNDED = 1e-6
+"""Duration in s, and change in rad or m, up to which two samples are one sample, rounded in two ways."""
+
 
 _RADIANS = Kind("stage.radians", "disagreement", "multiply by 180/pi", word="")
 _STATE = Kind(
@@ -221,7 +224,12 @@ def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     unit, shown = _unit(joint)
     limit = stated * (joint.unit * shown)
     # q starts with the coordinate at rest, which is no sample
-    speed = np.abs(np.diff(q[1:]) / np.diff(line.times_s)) * shown
+    change = np.abs(np.diff(q[1:]))
+    duration = np.diff(line.times_s)
+    # Two time codes of one key, apart by rounding, are no motion: a quotient of roundings is no speed.
+    same_key = (duration <= _ROUNDED) & (change <= _ROUNDED)
+    rate = np.divide(change, duration, out=np.full_like(change, np.inf), where=duration > 0)
+    speed = np.where(same_key, 0.0, rate) * shown
     worst = int(np.argmax(speed))
     if speed[worst] <= limit * SPEED_MARGIN:
         return

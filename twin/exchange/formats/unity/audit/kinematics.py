@@ -38,6 +38,10 @@ _TABLE = re.compile(r"private static readonly \w+(?:\[\])? (?P<name>\w+) =\s*(?P
 _ENTRY = re.compile(r'"(?:[^"\\]|\\.)*"|[^,{}()\s]+')
 _MEMBER = re.compile(r"^ {8}(?:public|private)\b[^=]*?(?P<name>\w+)\([^()]*\)$")
 _HASH = re.compile(r"^// {3}(?P<hash>[0-9a-f]{16}) (?P<name>\w+(?: \d+)?)$", re.MULTILINE)
+_TABLE_HASH = re.compile(r"^// {3}(?P<hash>[0-9a-f]{16}) table (?P<name>\w+)$", re.MULTILINE)
+_DECLARED = re.compile(
+    r"^ {8}private (?:const|static readonly) \S+ (?P<name>\w+) =.*?(?=\n {8}private |\n\n|\Z)", re.MULTILINE | re.DOTALL
+)
 _MODEL = re.compile(r"\((sha256:[0-9a-f]{64})\)")
 _ROBOT = re.compile(r'public string Robot \{ get \{ return "([^"]*)"; \} \}')
 _CODE = "using System;"
@@ -99,11 +103,28 @@ def _check_parts(name: str, text: str, ledger: Ledger) -> None:
             )
         elif _hash(parts[part]) != stated[part]:
             fault = f"'{part}' in {name} was changed after it was written: it has another hash than the file states."
+            if part == _TABLES:
+                fault += _changed_tables(text, parts[part])
         else:
             continue
         wrong += 1
         ledger.wrong("unity.kinematics", fault, name, suggestion="export the package again")
     ledger.row(f"hashes of {len(parts)} parts of {name}", float(wrong), "differ", 0.0, where=name)
+
+
+def _changed_tables(text: str, part: str) -> str:
+    """Return a sentence that names the constants and tables of a part with other hashes than the whole text states.
+
+    Return "" if it states none.
+    """
+    stated = {match["name"]: match["hash"] for match in _TABLE_HASH.finditer(text)}
+    if not stated:  # a class of an earlier version
+        return ""
+    present = {match["name"]: _hash(match[0]) for match in _DECLARED.finditer(part)}
+    changed = sorted(name for name in {*stated, *present} if stated.get(name) != present.get(name))
+    if not changed:
+        return " No table differs: what stands between them was changed."
+    return f" What differs is {', '.join(changed)}."
 
 
 def _hash(text: str) -> str:

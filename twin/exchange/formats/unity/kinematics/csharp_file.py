@@ -84,8 +84,12 @@ _MEMBER = re.compile(r" {8}(public|private)\b[^=]*?(\w+)\([^()]*\)")
 """Line at which a method begins."""
 
 
+_TABLE = re.compile(r" {8}private (?:const|static readonly) \S+ (\w+) =")
+"""Begin of a constant or table; it ends before the next private member or empty line."""
+
+
 def _hashes(text: str) -> str:
-    """Return comments with the hash of each method, and of all that stands before the first one.
+    """Return comments with the hash of each method, of all that stands before the first one, and of each table there.
 
     The code begins behind the first "using System;". A hash is the first 16 digits of the SHA-256 of lines; a second
     method of one name has a number behind its name.
@@ -103,7 +107,24 @@ def _hashes(text: str) -> str:
     for title, body in zip(titles, bodies, strict=True):
         digest = hashlib.sha256("\n".join(body).encode()).hexdigest()
         lines.append(f"//   {digest[:16]} {title}")
+    for title, body in _tables(bodies[0]).items():
+        digest = hashlib.sha256("\n".join(body).encode()).hexdigest()
+        lines.append(f"//   {digest[:16]} table {title}")
     return "\n".join(lines)
+
+
+def _tables(lines: list[str]) -> dict[str, list[str]]:
+    """Return {name: lines} of the constants and tables in lines."""
+    tables: dict[str, list[str]] = {}
+    current: list[str] = []
+    for line in lines:
+        found = _TABLE.match(line)
+        if found:
+            current = tables.setdefault(found[1], [])
+        elif not line or line.startswith(f"{_INDENT}private "):
+            current = []
+        current.append(line)
+    return tables
 
 
 class _Places:

@@ -162,13 +162,15 @@ class Urdf:
         physics = _tree_physics(bodies, masses, self.above.values(), moving)
         physics.shown = {link: self._shown[link] for link in bodies}
         physics.joints += self.closures.joints()
+        couplings: dict[str, tuple[Mapping[str, float], float]] = {}
+        for joint in self.above.values():
+            if joint.mimic is not None:
+                leader, multiplier, offset = joint.mimic
+                couplings[f"{joint.name}_mimic"] = ({joint.name: 1.0, leader: -multiplier}, offset)
         if self.closures.couplings is not None:
-            couplings: dict[str, tuple[Mapping[str, float], float]] = {}
-            for joint in self.above.values():
-                if joint.mimic is not None:
-                    leader, multiplier, offset = joint.mimic
-                    couplings[f"{joint.name}_mimic"] = ({joint.name: 1.0, leader: -multiplier}, offset)
-            physics.couplings = couplings | dict(self.closures.couplings)
+            couplings |= dict(self.closures.couplings)
+        physics.couplings = couplings
+        physics.couples_pairs = self.closures.couplings is None  # a mimic couples two joints
         return physics
 
     def _check_home(self, name: str) -> None:
