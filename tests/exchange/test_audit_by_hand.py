@@ -30,6 +30,11 @@ def test_the_export_is_without_findings(export):
     assert [f for f in report.findings if f.severity != "info"] == []
 
 
+def test_two_formats_alone_without_the_links_of_a_ball_joint_have_no_findings(tmp_path):
+    twin.api.export("sils", out=tmp_path, to="urdf,mjcf")
+    assert [f for f in twin.audit(tmp_path).findings if f.severity != "info"] == []
+
+
 @pytest.mark.parametrize("one", BY_HAND, ids=lambda one: one.name)
 def test_a_defect_made_by_hand_is_found(one, export, tmp_path):
     copy = tmp_path / "copy"

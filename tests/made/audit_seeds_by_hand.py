@@ -56,3 +56,8 @@ def home_other(folder):
 @seed("Unity: the class takes targets that it misses", r"Kinematics\.cs", "differs is PoseTolerance")
 def tolerance_wide(folder):
     replaced(robot_class(folder), r"PoseTolerance = 1e-6", "PoseTolerance = 1e-2")
+
+
+@seed("Unity: the class warns of a singularity ten times later", r"Kinematics\.cs", "differs is measureAlarms")
+def alarm_late(folder):
+    replaced(robot_class(folder), r"(measureAlarms = \{ )0\.1,", r"\g<1>0.01,")

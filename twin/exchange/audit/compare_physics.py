@@ -30,6 +30,9 @@ _GEOMETRY = ("place", "axis", "pose", "zero")
 _SINGLE = ("revolute", "prismatic")
 """Kinds of joints with one coordinate."""
 
+_LIGHT = 1e-5
+"""Maximum mass in kg of a link that is only between two hinges; simulators reject such links without any mass."""
+
 _ZERO = 1e-6
 """Maximum absolute value of a coupling's ratio that counts as zero (rounding of single precision).
 
@@ -265,7 +268,8 @@ def _driven(joints: Sequence[FileJoint], views: Sequence[View]) -> set[str]:
 def _known_links(views: Sequence[View]) -> set[str]:
     """Return the links of the first source with links: the mechanism, or the file with the smallest rank.
 
-    Files with auxiliary links, for example between the hinges of a ball joint, are used only if there are no others.
+    Files with auxiliary links, for example between the hinges of a ball joint, are used only if there are no others;
+    then their links count, without those that are auxiliary.
     """
     links: set[str] = set()
     exact: list[View] = []
@@ -275,7 +279,19 @@ def _known_links(views: Sequence[View]) -> set[str]:
             exact.append(view)
     if exact:
         return set(min(exact, key=_order).physics.links)
-    return links
+    stating = [view for view in views if view.physics.links]
+    return {link for link in links if not _is_auxiliary(link, stating)}
+
+
+def _is_auxiliary(link: str, views: Sequence[View]) -> bool:
+    """Return whether a link is not in all files, and has neither a shape nor a mass that counts in any of them."""
+    if all(link in view.physics.links for view in views):
+        return False
+    for view in views:
+        mass = view.physics.masses.get(link)
+        if link in view.shapes or view.physics.shown.get(link) or (mass is not None and mass.mass > _LIGHT):
+            return False
+    return True
 
 
 def _order(view: View) -> int:
