@@ -12,9 +12,11 @@ import pytest
 
 from made import bundle as base
 from twin.exchange.audit import audit
-from twin.exchange.audit.motion import FileClip
+from twin.exchange.audit.file_comparison import Reference, _check_missing, _check_silent
+from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.states import CLIP
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 
 
@@ -409,6 +411,22 @@ def test_defects_of_a_proof(name, bundle):
     spoil, code = PROOF[name]
     folder = bundle(spoil, "tracks", "bars.glb", proof=False)
     assert code in codes(folder), [(f.code, f.message) for f in audit(folder).findings]
+
+
+def test_drawn_states_are_no_motion_that_files_lack():
+    moving = np.stack([np.eye(4), pose(np.eye(3), [0.1, 0, 0])])
+    swing = FileClip("swing", np.arange(2.0), {"bar": moving})
+    ref = Reference(swing, "the tracks")
+    playing = Content(Ledger("bars.glb"), "glb", [swing], declared=("bar",))
+    silent = Content(Ledger("still.glb"), "glb", declared=("bar",))
+    _check_missing([playing], {"swing": ref, CLIP: ref})
+    _check_silent([silent], {CLIP: ref})
+    assert not playing.ledger.found
+    assert not silent.ledger.found
+    _check_missing([playing], {"swing": ref, "another": ref})
+    _check_silent([silent], {"another": ref})
+    assert [f.code for f in playing.ledger.found] == ["compare.missing_clip"]
+    assert [f.code for f in silent.ledger.found] == ["compare.no_motion"]
 
 
 def test_copies_without_a_defect_are_good(bundle):

@@ -13,6 +13,7 @@ from twin.exchange.audit.motion import Content, FileClip, LinkShape, largest
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Ledger, Measured, quantity, told_apart, um
 from twin.exchange.audit.stated import ROBOT
+from twin.exchange.audit.states import CLIP
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, holding, motion_groups, rank
 
@@ -439,8 +440,11 @@ def _agrees(A: Array, B: Array) -> bool:
 
 
 def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report glTF files without clips if another file has a clip in which a link moves."""
-    moving = [name for name, ref in refs.items() if _moves(ref.clip)]
+    """Report glTF files without clips if another file has a clip in which a link moves.
+
+    Drawn states are no clip of the export.
+    """
+    moving = [name for name, ref in refs.items() if name != CLIP and _moves(ref.clip)]
     if not moving:
         return
     name = moving[0]
@@ -461,10 +465,14 @@ def _moves(clip: FileClip) -> bool:
 
 
 def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report each clip that a glTF file lacks, and each clip that all USD stages, JSON tracks or CSV tracks lack."""
+    """Report each clip that a glTF file lacks, and each clip that all USD stages, JSON tracks or CSV tracks lack.
+
+    Drawn states are no clip of the export: files with a motion of their own do not lack them.
+    """
+    expected = set(refs) - {CLIP}
     for content in contents:
         if holding(content.format, Holds.ALL_MOTIONS) and content.clips and content.declared:
-            for name in sorted(set(refs) - {c.name for c in content.clips}):
+            for name in sorted(expected - {c.name for c in content.clips}):
                 text = f"clip '{name}' of {refs[name].source} is missing."
                 content.ledger.wrong("compare.missing_clip", text, name)
     prefixes = _prefixes(contents, refs)
@@ -481,7 +489,7 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
                 present.add(_counterpart(content, clip, refs, prefixes))
             if playing is None:
                 playing = content
-        missing = sorted(set(refs) - present)
+        missing = sorted(expected - present)
         if playing is not None and missing:
             first = missing[0]
             text = f"no file of this format contains clip '{first}' of {refs[first].source}."
