@@ -196,10 +196,13 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
 def _check_moved_frames(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
     """Report files with all motions that lack the frame that one of the tracks moves.
 
-    Files that do not state their robot are not judged: other programs keep neither robot nor frames when they save.
+    Files that do not state their robot are not judged, nor those without any frame: other programs keep neither robot
+    nor frames when they save, or remove all nodes without a mesh.
     """
     for content in contents:
         if not (holding(content.format, Holds.ALL_MOTIONS) and ROBOT in content.stated and content.physics):
+            continue
+        if not content.physics.frames:
             continue
         for track in tracks:
             frame = track.extra["data"].get("moved_frame")

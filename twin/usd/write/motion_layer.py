@@ -86,6 +86,8 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> Mot
         # At home, the robot does not pass through these trocars: the first pose of the motion becomes the rest pose.
         for path, values in samples:
             layer.GetAttributeAtPath(path).default = values[0]
+            if path.name.startswith("state:"):
+                _rest_for_newton(layer, path, values[0])
     save(layer, layer_path)
     root = root_layer(
         folder / f"{mechanism.name}_{motion.name}.usda",
@@ -146,6 +148,13 @@ def _state_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
         place = f"/{mechanism.name}/joints/{name}.state:{drive_kind(joint)}:physics:position"
         unit = DEG if joint.is_angle else 1.0
         yield _attribute(layer, place, Sdf.ValueTypeNames.Float), (values / unit).tolist()
+
+
+def _rest_for_newton(layer: Sdf.Layer, state: Sdf.Path, position: float) -> None:
+    """Write the position of a joint state, in the unit of UsdPhysics, where Newton reads it."""
+    kind = state.name.split(":")[1]
+    place = _attribute(layer, f"{state.GetPrimPath()}.newton:{kind}:position", Sdf.ValueTypeNames.Float)
+    layer.GetAttributeAtPath(place).default = position
 
 
 def _attribute(layer: Sdf.Layer, path: str, kind: Sdf.ValueTypeName) -> Sdf.Path:

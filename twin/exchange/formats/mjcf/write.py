@@ -357,4 +357,8 @@ def write(order: Order, folder: Path) -> list[Finding]:
 
 def files(order: Order) -> list[tuple[str, str]]:
     """Return (file, content) for README.txt."""
-    return [(f"{order.mechanism.name}.xml", "MJCF, loops closed by constraints; shapes in meshes/ (mm)")]
+    name = order.mechanism.name
+    rows = [(f"{name}.xml", "MJCF, loops closed by constraints; shapes in meshes/ (mm)")]
+    for scene in order.elsewhere:
+        rows.append((f"{name}_{scene.clip.name}.xml", f"the same with the trocars of {scene.clip.name}"))
+    return rows

@@ -352,4 +352,8 @@ def files(order: Order) -> list[tuple[str, str]]:
     rows = [(f"{name}.urdf", "URDF, loops cut open; shapes in meshes/ (mm)")]
     if has_closures(order.mechanism):
         rows.append((f"{name}.yaml", "loops and couplings that the URDF cannot hold"))
+    for scene in order.elsewhere:
+        rows.append((f"{name}_{scene.clip.name}.urdf", f"the same with the trocars of {scene.clip.name}"))
+        if has_closures(scene.mechanism):
+            rows.append((f"{name}_{scene.clip.name}.yaml", "its loops and couplings with these trocars"))
     return rows
