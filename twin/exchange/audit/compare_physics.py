@@ -284,10 +284,16 @@ def _known_links(views: Sequence[View]) -> set[str]:
 
 
 def _is_auxiliary(link: str, views: Sequence[View]) -> bool:
-    """Return whether a link is not in all files, and has neither a shape nor a mass that counts in any of them."""
+    """Return whether a link is not in all files, and is only between joints where it is: no shape, no mass that counts.
+
+    A link at the end of a chain is none: with it, its joint would be left out.
+    """
     if all(link in view.physics.links for view in views):
         return False
     for view in views:
+        joints = [joint for joint in view.physics.joints if link in (joint.parent, joint.child)]
+        if link in view.physics.links and len(joints) < 2:
+            return False
         mass = view.physics.masses.get(link)
         if link in view.shapes or view.physics.shown.get(link) or (mass is not None and mass.mass > _LIGHT):
             return False
