@@ -100,7 +100,7 @@ def other_frame(m):
 MECHANISMS = {
     "as it is": (lambda m: m, set()),
     "twice the mass": (heavier, {"physics.mass", "physics.inertia"}),
-    "other limits": (of_joint(limits=(-1.0, 1.0)), {"physics.limits"}),
+    "other limits": (of_joint(limits=(-1.0, 1.0)), {"physics.limits", "physics.range_of_control"}),
     "other frame": (other_frame, {"physics.frame_pose"}),
 }
 

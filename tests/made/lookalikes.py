@@ -200,4 +200,5 @@ def _rename_usd(folder: Path) -> None:
     for i, name in enumerate(sorted(named)):
         text = re.sub(rf'(def \w+ )"{name}"', rf'\1"p{i}x"', text)
         text = re.sub(rf"(?<=/){name}(?=[/>.])", f"p{i}x", text)
+        text = re.sub(rf'(twin:base = )"{name}"', rf'\1"p{i}x"', text)
     file.write_text(text)
