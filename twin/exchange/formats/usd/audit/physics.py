@@ -313,11 +313,11 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
 def _unlimited(drive: FileDrive, own: bool) -> FileDrive:
     """Return a drive of a stage of this project: what it does not state has no limit.
 
-    `own`: whether the drive is at the joint itself; motors behind a transmission have efforts of their own.
+    `own`: whether the drive is at the joint itself; motors behind a transmission have speeds and efforts of their own.
     """
     if not drive.driven:
         return drive
-    speed = np.inf if drive.speed is None else drive.speed
+    speed = np.inf if own and drive.speed is None else drive.speed
     effort = np.inf if own and drive.effort is None else drive.effort
     acceleration = np.inf if drive.acceleration is None else drive.acceleration
     jerk = np.inf if drive.jerk is None else drive.jerk
