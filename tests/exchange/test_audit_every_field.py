@@ -1,13 +1,12 @@
 """Every declared field of an export is changed, one at a time, and the audit finds the change by its cause.
 
-By default changes of a small robot that are drawn anew each day; `TWIN_SEEDS=all` changes every field of real robots.
+By default some changes of a small robot; `TWIN_SEEDS=all` changes every field of real robots.
 """
 
 from __future__ import annotations
 
 import os
 import random
-from datetime import date
 from pathlib import Path
 
 import pytest
@@ -31,11 +30,9 @@ def bars(tmp_path_factory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["glb", "tracks", "csv"])
+@pytest.mark.parametrize("part", [pytest.param("glb", marks=pytest.mark.nightly), "tracks", "csv"])
 def test_drawn_changes_of_declared_fields_are_found(part, bars, tmp_path):
-    seed = f"{date.today()} {part}"
-    print(f"seed {seed!r}")
-    rng = random.Random(seed)
+    rng = random.Random(f"1 {part}")
     changes = audit_every_field.PARTS[part](bars, rng, 1)
     missed = []
     for change in rng.sample(changes, DRAWN):

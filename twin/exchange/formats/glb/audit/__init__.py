@@ -44,6 +44,9 @@ _CONVENTIONS = {
 }
 """Entries of these extras that are the same in every file."""
 
+ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
+"""Values of alphaMode in glTF 2.0, 3.9.4."""
+
 
 def read_gltf(path: Path, ledger: Ledger) -> Content:
     """Return the content of a .glb or .gltf file, and report its faults.
@@ -264,7 +267,7 @@ def _check_scales(nodes: list[Node], world: list[Array], animated: set[int], led
 
 
 def _check_materials(file: Gltf) -> None:
-    """Report transparent materials that are shown opaque, because the default alphaMode is OPAQUE."""
+    """Report unknown values, and transparent materials that are shown opaque: the default alphaMode is OPAQUE."""
     for i, spec in enumerate(file.items("materials")):
         name = str(spec.get("name") or f"material {i}")
         pbr = spec.get("pbrMetallicRoughness", {})
@@ -279,6 +282,9 @@ def _check_materials(file: Gltf) -> None:
             if not 0 <= factor <= 1:
                 text = f"material '{name}' has the {key} {factor:.3g}, which is not from 0 to 1."
                 file.ledger.wrong("gltf.material", text, name)
+        if spec.get("alphaMode", "OPAQUE") not in ALPHA_MODES:
+            text = f"material '{name}' has the alphaMode {spec['alphaMode']!r}; glTF has: {', '.join(ALPHA_MODES)}."
+            file.ledger.wrong("gltf.alpha", text, name)
         cutoff = float(numbers([spec.get("alphaCutoff", 0.5)], 1, f"{name}: alphaCutoff")[0])
         if spec.get("alphaMode") == "MASK" and alpha < cutoff:
             text = f"material '{name}' has alpha {alpha:.3g}, below its alphaCutoff {cutoff:.3g}: it is not shown."
