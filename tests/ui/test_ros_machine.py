@@ -224,11 +224,21 @@ HOSTILE = {
 }
 
 
+async def settled(m):
+    """Return the desired joint values once they stay: a level starts from the measured ones, while the arm may sag."""
+    await until(lambda: m.link.state and m.link.state.level == Level.PEDAL_UP)
+    wanted = m.link.state.wanted
+    while True:
+        await asyncio.sleep(0.3)
+        if m.link.state.level == Level.PEDAL_UP and np.array_equal(m.link.state.wanted, wanted):
+            return wanted
+        wanted = m.link.state.wanted
+
+
 def test_hostile_messages_are_refused_and_move_nothing(parts):
     async def attack():
         async with running(parts) as m:
-            await until(lambda: m.link.state and m.link.state.level == Level.PEDAL_UP)
-            before = m.link.state.wanted
+            before = await settled(m)
             for name, text in HOSTILE.items():
                 async with connected(m.bridge.port) as client:
                     await client.ws.send(text)
