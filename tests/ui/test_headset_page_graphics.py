@@ -82,7 +82,7 @@ def test_drawn_parts_follow_the_links_and_change_no_box(browser, sils):
         assert page("twin.app.drawn.parts.every((o) => !o.visible)")
         page.id("drawn").click()
         page.until("twin.app.drawn.parts.every((o) => o.visible)", "they are shown again")
-        assert "not measured (ASSUMED)" in page.id("drawn-notes").inner_text()
+        headset.until(lambda: "not measured (ASSUMED)" in page.id("drawn-notes").inner_text(), "the note is shown")
         assert with_parts.count("Infinity") == page(box).count("Infinity") == 0
 
 
