@@ -89,7 +89,7 @@ SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], dict[str, float]]] 
     "pxr": (by_pxr, PHYSICS, {}),
     "pxr, flattened": (flattened_by_pxr, PHYSICS, {}),
     "MuJoCo": (by_mujoco, PHYSICS, {"mjcf.loop": 3.0, "compare.pose": 3.0, "physics.row": 5e-6, "physics.sum": 3e-6}),
-    "yourdfpy": (by_yourdfpy, PHYSICS, {"urdf.transmission": inf}),
+    "yourdfpy": (by_yourdfpy, PHYSICS, {"urdf.transmission": inf, "physics.existence": 1.0}),
     "gltf-transform": (by_gltf_transform(), SHAPES, {}),
     "gltf-transform, dedup": (by_gltf_transform("dedup"), SHAPES, {}),
     "gltf-transform, weld": (by_gltf_transform("weld"), SHAPES, {}),
@@ -101,7 +101,8 @@ SAVES: dict[str, tuple[Callable[..., None], tuple[str, ...], dict[str, float]]] 
 
 MuJoCo writes six digits: loops of HIBOU are 1.6 um open, belts of LAPBOT 2.1 um, and 1 um is what an export may have.
 Half of the sixth digit of a factor is at most 5e-6 of it.
-yourdfpy writes no transmissions, so that the file no longer says which joints are driven; the audit must say so.
+yourdfpy writes no transmissions, so that the file no longer says which joints are driven, and no mimic, so that it
+lacks the coupling of the Raven's jaws; the audit must say so.
 trimesh writes no motion. Blender has keys at whole frames only, begins a frame late and moves the last key: links are
 up to 0.3 mm off at 120 Hz.
 """
