@@ -79,7 +79,27 @@ def rewrites(function):
 
 
 def hidden(function, generator, ranges):
-    """Yield (what, changed text) of errors that show in a small box, or beyond a value of an argument."""
+    """Yield (what, changed text) of errors that show in a small box."""
+    for text, node, said, name, value, width in _drawn_places(function, generator, ranges):
+        near = f"(abs({name} - {value!r}) < {width!r})"
+        new = f"(({said(node)}) + 0.001 * {near})"
+        yield _changed(text, "box", *_place(text, node), new)
+
+
+def guards(function, generator, ranges):
+    """Yield (what, changed text) of guards that refuse a small box, or what is beyond a value of an argument."""
+    if "if_else" not in function.__globals__:
+        return
+    for text, node, said, name, value, width in _drawn_places(function, generator, ranges):
+        refused = f"{name} > {value!r}"
+        if generator.integers(2):
+            refused = f"abs({name} - {value!r}) < {width!r}"
+        new = f"if_else({refused}, float('nan'), {said(node)})"
+        yield _changed(text, "guard", *_place(text, node), new)
+
+
+def _drawn_places(function, generator, ranges):
+    """Yield (text, node, said, argument, value in its range, width of a small box) of each operation of a function."""
     text = _text(function)
     arguments = inspect.signature(function).parameters
     names = [name for name in ranges if name in arguments]
@@ -90,32 +110,9 @@ def hidden(function, generator, ranges):
             continue
         name = names[generator.integers(len(names))]
         _, low, high = ranges[name]
-        middle = generator.uniform(low, high)
-        width = (high - low) * 10 ** generator.uniform(-7, -4)
-        near = f"(abs({name} - {middle!r}) < {width!r})"
-        new = f"(({said(node)}) + 0.001 * {near})"
-        yield _changed(text, "box", *_place(text, node), new)
-
-
-def guards(function, generator, ranges):
-    """Yield (what, changed text) of guards that refuse a small box, or what is beyond a value of an argument."""
-    text = _text(function)
-    arguments = inspect.signature(function).parameters
-    names = [name for name in ranges if name in arguments]
-    if not names or "if_else" not in function.__globals__:
-        return
-    for node, said in _expressions(text, function):
-        if not isinstance(node, ast.BinOp) or isinstance(node.op, ast.MatMult | ast.Pow):
-            continue
-        name = names[generator.integers(len(names))]
-        _, low, high = ranges[name]
         value = generator.uniform(low, high)
-        refused = f"{name} > {value!r}"
-        if generator.integers(2):
-            width = (high - low) * 10 ** generator.uniform(-7, -4)
-            refused = f"abs({name} - {value!r}) < {width!r}"
-        new = f"if_else({refused}, float('nan'), {said(node)})"
-        yield _changed(text, "guard", *_place(text, node), new)
+        width = (high - low) * 10 ** generator.uniform(-7, -4)
+        yield text, node, said, name, value, width
 
 
 def _text(function):

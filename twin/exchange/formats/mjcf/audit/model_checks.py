@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Hashable
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -17,6 +19,8 @@ ROUNDING_TOL = 1e-5
 
 KEY_GAP = 1e-4
 """Maximum residual in m or rad of an equality constraint at a keyframe; simulations start from keyframes."""
+
+Form = TypeVar("Form", bound=Hashable)
 
 _COMMON = 0.7
 """Fraction of elements that must be alike, so that the others count as different by mistake."""
@@ -157,23 +161,43 @@ def _check_colliders(m: mujoco.MjModel, ledger: Ledger) -> None:
         fields = (m.geom_bodyid, m.geom_dataid, m.geom_pos, m.geom_quat, m.geom_contype, m.geom_conaffinity)
         place = tuple(field[g].tobytes() for field in (*fields, m.geom_group, m.geom_matid))
         if place in seen:
-            name, mesh = m.body(int(m.geom_bodyid[g])).name, m.mesh(int(m.geom_dataid[g])).name
+            name, mesh = _body_and_mesh(m, g)
             text = f"body '{name}' has the shape of mesh '{mesh}' twice at the same place."
             ledger.add("mjcf.repeated", "warning", text, name, suggestion="keep one of them")
         seen.add(place)
-    if len(forms) < 3:  # two that differ say nothing about which of them is meant
+    common = _usual(forms.values())
+    if common is None:
         return
-    common, count = Counter(forms.values()).most_common(1)[0]
-    if count < _COMMON * len(forms):
-        return
+    count = list(forms.values()).count(common)
     for g, form in forms.items():
         if form != common:
-            name, mesh = m.body(int(m.geom_bodyid[g])).name, m.mesh(int(m.geom_dataid[g])).name
+            name, mesh = _body_and_mesh(m, g)
             text = (
                 f"body '{name}': the shape of mesh '{mesh}' has contype {form[0]} and conaffinity {form[1]}, "
                 f"{count} others have {common[0]} and {common[1]}: it collides with other things."
             )
             ledger.add("mjcf.collider", "warning", text, name, suggestion="give all shapes the same bits")
+
+
+def _body_and_mesh(m: mujoco.MjModel, geom: int) -> tuple[str, str]:
+    """Return the names of the body and of the mesh of a geom."""
+    body = m.body(int(m.geom_bodyid[geom]))
+    mesh = m.mesh(int(m.geom_dataid[geom]))
+    return body.name, mesh.name
+
+
+def _usual(forms: Collection[Form]) -> Form | None:
+    """Return the form that most have; None if there is none, or so few that they do not say which is meant."""
+    if len(forms) < 3:
+        return None
+    common, count = Counter(forms).most_common(1)[0]
+    return common if count >= _COMMON * len(forms) else None
+
+
+def _solver_text(row: tuple[float, ...], common: tuple[float, ...]) -> str:
+    """Return the parameters of the solver in words, beside those of most others."""
+    own = f"solref {row[0]:g} {row[1]:g} and solimp {row[2]:g} {row[3]:g}"
+    return f"{own}, most others have {common[0]:g} {common[1]:g} and {common[2]:g} {common[3]:g}"
 
 
 def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:
@@ -187,11 +211,7 @@ def _check_softness(m: mujoco.MjModel, ledger: Ledger) -> None:
     for e, row in enumerate(rows):
         if row != common:
             name = m.equality(e).name
-            text = (
-                f"equality '{name}' has solref {row[0]:g} {row[1]:g} and solimp {row[2]:g} {row[3]:g}, most others "
-                f"have {common[0]:g} {common[1]:g} and {common[2]:g} {common[3]:g}: its loop opens by another amount "
-                "under load."
-            )
+            text = f"equality '{name}' has {_solver_text(row, common)}: its loop opens by another amount under load."
             ledger.wrong("mjcf.softness", text, name, suggestion="give all loops the same solref and solimp")
 
 
@@ -201,17 +221,12 @@ def _check_soft_limits(m: mujoco.MjModel, ledger: Ledger) -> None:
     for j in range(m.njnt):
         if m.jnt_limited[j]:
             rows[m.joint(j).name] = (*m.jnt_solref[j].tolist(), *m.jnt_solimp[j].tolist())
-    if len(rows) < 3:  # two that differ say nothing about which of them is meant
-        return
-    common, count = Counter(rows.values()).most_common(1)[0]
-    if count < _COMMON * len(rows):
+    common = _usual(rows.values())
+    if common is None:
         return
     for name, row in rows.items():
         if row != common:
-            text = (
-                f"the limit of joint '{name}' has solref {row[0]:g} {row[1]:g} and solimp {row[2]:g} {row[3]:g}, most "
-                f"others have {common[0]:g} {common[1]:g} and {common[2]:g} {common[3]:g}: it yields differently."
-            )
+            text = f"the limit of joint '{name}' has {_solver_text(row, common)}: it yields differently."
             ledger.add("mjcf.softness", "warning", text, name, suggestion="give all limits the same parameters")
 
 
