@@ -116,7 +116,7 @@ class Newcomer:
         """Set everything up, and read that equation (1) is wrong, and its fix."""
         begin = time.monotonic()
         said = self.type(self.line("make demo"))
-        print(f"  set-up with {self.line('make')}: {time.monotonic() - begin:.0f} s")
+        print(f"  set-up with {self.line('make demo')}: {time.monotonic() - begin:.0f} s")
         if "AGREE" not in said:
             raise SystemExit(f"make demo shows no verdict:\n{said[-3000:]}")
         self.active = self.line(". ") + " && "
